@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What every FlexBT node shares: typed values, clocks, action calls with deadlines, liveliness, start and stop."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""States for FlexBT behaviors: behavior trees, operator input and generic ones."""
