@@ -1,7 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package_name = 'flexbt_demo_behaviors'
+
+
+def share(directory: str, pattern: str) -> tuple[str, list[str]]:
+    """Files of a source directory that are installed into the same directory of the package share."""
+    return f'share/{package_name}/{directory}', sorted(str(file) for file in Path(directory).glob(pattern))
+
 
 setup(
     name=package_name,
@@ -11,6 +19,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
+        share('trees', '*.xml'),
+        share('launch', '*.launch.py'),
     ],
     install_requires=['setuptools'],
     zip_safe=True,
@@ -21,6 +31,10 @@ setup(
     entry_points={
         'console_scripts': [
             'demo = flexbt_demo_behaviors.demo:main',
+        ],
+        'flexbt.behaviors': [
+            'navigate = flexbt_demo_behaviors.navigate:Navigate',
+            'navigate_split = flexbt_demo_behaviors.navigate_split:NavigateSplit',
         ],
     },
 )

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The processes of a demonstration: the one table that `demo` and the launch file start them from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix
+
+ParameterValue = bool | int | float | str
+
+
+@dataclass(frozen=True)
+class DemoSettings:
+    """What can be set about the processes: the map (a ROS map YAML file; empty for the one that comes along),
+    the places in it that the console knows by name (YAML), and how many seconds of the simulated world pass
+    in one second.
+    """
+
+    map: str = ''
+    places: str = ''
+    speed: float = 1.0
+
+
+@dataclass(frozen=True)
+class Process:
+    """One executable of a package, and the parameters of its node."""
+
+    package: str
+    executable: str
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The name of its node, which is that of the executable."""
+        return self.executable
+
+    def command(self) -> list[str]:
+        """The command line that starts it, as `ros2 run` makes it.
+
+        Raises ament_index_python's PackageNotFoundError when the package is not installed, and
+        FileNotFoundError when it lacks the executable.
+        """
+        file = Path(get_package_prefix(self.package)) / 'lib' / self.package / self.executable
+        if not file.exists():
+            raise FileNotFoundError(
+                f'package {self.package} has no executable {self.executable}: build the workspace'
+            )
+        words = [str(file), '--ros-args']
+        for key, value in self.parameters.items():
+            words += ['-p', f'{key}:={_parameter_text(value)}']
+        return words
+
+
+def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
+    """The processes behind the operator's console, in the order in which they are started."""
+    simulated = {'use_sim_time': True}
+    world = {'map': settings.map} if settings.map else {}
+    return (
+        Process('flexbt_sim', 'simulator', {**world, 'speed_factor': settings.speed}),
+        Process('flexbt_sim', 'navigation', simulated),
+        Process('flexbt_server', 'bt_server', simulated),
+        Process('flexbt_onboard', 'onboard_executive', simulated),
+    )
+
+
+def _parameter_text(value: ParameterValue) -> str:
+    """A value as the YAML of a parameter override; text is quoted, so that it stays text."""
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    return "'" + value.replace("'", "''") + "'" if isinstance(value, str) else repr(value)

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Child processes that are started together, watched, and always ended."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+# After this many seconds a process that was told to end is killed; every node of ours ends well before.
+END_TIMEOUT_S = 1.7
+LAST_LINES = 15
+
+_PR_SET_PDEATHSIG = 1  # prctl(2)
+
+
+@dataclass(frozen=True)
+class EndedProcess:
+    """A process that ended although nobody told it to."""
+
+    name: str
+    exit_code: int
+    log: Path
+
+    def report(self) -> str:
+        """What happened, for a person: which process, how it ended, and the end of its output."""
+        how = f'signal {-self.exit_code}' if self.exit_code < 0 else f'exit code {self.exit_code}'
+        lines = self.log.read_text(errors='replace').splitlines()[-LAST_LINES:] if self.log.exists() else []
+        said = '\n'.join(f'    {line}' for line in lines) or '    (it said nothing)'
+        return f'process {self.name} ended with {how}; the end of {self.log}:\n{said}'
+
+
+@dataclass
+class ProcessGroup:
+    """Processes of one demonstration; leaving the context ends them all.
+
+    Each one writes to a log file of its own in `log_directory` and runs in a session of its own, so that
+    Ctrl-C in the terminal reaches the demonstration alone, which then ends them in an orderly way. Should the
+    demonstration itself be killed, the kernel ends them.
+    """
+
+    log_directory: Path
+    on_end: Callable[[EndedProcess], None] = lambda _ended: None
+    _processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
+    _watchers: list[threading.Thread] = field(default_factory=list)
+    _ending: bool = False
+
+    def __enter__(self) -> ProcessGroup:
+        """Make the place for the logs."""
+        self.log_directory.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End every process."""
+        self.end()
+
+    def start(self, name: str, command: Sequence[str], environment: Mapping[str, str] | None = None) -> None:
+        """Start `command` under `name`, which names its log file too."""
+        log = self.log_directory / f'{name}.log'
+        with log.open('wb') as output:
+            process = subprocess.Popen(  # noqa: S603 - the command comes from the process table
+                list(command),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=None if environment is None else dict(environment),
+                start_new_session=True,
+                preexec_fn=_end_with_parent,
+            )
+        self._processes[name] = process
+        watcher = threading.Thread(
+            target=self._watch, args=(name, process, log), name=f'watch {name}', daemon=True
+        )
+        self._watchers.append(watcher)
+        watcher.start()
+
+    def pid(self, name: str) -> int:
+        """The process id of the process that was started last under `name`."""
+        return self._processes[name].pid
+
+    def end(self) -> list[str]:
+        """End every process: SIGINT, and SIGKILL for those that do not obey in time. Gives the names of the
+        latter.
+        """
+        self._ending = True
+        deadline = time.monotonic() + END_TIMEOUT_S
+        for process in self._processes.values():
+            _signal(process, signal.SIGINT)
+        killed = []
+        for name, process in self._processes.items():
+            try:
+                process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                _signal(process, signal.SIGKILL)
+                process.wait()
+                killed.append(name)
+        for watcher in self._watchers:
+            watcher.join()
+        self._processes.clear()
+        self._watchers.clear()
+        return killed
+
+    def _watch(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
+        exit_code = process.wait()
+        if not self._ending:
+            self.on_end(EndedProcess(name, exit_code, log))
+
+
+def _signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    """Signal the process and what it started; each one leads a session and so a process group of its own."""
+    if process.poll() is not None:
+        return
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, number)
+
+
+def _load_prctl() -> Callable[..., int] | None:
+    try:
+        return ctypes.CDLL(None, use_errno=True).prctl
+    except (OSError, AttributeError):
+        return None  # not Linux: the processes then outlive a killed demonstration
+
+
+_prctl = _load_prctl()
+
+
+def _end_with_parent() -> None:
+    """Run in the child before its program: let the kernel end it when the demonstration dies."""
+    if _prctl is not None:
+        _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

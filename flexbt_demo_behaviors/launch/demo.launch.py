@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Start simulator, navigation, BT server and executive. The operator's console has a terminal of its own:
+
+ros2 launch flexbt_demo_behaviors demo.launch.py speed:=2.0
+ros2 run flexbt_console console
+"""
+
+from flexbt_demo_behaviors.processes import DemoSettings, demo_processes
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """The nodes of the process table, for the arguments of this launch."""
+    settings = DemoSettings(
+        map=LaunchConfiguration('map').perform(context),
+        speed=float(LaunchConfiguration('speed').perform(context)),
+    )
+    return [
+        Node(
+            package=process.package,
+            executable=process.executable,
+            name=process.name,
+            namespace=LaunchConfiguration('namespace'),
+            parameters=[dict(process.parameters)],
+            output='screen',
+        )
+        for process in demo_processes(settings)
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the demonstration to `ros2 launch`."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'map', default_value='', description='ROS map YAML file; empty for the built-in map'
+            ),
+            DeclareLaunchArgument(
+                'speed', default_value='1.0', description='seconds of simulated time in one second'
+            ),
+            DeclareLaunchArgument('namespace', default_value='', description='namespace of all nodes'),
+            OpaqueFunction(function=nodes),
+        ]
+    )

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Child processes of a demonstration: none survives, and one that dies is named with its last words."""
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from flexbt_demo_behaviors.supervision import EndedProcess, ProcessGroup
+
+SLEEPER = [sys.executable, '-c', 'import signal; print("up", flush=True); signal.pause()']
+STUBBORN = [
+    sys.executable,
+    '-c',
+    'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n'
+    'print("up", flush=True)\n'
+    'while True: signal.pause()',
+]
+
+
+def wait_for_text(file: Path, text: str, timeout: float = 20.0) -> None:
+    deadline = time.monotonic() + timeout
+    while not (file.exists() and text in file.read_text()):
+        assert time.monotonic() < deadline, f'{text!r} never came in {file}'
+        time.sleep(0.01)
+
+
+def is_running(pid: int) -> bool:
+    status = Path(f'/proc/{pid}/stat')
+    return status.exists() and status.read_text().rsplit(')', 1)[1].split()[0] not in 'ZX'
+
+
+def test_every_process_is_ended_within_two_seconds_also_one_that_ignores_the_signal(tmp_path: Path) -> None:
+    ended: list[EndedProcess] = []
+    with ProcessGroup(tmp_path, ended.append) as group:
+        group.start('sleeper', SLEEPER)
+        group.start('stubborn', STUBBORN)
+        wait_for_text(tmp_path / 'stubborn.log', 'up')
+        pids = [group.pid('sleeper'), group.pid('stubborn')]
+        before = time.monotonic()
+        assert group.end() == ['stubborn']
+        assert time.monotonic() - before < 2.5
+    assert not any(is_running(pid) for pid in pids)
+    assert ended == []
+
+
+def test_processes_are_ended_when_the_body_raises(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), ProcessGroup(tmp_path) as group:
+        group.start('sleeper', SLEEPER)
+        pid = group.pid('sleeper')
+        raise KeyboardInterrupt
+    assert not is_running(pid)
+
+
+@pytest.mark.parametrize(
+    ('command', 'said'),
+    [
+        ('print("the last word"); raise SystemExit(3)', 'exit code 3'),
+        ('import os; print("the last word", flush=True); os.abort()', f'signal {signal.SIGABRT.value}'),
+    ],
+)
+def test_a_process_that_dies_is_named_with_its_last_lines(tmp_path: Path, command: str, said: str) -> None:
+    ended: queue.Queue[EndedProcess] = queue.Queue()
+    with ProcessGroup(tmp_path, ended.put) as group:
+        group.start('unlucky', [sys.executable, '-c', command])
+        report = ended.get(timeout=20).report()
+    assert 'unlucky' in report
+    assert said in report
+    assert 'the last word' in report
+
+
+@pytest.mark.skipif(not sys.platform.startswith('linux'), reason='the kernel of Linux ends orphans')
+def test_processes_do_not_outlive_a_demonstration_that_is_killed(tmp_path: Path) -> None:
+    program = (
+        'import signal, sys, pathlib; from flexbt_demo_behaviors.supervision import ProcessGroup\n'
+        'group = ProcessGroup(pathlib.Path(sys.argv[1])).__enter__()\n'
+        f'group.start("sleeper", {SLEEPER!r})\n'
+        'print(group.pid("sleeper"), flush=True); signal.pause()'
+    )
+    parent = subprocess.Popen(
+        [sys.executable, '-c', program, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    with parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        wait_for_text(tmp_path / 'sleeper.log', 'up')
+        os.kill(parent.pid, signal.SIGKILL)
+    deadline = time.monotonic() + 10
+    while is_running(pid):
+        assert time.monotonic() < deadline, 'the process outlived its demonstration'
+        time.sleep(0.01)
