@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names of nodes, actions, topics and services of FlexBT, and the quality of service of its topics.
+
+The single table of what has to agree between processes. Every name is relative, so that a whole robot lives in a
+namespace.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+# Nodes
+BT_SERVER: Final = 'bt_server'
+ONBOARD_EXECUTIVE: Final = 'onboard_executive'
+CONSOLE: Final = 'console'
+SIMULATOR: Final = 'simulator'
+NAVIGATION: Final = 'navigation'
+
+# Actions of the BT server
+BT_LOADER: Final = 'bt_loader'
+BT_EXECUTOR: Final = 'bt_executor'
+BT_GET_DATA: Final = 'bt_get_data'
+BT_SET_DATA: Final = 'bt_set_data'
+
+# Topics of the BT server
+TREE_STRUCTURE: Final = 'tree_structure'
+TREE_STATUS: Final = 'tree_status'
+
+# Actions of the onboard executive
+OPERATOR_INPUT: Final = 'operator_input'
+EXECUTE_BEHAVIOR: Final = 'execute_behavior'
+
+# The operator link
+EXECUTIVE_STATUS: Final = 'executive/status'
+EXECUTIVE_STRUCTURE: Final = 'executive/structure'
+EXECUTIVE_BEHAVIORS: Final = 'executive/behaviors'
+EXECUTIVE_COMMAND: Final = 'executive/command'
+EXECUTIVE_LOG: Final = 'executive/log'
+COMMAND_DEPTH: Final = 100
+LOG_DEPTH: Final = 50
+
+# Robot
+MAP: Final = 'map'
+SCAN: Final = 'scan'
+ODOM: Final = 'odom'
+CLOCK: Final = '/clock'
+POSE: Final = 'pose'
+TF: Final = 'tf'
+CMD_VEL: Final = 'cmd_vel'
+INITIAL_POSE: Final = 'initialpose'
+RESET: Final = 'reset'
+
+# Navigation
+COMPUTE_PATH_TO_POSE: Final = 'compute_path_to_pose'
+COMPUTE_PATH_THROUGH_POSES: Final = 'compute_path_through_poses'
+FOLLOW_PATH: Final = 'follow_path'
+SPIN: Final = 'spin'
+BACKUP: Final = 'backup'
+WAIT: Final = 'wait'
+DRIVE_ON_HEADING: Final = 'drive_on_heading'
+CLEAR_GLOBAL_COSTMAP: Final = 'global_costmap/clear_entirely_global_costmap'
+CLEAR_LOCAL_COSTMAP: Final = 'local_costmap/clear_entirely_local_costmap'
+IS_PATH_VALID: Final = 'is_path_valid'
+PLAN: Final = 'plan'
+
+# Parameter that the leaves and the navigation servers have in common
+NAVIGATION_INTERFACES: Final = 'navigation_interfaces'
+
+
+def alive_topic(node_name: str) -> str:
+    """Topic of the liveliness token of a node: relative for a relative name, absolute for an absolute one."""
+    return f'{node_name}/alive'
+
+
+def latched(depth: int = 1) -> QoSProfile:
+    """For state: a late subscriber gets the last ``depth`` messages."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+def command() -> QoSProfile:
+    """For commands: reliable, and not repeated to whoever comes later."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=COMMAND_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
+def deep_services() -> QoSProfile:
+    """For services, also those inside actions, on both sides.
+
+    The default keeps ten requests and ten responses; what a larger burst brings is lost silently, and its futures
+    never complete.
+    """
+    return QoSProfile(depth=1000)
+
+
+def deep_action_services() -> dict[str, QoSProfile]:
+    """:func:`deep_services` as keyword arguments of rclpy's ``ActionClient`` and ``ActionServer``."""
+    return {
+        'goal_service_qos_profile': deep_services(),
+        'result_service_qos_profile': deep_services(),
+        'cancel_service_qos_profile': deep_services(),
+    }
