@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The errors of flexbt_common.
+
+FlexbtError
+├── UnknownTypeError        no installed type has that name
+├── ValueConversionError    a value does not fit its type
+├── ResourceError           a file cannot be used
+└── InterfacesError         an interface package is not usable
+"""
+
+from __future__ import annotations
+
+
+class FlexbtError(Exception):
+    """Base of the errors that FlexBT raises for bad input; its text is fit for the operator."""
+
+
+class UnknownTypeError(FlexbtError):
+    """No installed type has the name ``type``."""
+
+    def __init__(self, type: str, message: str) -> None:
+        super().__init__(message)
+        self.type = type
+
+
+class ValueConversionError(FlexbtError):
+    """The value under ``key``, shown as ``text``, is not a value of ``type``; ``reason`` says where and why."""
+
+    def __init__(self, key: str, type: str, text: str, reason: str) -> None:
+        shown = text if len(text) <= 200 else f'{text[:200]}...'
+        super().__init__(f'{key or "value"}: cannot take {shown!r} as {type or "a value"}: {reason}')
+        self.key = key
+        self.type = type
+        self.text = text
+        self.reason = reason
+
+
+class ResourceError(FlexbtError):
+    """The file that was asked for as ``name`` cannot be used."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(f'{name}: {message}')
+        self.name = name
+
+
+class InterfacesError(FlexbtError):
+    """An interface package that is needed cannot be used."""

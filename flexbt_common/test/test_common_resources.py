@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""File names that may come from another process: what is found, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from flexbt_common.errors import InterfacesError, ResourceError
+from flexbt_common.resources import resolve_file
+
+from flexbt_common import navigation_interfaces
+
+
+@pytest.fixture
+def share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The share directory of a package 'fixture_pkg' in a prefix of its own."""
+    prefix = tmp_path / 'prefix'
+    index = prefix / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / 'fixture_pkg').touch()
+    share = prefix / 'share/fixture_pkg'
+    (share / 'trees').mkdir(parents=True)
+    (share / 'trees/main.xml').write_text('<root/>')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
+    return share
+
+
+def test_a_file_of_a_package_is_found(share: Path) -> None:
+    assert resolve_file('fixture_pkg/trees/main.xml') == share / 'trees/main.xml'
+
+
+def test_an_absolute_path_needs_an_allowed_directory(tmp_path: Path, share: Path) -> None:
+    (tmp_path / 'mine').mkdir()
+    tree = tmp_path / 'mine/tree.xml'
+    tree.touch()
+    assert resolve_file(str(tree), [tmp_path / 'mine']) == tree
+    with pytest.raises(ResourceError, match='allowed_directories'):
+        resolve_file(str(tree), [tmp_path / 'min'])
+
+
+@pytest.mark.parametrize(
+    ('name', 'fragment'),
+    [
+        ('', 'not a file name'),
+        ('fixture_pkg', 'package/relative/path'),
+        ('fixture_pkg/trees/../../../../secret.xml', r'\.\.'),
+        ('fixture_pkg/trees/mian.xml', "did you mean 'main.xml'"),
+        ('fixture_pkg/trees', 'not a file'),
+        ('fixtur_pkg/trees/main.xml', "did you mean 'fixture_pkg'"),
+        ('file:///etc/passwd', 'no installed package'),
+        ('../fixture_pkg/trees/main.xml', r'\.\.|no installed package'),
+        ('fixture_pkg/trees/main.xml\0.txt', 'not a file name'),
+    ],
+)
+def test_refused_with_the_reason(share: Path, name: str, fragment: str) -> None:
+    with pytest.raises(ResourceError, match=fragment):
+        resolve_file(name)
+
+
+def test_links_do_not_lead_out(tmp_path: Path, share: Path) -> None:
+    outside = tmp_path / 'outside'
+    outside.mkdir()
+    (outside / 'secret.xml').touch()
+    (share / 'linked').symlink_to(outside)
+    (share / 'trees/alias.xml').symlink_to(outside / 'secret.xml')
+    allowed = tmp_path / 'allowed'
+    allowed.mkdir()
+    (allowed / 'secret.xml').symlink_to(outside / 'secret.xml')
+    for name in ('fixture_pkg/linked/secret.xml', 'fixture_pkg/trees/alias.xml', str(allowed / 'secret.xml')):
+        with pytest.raises(ResourceError):
+            resolve_file(name, [allowed])
+
+
+def test_the_choice_of_navigation_interfaces() -> None:
+    interfaces = navigation_interfaces.load('flexbt_msgs')
+    assert interfaces.FollowPath.Result.FAILED_TO_MAKE_PROGRESS == 105
+    with pytest.raises(InterfacesError, match='nav3_msgs'):
+        navigation_interfaces.load('nav3_msgs')
+    with pytest.raises(AttributeError, match='FollowMe'):
+        _ = interfaces.FollowMe
