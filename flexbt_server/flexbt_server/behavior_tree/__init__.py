@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The behavior-tree engine: XML to definitions to running trees. Pure Python, without ROS.
+
+::
+
+    registry = builtin_registry()
+    registry.register('OpenDoor', OpenDoor)                 # a StatefulAction of one's own
+    document = load_xml(text, 'mission.xml', registry)      # TreeLoadError has every error, with line and column
+    library = TreeLibrary().stage([document])               # all files or none
+    tree = Tree(library, 'Mission', blackboard=board, clock=clock)
+    status = tree.tick_once()
+"""
+
+from .blackboard import EMPTY, Blackboard, Entry
+from .context import TransitionObserver, TreeContext, UnfinishedWork
+from .definition import NodeDefinition, TreeDefinition, TreeDocument
+from .errors import (
+    BehaviorTreeError,
+    BlackboardError,
+    ConversionError,
+    LoadError,
+    NodeExecutionError,
+    PortError,
+    RegistrationError,
+    TreeLoadError,
+)
+from .instantiation import SubTreeInstance
+from .leaves import Condition, StatefulAction, SyncAction
+from .library import TreeKey, TreeLibrary
+from .node import Control, Decorator, NodeConfig, TreeNode
+from .port_types import PortType
+from .ports import Port, PortDirection, inout_port, input_port, output_port
+from .registry import NodeManifest, NodeRegistry, builtin_registry
+from .status import NodeKind, NodeStatus
+from .tree import Failure, Tree
+from .xml_reader import IncludeResolver, load_xml
+
+__all__ = [
+    'EMPTY',
+    'BehaviorTreeError',
+    'Blackboard',
+    'BlackboardError',
+    'Condition',
+    'Control',
+    'ConversionError',
+    'Decorator',
+    'Entry',
+    'Failure',
+    'IncludeResolver',
+    'LoadError',
+    'NodeConfig',
+    'NodeDefinition',
+    'NodeExecutionError',
+    'NodeKind',
+    'NodeManifest',
+    'NodeRegistry',
+    'NodeStatus',
+    'Port',
+    'PortDirection',
+    'PortError',
+    'PortType',
+    'RegistrationError',
+    'StatefulAction',
+    'SubTreeInstance',
+    'SyncAction',
+    'TransitionObserver',
+    'Tree',
+    'TreeContext',
+    'TreeDefinition',
+    'TreeDocument',
+    'TreeKey',
+    'TreeLibrary',
+    'TreeLoadError',
+    'TreeNode',
+    'UnfinishedWork',
+    'builtin_registry',
+    'inout_port',
+    'input_port',
+    'load_xml',
+    'output_port',
+]

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The blackboard: typed entries, one scope per sub-tree.
+
+A key is looked up in the scope itself, then through an explicit remapping in the parent, then, when the scope is
+autoremapped and the key does not begin with ``_``, under the same name in the parent. ``@key`` is an entry of the
+topmost scope. An entry gets its type from the first port or value that is not text, and keeps it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from enum import Enum
+from typing import Any, Final
+
+from .errors import BlackboardError, ConversionError
+from .port_types import BOOL, PortType, cast, type_of
+
+
+class _Empty(Enum):
+    EMPTY = 'empty'
+
+
+EMPTY: Final = _Empty.EMPTY
+"""The value of an entry that is declared but was never written."""
+
+
+class Entry:
+    """One entry: ``value`` (EMPTY until written), ``type`` (None: not fixed yet), number of writes, and time of the
+    last one (monotonic, s). ``present`` is False once the entry was removed from its blackboard."""
+
+    __slots__ = ('present', 'sequence', 'stamp', 'type', 'value')
+
+    def __init__(self, type: PortType | None) -> None:
+        self.value: Any = EMPTY
+        self.type = type
+        self.sequence = 0
+        self.stamp = 0.0
+        self.present = True
+
+    def write(self, value: Any) -> None:
+        """Takes the value as it is. The caller holds the lock and has checked the type."""
+        self.value = value
+        self.sequence += 1
+        self.stamp = time.monotonic()
+
+
+class Blackboard:
+    """A scope of entries. Safe to use from several threads; a scope and its descendants share one lock."""
+
+    __slots__ = ('_autoremap', '_entries', '_parent', '_remaps', '_root', 'lock')
+
+    def __init__(self, parent: Blackboard | None = None) -> None:
+        self._parent = parent
+        self._root: Blackboard = parent._root if parent is not None else self
+        self.lock: threading.RLock = parent.lock if parent is not None else threading.RLock()
+        self._entries: dict[str, Entry] = {}
+        self._remaps: dict[str, str] = {}
+        self._autoremap = False
+
+    @property
+    def parent(self) -> Blackboard | None:
+        return self._parent
+
+    @property
+    def root(self) -> Blackboard:
+        """The topmost scope, the one that ``@key`` addresses."""
+        return self._root
+
+    def remap(self, key: str, parent_key: str) -> None:
+        """Makes ``key`` stand for ``parent_key`` of the parent, unless it is an entry of this scope."""
+        self._remaps[key] = parent_key
+
+    def enable_autoremap(self, enable: bool = True) -> None:
+        """Makes every key that is not private (``_``) stand for the same key of the parent."""
+        self._autoremap = enable
+
+    # -- access ------------------------------------------------------------------------------------------------------
+
+    def entry(self, key: str) -> Entry | None:
+        """The entry that ``key`` means in this scope, wherever it lives; None when there is none."""
+        board: Blackboard | None = self
+        while board is not None:
+            if key.startswith('@'):
+                board, key = board._root, key[1:]
+            entry = board._entries.get(key)
+            if entry is not None:
+                return entry
+            remapped = board._remaps.get(key)
+            if remapped is not None:
+                key = remapped
+            elif not board._autoremap or key.startswith('_'):
+                return None
+            board = board._parent
+        return None
+
+    def get(self, key: str) -> Any:
+        """The value of ``key``. Raises BlackboardError when there is none, or when it was never written."""
+        entry = self.entry(key)
+        if entry is None:
+            raise BlackboardError(f'missing key [{key}]')
+        value = entry.value
+        if value is EMPTY:
+            raise BlackboardError(f'entry [{key}] was declared but never written')
+        return value
+
+    def get_or(self, key: str, default: Any) -> Any:
+        """The value of ``key``, or ``default`` when it is missing or was never written."""
+        entry = self.entry(key)
+        return default if entry is None or entry.value is EMPTY else entry.value
+
+    def declare(self, key: str, type: PortType | None) -> Entry:
+        """The entry of ``key``, created without a value where a write would create it.
+
+        Raises BlackboardError when it exists with another type.
+        """
+        with self.lock:
+            board = self
+            while True:
+                if key.startswith('@'):
+                    board, key = board._root, key[1:]
+                    if '@' in key:
+                        raise BlackboardError(f"character '@' is used several times in the key [@{key}]")
+                entry = board._entries.get(key)
+                if entry is not None:
+                    if entry.type is not None and type is not None and not entry.type.same(type):
+                        raise _type_clash(key, entry.type, type)
+                    return entry
+                remapped = board._remaps.get(key)
+                if remapped is None and (not board._autoremap or key.startswith('_')):
+                    entry = board._entries[key] = Entry(type)
+                    return entry
+                if board._parent is None:
+                    raise BlackboardError(f'key [{key}] is remapped to a parent blackboard, but there is none')
+                board, key = board._parent, remapped if remapped is not None else key
+
+    def set(self, key: str, value: Any, type: PortType | None = None) -> None:
+        """Writes ``value``, whose type is ``type`` (by default the one of its Python class).
+
+        Raises BlackboardError when the entry has another type that the value cannot be converted to without loss.
+        """
+        if key.startswith('@'):
+            self._root.set(key[1:], value, type)
+            return
+        try:
+            kind = type if type is not None else type_of(value)
+        except ConversionError as error:
+            raise BlackboardError(f'entry [{key}]: {error}') from error
+        with self.lock:
+            entry = self._entries.get(key)
+            if entry is None:
+                # Text does not fix the type of a new entry. What is written through a remapping is checked by
+                # its type only and not converted, so text gets even into an entry of numbers; readers convert it.
+                self.declare(key, None if kind.category == 'text' else kind).write(value)
+            elif entry.type is None:
+                entry.type = kind
+                entry.write(value)
+            else:
+                entry.write(_converted(key, entry, value, kind))
+
+    def unset(self, key: str) -> None:
+        """Removes the entry from this scope; neither remapping nor ``@`` apply. Harmless when there is none."""
+        with self.lock:
+            entry = self._entries.pop(key, None)
+            if entry is not None:
+                entry.present = False
+
+    def keys(self) -> list[str]:
+        """The keys of the entries of this scope itself."""
+        with self.lock:
+            return list(self._entries)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Keys and values of this scope at one moment, without those that were never written."""
+        with self.lock:
+            return {key: entry.value for key, entry in self._entries.items() if entry.value is not EMPTY}
+
+    def __contains__(self, key: str) -> bool:
+        return self.entry(key) is not None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+
+def _type_clash(key: str, declared: PortType, written: PortType) -> BlackboardError:
+    return BlackboardError(
+        f'entry [{key}] has the type {declared.name}, which cannot be changed; it was now used as {written.name}'
+    )
+
+
+def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
+    """The value that a typed entry takes when ``value`` of type ``kind`` is written to it."""
+    declared = entry.type
+    assert declared is not None
+    if not declared.same(kind):
+        if kind.category == 'text':
+            if declared.from_text is None:
+                raise _type_clash(key, declared, kind)
+            try:
+                return declared.from_text(value)
+            except ConversionError as error:
+                raise BlackboardError(f'entry [{key}]: {error}') from error
+        # A bool entry takes no number, and an entry of text or objects takes nothing else.
+        numbers = ('integer', 'real', 'bool')
+        if kind.category not in numbers or declared.category not in numbers or declared is BOOL:
+            raise _type_clash(key, declared, kind)
+        try:
+            value = cast(value, declared)
+        except ConversionError as error:
+            raise BlackboardError(f'{_type_clash(key, declared, kind)}: {error}') from error
+    return value

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the nodes of one running tree share: clock, services of the host, wake-ups, and work that outlives a halt."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from flexbt_common.clock import Clock
+
+if TYPE_CHECKING:
+    from .errors import NodeExecutionError
+    from .node import TreeNode
+    from .status import NodeStatus
+
+TransitionObserver = Callable[['TreeNode', 'NodeStatus', 'NodeStatus'], None]
+
+
+class UnfinishedWork:
+    """Work of a leaf that goes on after the leaf was halted, such as a goal whose cancelling is not confirmed yet."""
+
+    __slots__ = ('_context', 'description')
+
+    def __init__(self, context: TreeContext, description: str) -> None:
+        self._context = context
+        self.description = description
+
+    def done(self) -> None:
+        """The work has ended. From any thread; harmless when it was called before."""
+        self._context.finish(self)
+
+
+class TreeContext:
+    """Shared by all nodes of one running tree; every node has it as ``self.context``.
+
+    ``services`` is whatever the host gives to its leaves. ``woken`` is the wake-up flag: set by :meth:`wake`, taken by
+    the tree.
+    """
+
+    def __init__(self, clock: Clock, services: Any = None) -> None:
+        self.clock = clock
+        self.services = services
+        self.woken = False
+        self.on_wake: Callable[[], None] | None = None
+        self.on_transition: TransitionObserver | None = None
+        self.deadlines: dict[TreeNode, float] = {}
+        self.halt_errors: list[NodeExecutionError] = []
+        self._unfinished: list[UnfinishedWork] = []
+        self._lock = threading.Lock()
+
+    def wake(self) -> None:
+        """Asks for a tick as soon as possible. From any thread, and also from within a tick."""
+        # The flag first: whoever is told by the callback has to find it set.
+        self.woken = True
+        on_wake = self.on_wake
+        if on_wake is not None:
+            on_wake()
+
+    def add_unfinished(self, description: str) -> UnfinishedWork:
+        """Registers work that has to end before the tree is at rest; call ``done()`` of what is returned at its end."""
+        work = UnfinishedWork(self, description)
+        with self._lock:
+            self._unfinished.append(work)
+        return work
+
+    def finish(self, work: UnfinishedWork) -> None:
+        """See :meth:`UnfinishedWork.done`."""
+        with self._lock:
+            if work not in self._unfinished:
+                return
+            self._unfinished.remove(work)
+        on_wake = self.on_wake
+        if on_wake is not None:
+            on_wake()
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """Descriptions of the work that goes on."""
+        with self._lock:
+            return tuple(work.description for work in self._unfinished)

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Decorators that change a result or repeat their child, and the border of a sub-tree."""
+
+from __future__ import annotations
+
+from .node import DecoratorNode, NodeConfig, TreeNode, halt_child
+from .port_types import INT
+from .ports import input_port
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+
+class Inverter(DecoratorNode):
+    """SUCCESS and FAILURE of the child exchanged."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS:
+            self.child.status = IDLE
+            self.status = FAILURE
+            return FAILURE
+        if status is FAILURE:
+            self.child.status = IDLE
+            self.status = SUCCESS
+            return SUCCESS
+        return status
+
+    def failure_cause(self) -> TreeNode | None:
+        return None
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: the child [{self.child.path}] succeeded'
+
+
+class ForceSuccess(DecoratorNode):
+    """SUCCESS whenever the child completes."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self.child.status = IDLE
+            self.status = SUCCESS
+            return SUCCESS
+        return status
+
+
+class ForceFailure(DecoratorNode):
+    """FAILURE whenever the child completes."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self.child.status = IDLE
+            self.status = FAILURE
+            return FAILURE
+        return status
+
+    def failure_cause(self) -> TreeNode | None:
+        return None
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: the child [{self.child.path}] completed'
+
+
+class Repeat(DecoratorNode):
+    """Runs the child ``num_cycles`` times as long as it succeeds (-1: without end); FAILURE when it fails.
+
+    Between two cycles it yields: RUNNING, to be ticked again at once, when the child began and completed in one tick.
+    """
+
+    __slots__ = ('_count',)
+
+    ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}  # noqa: RUF012
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._count = 0
+
+    def execute(self) -> NodeStatus:
+        cycles: int = self.get_input('num_cycles')
+        again = self._count < cycles or cycles == -1
+        self.status = RUNNING
+        while again:
+            child = self.child
+            was_idle = child.status is IDLE
+            status = self._tick()
+            if status is SUCCESS:
+                self._count += 1
+                again = self._count < cycles or cycles == -1
+                child.status = IDLE
+                if again and was_idle:
+                    self.context.woken = True
+                    return RUNNING
+            elif status is FAILURE:
+                self._count = 0
+                child.status = IDLE
+                self.status = FAILURE
+                return FAILURE
+            elif status is RUNNING:
+                return RUNNING
+            else:
+                halt_child(child)
+                return SKIPPED
+        self._count = 0
+        self.status = SUCCESS
+        return SUCCESS
+
+    def halt(self) -> None:
+        self._count = 0
+        super().halt()
+
+
+class RetryUntilSuccessful(DecoratorNode):
+    """Runs the child up to ``num_attempts`` times until it succeeds (-1: without end). It yields as Repeat does."""
+
+    __slots__ = ('_count', '_tried')
+
+    ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}  # noqa: RUF012
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._count = 0
+        self._tried = False
+
+    def execute(self) -> NodeStatus:
+        attempts: int = self.get_input('num_attempts')
+        again = self._count < attempts or attempts == -1
+        self._tried = again
+        self.status = RUNNING
+        while again:
+            child = self.child
+            was_idle = child.status is IDLE
+            status = self._tick()
+            if status is FAILURE:
+                self._count += 1
+                # The number may have been changed on the blackboard by the child.
+                attempts = self.get_input('num_attempts')
+                again = self._count < attempts or attempts == -1
+                child.status = IDLE
+                if again and was_idle:
+                    self.context.woken = True
+                    return RUNNING
+            elif status is SUCCESS:
+                self._count = 0
+                child.status = IDLE
+                self.status = SUCCESS
+                return SUCCESS
+            elif status is RUNNING:
+                return RUNNING
+            else:
+                halt_child(child)
+                return SKIPPED
+        self._count = 0
+        self.status = FAILURE
+        return FAILURE
+
+    def halt(self) -> None:
+        self._count = 0
+        super().halt()
+
+    def failure_cause(self) -> TreeNode | None:
+        return self.child if self._tried else None
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: no attempt is allowed (num_attempts)'
+
+
+class KeepRunningUntilFailure(DecoratorNode):
+    """RUNNING as long as the child succeeds (it is then begun anew at the next tick); FAILURE when it fails."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is FAILURE:
+            self.child.status = IDLE
+            self.status = FAILURE
+            return FAILURE
+        if status is SUCCESS:
+            self.child.status = IDLE
+        return RUNNING
+
+
+class SubTree(DecoratorNode):
+    """The border of a sub-tree: the child is the root of another tree, which has a blackboard scope of its own."""
+
+    __slots__ = ()
+
+    kind = NodeKind.SUBTREE
+
+    def execute(self) -> NodeStatus:
+        if self.status is IDLE:
+            self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self.child.status = IDLE
+            self.status = status
+        elif status is RUNNING:
+            self.status = RUNNING
+        return status

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Makes the nodes and blackboard scopes of a running tree from definitions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .blackboard import Blackboard
+from .context import TreeContext
+from .definition import NodeDefinition, TreeDefinition
+from .errors import BlackboardError, LoadError, TreeLoadError
+from .library import TreeKey, TreeLibrary
+from .node import ControlNode, DecoratorNode, NodeConfig, TreeNode
+from .port_types import STRING
+from .ports import PortValue, pointer_key
+
+
+class SubTreeInstance(NamedTuple):
+    """A tree within a running tree. ``path`` is the prefix of its node paths; '' for the main tree."""
+
+    path: str
+    tree_id: str
+    blackboard: Blackboard
+
+
+class Instance(NamedTuple):
+    """The parts of a running tree. ``nodes`` are in the order of their uid, the root first; ``depth`` is the greatest
+    number of nodes from the root to a leaf."""
+
+    nodes: tuple[TreeNode, ...]
+    definitions: tuple[NodeDefinition, ...]
+    subtrees: tuple[SubTreeInstance, ...]
+    depth: int
+
+
+class _Pending(NamedTuple):
+    """A node still to be made, and where it belongs."""
+
+    definition: NodeDefinition
+    tree: TreeDefinition
+    file: str
+    scope: str
+    board: Blackboard
+    siblings: list[TreeNode]
+    depth: int
+
+
+def instantiate(library: TreeLibrary, key: TreeKey, blackboard: Blackboard, context: TreeContext) -> Instance:
+    """Makes the tree ``key`` on ``blackboard``.
+
+    Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types.
+    """
+    return _Builder(library, context).build(key, blackboard)
+
+
+class _Builder:
+    def __init__(self, library: TreeLibrary, context: TreeContext) -> None:
+        self._library = library
+        self._context = context
+        self._errors: list[LoadError] = []
+        self._subtrees: dict[str, SubTreeInstance] = {}
+        self._nodes: list[TreeNode] = []
+        self._definitions: list[NodeDefinition] = []
+        self._families: list[tuple[TreeNode, list[TreeNode]]] = []
+        self._pending: list[_Pending] = []
+
+    def build(self, key: TreeKey, blackboard: Blackboard) -> Instance:
+        main = self._library.definition(key)
+        self._subtrees[''] = SubTreeInstance('', key.id, blackboard)
+        top: list[TreeNode] = []
+        self._pending.append(_Pending(main.root, main, key.file, '', blackboard, top, 1))
+        depth = 0
+        while self._pending:
+            item = self._pending.pop()
+            depth = max(depth, item.depth)
+            self._make(item)
+        if self._errors:
+            raise TreeLoadError(self._errors)
+        for node, children in reversed(self._families):
+            if isinstance(node, ControlNode | DecoratorNode):
+                node.attach(children)
+        return Instance(tuple(self._nodes), tuple(self._definitions), tuple(self._subtrees.values()), depth)
+
+    def _make(self, item: _Pending) -> None:
+        definition = item.definition
+        if definition.tree_id is None:
+            self._declare_entries(item)
+        config = NodeConfig(
+            definition.tree_id or definition.manifest.id,
+            definition.name,
+            len(self._nodes) + 1,
+            item.scope,
+            self._context,
+            item.board,
+            definition.values,
+        )
+        node = definition.manifest.node_class(config)
+        self._nodes.append(node)
+        self._definitions.append(definition)
+        item.siblings.append(node)
+        children: list[TreeNode] = []
+        self._families.append((node, children))
+        if definition.tree_id is not None:
+            self._enter(item, node, children)
+        else:
+            for child in reversed(definition.children):
+                self._pending.append(item._replace(definition=child, siblings=children, depth=item.depth + 1))
+
+    def _enter(self, item: _Pending, node: TreeNode, children: list[TreeNode]) -> None:
+        """Makes the scope of a sub-tree, and lets its root follow."""
+        definition = item.definition
+        assert definition.tree_id is not None
+        key = self._library.find(definition.tree_id, item.file)
+        assert key is not None
+        path = node.path
+        if path in self._subtrees:
+            message = f'two sub-trees have the path [{path}]; give them different names'
+            self._errors.append(item.tree.error(definition, message, 'name'))
+        board = Blackboard(item.board)
+        values = dict(definition.values)
+        if not definition.autoremap:
+            for name, port in self._library.model(definition.tree_id).items():
+                if name not in values and port.default is not None:
+                    values[name] = PortValue(port.default, pointer_key(port.default, name))
+        for name, value in values.items():
+            if value.key is not None:
+                board.remap(name, value.key)
+            else:
+                # Constants belong to the scope itself. They are text: each reader converts them to what it wants.
+                board.set(name, value.text)
+        board.enable_autoremap(definition.autoremap)
+        self._subtrees[path] = SubTreeInstance(path, definition.tree_id, board)
+        tree = self._library.definition(key)
+        self._pending.append(_Pending(tree.root, tree, key.file, path, board, children, item.depth + 1))
+
+    def _declare_entries(self, item: _Pending) -> None:
+        """Gives the entries that the ports of a node point to the types of the ports."""
+        definition, board = item.definition, item.board
+        for name, port in definition.manifest.ports.items():
+            value = definition.values.get(name)
+            if value is None or value.key is None:
+                continue
+            try:
+                entry = board.entry(value.key)
+                if entry is None:
+                    board.declare(value.key, port.type)
+                    continue
+            except BlackboardError as error:
+                self._errors.append(item.tree.error(definition, f'port [{name}]: {error}', name))
+                continue
+            known = entry.type
+            # An entry of text can be read as anything that can be written as text.
+            if known is not None and port.type is not None and known is not STRING and not known.same(port.type):
+                message = (
+                    f'port [{name}] uses the blackboard entry [{value.key}] with the type {port.type.name}, '
+                    f'but it has the type {known.name} already; use another key, or another blackboard'
+                )
+                self._errors.append(item.tree.error(definition, message, name))

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The bases of leaves: implement one, declare its ports, register it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+from .node import LeafNode
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+
+class SyncAction(LeafNode):
+    """An action that is done within one tick: :meth:`tick` gives SUCCESS, FAILURE or SKIPPED, never RUNNING."""
+
+    __slots__ = ()
+
+    kind = NodeKind.ACTION
+
+    @abstractmethod
+    def tick(self) -> NodeStatus:
+        """Does the work."""
+
+    def execute(self) -> NodeStatus:
+        self._reason = ''
+        try:
+            status = self.tick()
+        except Exception as error:
+            raise self.fault(error) from error
+        if status is SUCCESS or status is FAILURE:
+            self.status = status
+        elif self.checked(status) is RUNNING:
+            raise self.fault(
+                'a synchronous action must not return RUNNING; use StatefulAction for work that takes time'
+            )
+        return status
+
+
+class Condition(LeafNode):
+    """A test: :meth:`tick` gives SUCCESS when it holds and FAILURE when not."""
+
+    __slots__ = ()
+
+    kind = NodeKind.CONDITION
+
+    @abstractmethod
+    def tick(self) -> NodeStatus:
+        """Tests the condition. It must not change anything that other nodes see."""
+
+    def execute(self) -> NodeStatus:
+        self._reason = ''
+        try:
+            status = self.tick()
+        except Exception as error:
+            raise self.fault(error) from error
+        if status is not SKIPPED:
+            self.status = self.checked(status)
+        return status
+
+
+class StatefulAction(LeafNode):
+    """An action that takes time and never blocks.
+
+    ``on_start`` begins the work; while the node is RUNNING, ``on_running`` asks how it is; ``on_halted`` stops it.
+    Work that goes on elsewhere calls ``self.wake()`` (from any thread) when there is news; work that only takes time
+    asks for its next tick by ``self.wake_at``. Work that outlives the halt is registered by
+    ``self.context.add_unfinished``.
+    """
+
+    __slots__ = ()
+
+    kind = NodeKind.ACTION
+
+    @abstractmethod
+    def on_start(self) -> NodeStatus:
+        """Begins the work: RUNNING when it goes on, or its result."""
+
+    @abstractmethod
+    def on_running(self) -> NodeStatus:
+        """RUNNING, or the result of the work."""
+
+    @abstractmethod
+    def on_halted(self) -> None:
+        """Stops the work that is RUNNING. Must not block."""
+
+    def execute(self) -> NodeStatus:
+        before = self.status
+        if before is not IDLE and before is not RUNNING:
+            # Completed, and not set back by the parent yet: the result stands.
+            return before
+        try:
+            if before is IDLE:
+                self._reason = ''
+                status = self.on_start()
+            else:
+                status = self.on_running()
+        except Exception as error:
+            self.cancel_wake()
+            raise self.fault(error) from error
+        if status is not RUNNING:
+            self.cancel_wake()
+            if status is SKIPPED:
+                return status
+        self.status = self.checked(status)
+        return status
+
+    def halt(self) -> None:
+        if self.status is RUNNING:
+            self.cancel_wake()
+            try:
+                self.on_halted()
+            except Exception as error:
+                # The other nodes have to be halted all the same; the tree raises it afterwards.
+                fault = self.fault(error)
+                fault.__cause__ = error
+                self.context.halt_errors.append(fault)
+        self.status = IDLE

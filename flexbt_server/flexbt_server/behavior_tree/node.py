@@ -1,0 +1,428 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The base of all nodes: identity, status, ports; and the mechanics of nodes that have children.
+
+A parent ticks a child through a callable that it fetched once, when the tree was built (:func:`entry_point`). That
+callable runs the node and *stores the status itself*; there is no layer around it that a node which needs none of it
+would have to pay for. The rules that every ``execute`` keeps:
+
+* it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
+* a decorator sets its child back to IDLE as soon as that has completed; a control keeps the statuses of its completed
+  children until it completes itself.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from flexbt_common.clock import Clock
+
+from .blackboard import EMPTY, Blackboard, Entry
+from .context import TreeContext
+from .errors import BlackboardError, ConversionError, NodeExecutionError, PortError
+from .port_types import cast
+from .ports import NO_DEFAULT, Port, PortValue
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+Execute = Callable[[], NodeStatus]
+
+NO_PORTS: Mapping[str, Port] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class NodeConfig:
+    """What a node is made with. Pass it on to ``super().__init__`` unchanged."""
+
+    id: str
+    name: str
+    uid: int
+    scope: str
+    context: TreeContext
+    blackboard: Blackboard
+    values: Mapping[str, PortValue]
+
+
+class TreeNode(ABC):
+    """A node of a running tree. Derive from the bases in ``leaves``, or from Decorator or Control.
+
+    ``ports`` declares the ports of the class. A class that needs room for the state of a run makes it in ``__init__``
+    (which takes the NodeConfig and hands it on).
+    """
+
+    __slots__ = ('_entries', '_scope', '_values', 'blackboard', 'context', 'id', 'name', 'status', 'uid')
+
+    ports: ClassVar[Mapping[str, Port]] = NO_PORTS
+    kind: ClassVar[NodeKind]
+
+    def __init__(self, config: NodeConfig) -> None:
+        self.status: NodeStatus = IDLE
+        self.id = config.id
+        self.name = config.name
+        self.uid = config.uid
+        self.context = config.context
+        self.blackboard = config.blackboard
+        self._scope = config.scope
+        self._values = config.values
+        self._entries: dict[str, Entry] | None = None
+
+    def __repr__(self) -> str:
+        return f'<{self.id} [{self.path}] {self.status.name}>'
+
+    @property
+    def path(self) -> str:
+        """Path within the tree: sub-tree instances, then the name; ``ID::uid`` for a node without a name."""
+        name = f'{self.name}::{self.uid}' if self.name == self.id else self.name
+        return f'{self._scope}/{name}' if self._scope else name
+
+    @property
+    def clock(self) -> Clock:
+        return self.context.clock
+
+    @property
+    def services(self) -> Any:
+        """What the host of the tree provides to its leaves."""
+        return self.context.services
+
+    @abstractmethod
+    def execute(self) -> NodeStatus:
+        """One tick, status stored. Only the bases implement it."""
+
+    def halt(self) -> None:
+        """Stops what the node is doing, and sets it to IDLE. Must be harmless on a node that does nothing."""
+        self.status = IDLE
+
+    def failure_cause(self) -> TreeNode | None:
+        """The child because of which this node failed just now; None when it failed by itself."""
+        return None
+
+    def failure_reason(self) -> str:
+        """Why this node failed just now, when no child is to blame."""
+        return f'{self.id} returned FAILURE'
+
+    # -- wake-ups ----------------------------------------------------------------------------------------------------
+
+    def wake(self) -> None:
+        """Asks for a tick of the tree as soon as possible. From any thread."""
+        self.context.wake()
+
+    def wake_at(self, when: float) -> None:
+        """Asks for a tick at the time ``when`` of the clock; replaces what this node had asked for before."""
+        self.context.deadlines[self] = when
+
+    def cancel_wake(self) -> None:
+        """Takes back :meth:`wake_at`."""
+        if self.context.deadlines:
+            self.context.deadlines.pop(self, None)
+
+    # -- ports -------------------------------------------------------------------------------------------------------
+
+    def get_input(self, port: str) -> Any:
+        """The value of an input port, converted to its type. Raises PortError when there is none that fits."""
+        value = self._values.get(port)
+        if value is None:
+            return self._absent_input(port)
+        if value.key is None:
+            if value.literal is not NO_DEFAULT:
+                return value.literal
+            kind = self._readable(port).type
+            if kind is None or kind.from_text is None:
+                return value.text
+            try:
+                return kind.from_text(value.text)
+            except ConversionError as error:
+                raise self._port_error(port, str(error)) from error
+        entry = self._entry(port, value.key)
+        if entry is None:
+            raise self._port_error(port, 'the blackboard has no such entry')
+        content = entry.value
+        if content is EMPTY:
+            raise self._port_error(port, 'the entry was never written')
+        declared = self._readable(port).type
+        if declared is None:
+            return content
+        # Integers have bounds; those of an entry of the same type were kept when it was written.
+        if content.__class__ is declared.python_type and (declared.category != 'integer' or entry.type is declared):
+            return content
+        try:
+            return cast(content, declared)
+        except ConversionError as error:
+            raise self._port_error(port, str(error)) from error
+
+    def get_input_or(self, port: str, default: Any) -> Any:
+        """The value of an input port; ``default`` when it is not given, or its entry is missing or was never written.
+
+        A value that is there but does not fit is an error all the same.
+        """
+        value = self._values.get(port)
+        if value is None:
+            declared = self._readable(port)
+            return default if declared.default is NO_DEFAULT else declared.default
+        if value.key is not None:
+            entry = self._entry(port, value.key)
+            if entry is None or entry.value is EMPTY:
+                return default
+        return self.get_input(port)
+
+    def set_output(self, port: str, value: Any) -> None:
+        """Writes an output port. A port that the XML does not give is not written, and that is no error.
+
+        Raises PortError when the value does not fit the port or the entry, or when the port holds a literal.
+        """
+        declared = self._declared(port)
+        if not declared.writable:
+            raise self._port_error(port, 'it is not declared as an output')
+        given = self._values.get(port)
+        if given is None:
+            return
+        if given.key is None:
+            raise self._port_error(port, f"an output has to point to the blackboard, as in {{key}}, not '{given.text}'")
+        kind = declared.type
+        try:
+            if kind is not None and value.__class__ is not kind.python_type:
+                value = cast(value, kind)
+            self.blackboard.set(given.key, value, kind)
+        except (BlackboardError, ConversionError) as error:
+            raise self._port_error(port, str(error)) from error
+
+    def port_key(self, port: str) -> str | None:
+        """The blackboard key that a port points to; None when it holds a literal or is not given."""
+        self._declared(port)
+        value = self._values.get(port)
+        return None if value is None else value.key
+
+    def port_text(self, port: str) -> str | None:
+        """The text of the XML for a port; None when it is not given and has no default."""
+        value = self._values.get(port)
+        return None if value is None else value.text
+
+    def _declared(self, port: str) -> Port:
+        declared = self.ports.get(port)
+        if declared is None:
+            raise self._port_error(port, f'{type(self).__name__} declares no such port')
+        return declared
+
+    def _readable(self, port: str) -> Port:
+        declared = self._declared(port)
+        if not declared.readable:
+            raise self._port_error(port, 'it is not declared as an input')
+        return declared
+
+    def _absent_input(self, port: str) -> Any:
+        declared = self._readable(port)
+        if declared.default is not NO_DEFAULT:
+            return declared.default
+        raise self._port_error(port, 'it is not given in the XML, and has no default')
+
+    def _entry(self, port: str, key: str) -> Entry | None:
+        """The entry that an input points to, remembered as long as it exists."""
+        entries = self._entries
+        if entries is None:
+            entries = self._entries = {}
+        entry = entries.get(port)
+        if entry is None or not entry.present:
+            entry = self.blackboard.entry(key)
+            if entry is not None:
+                entries[port] = entry
+        return entry
+
+    def _port_error(self, port: str, reason: str) -> PortError:
+        value = self._values.get(port)
+        return PortError(self.path, self.id, port, None if value is None else value.key, reason)
+
+    # -- errors ------------------------------------------------------------------------------------------------------
+
+    def fault(self, cause: Exception | str) -> NodeExecutionError:
+        """The error that names this node as the place of ``cause``; errors of nodes further down pass unchanged."""
+        if isinstance(cause, NodeExecutionError):
+            return cause
+        return NodeExecutionError(self.path, self.id, cause)
+
+    def checked(self, status: object) -> NodeStatus:
+        """``status``, when it is what a tick may give; otherwise raises NodeExecutionError."""
+        if status is IDLE:
+            raise self.fault('a tick must not return IDLE')
+        if not isinstance(status, NodeStatus):
+            raise self.fault(f'a tick has to return a NodeStatus, not {status!r}')
+        return status
+
+
+def entry_point(node: TreeNode) -> Execute:
+    """The callable by which a parent, or the tree, ticks ``node``."""
+    return node.execute
+
+
+def halt_child(child: TreeNode) -> None:
+    """Halts the child when it is RUNNING, and sets it to IDLE in any case."""
+    status = child.status
+    if status is not IDLE:
+        if status is RUNNING:
+            child.halt()
+        child.status = IDLE
+
+
+class LeafNode(TreeNode):
+    """A node without children."""
+
+    __slots__ = ('_reason',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._reason = ''
+
+    def fail(self, reason: str) -> NodeStatus:
+        """FAILURE, with a reason for people: ``return self.fail('no path to the goal')``."""
+        self._reason = reason
+        return FAILURE
+
+    def failure_reason(self) -> str:
+        return self._reason or super().failure_reason()
+
+
+class DecoratorNode(TreeNode):
+    """A node with one child. The nodes of the engine derive from it; others from :class:`Decorator`."""
+
+    __slots__ = ('_tick', 'child')
+
+    kind = NodeKind.DECORATOR
+
+    child: TreeNode
+    _tick: Execute
+
+    def attach(self, children: Sequence[TreeNode]) -> None:
+        """Takes the child, while the tree is being built."""
+        (self.child,) = children
+        self._tick = entry_point(self.child)
+
+    def halt(self) -> None:
+        halt_child(self.child)
+        self.status = IDLE
+
+    def failure_cause(self) -> TreeNode | None:
+        return self.child
+
+
+class ControlNode(TreeNode):
+    """A node with children. The nodes of the engine derive from it; others from :class:`Control`."""
+
+    __slots__ = ('_failed', '_ticks', 'children')
+
+    kind = NodeKind.CONTROL
+    children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
+    """Least and greatest number of children."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.children: tuple[TreeNode, ...] = ()
+        self._ticks: tuple[Execute, ...] = ()
+        self._failed: int | None = None
+
+    def attach(self, children: Sequence[TreeNode]) -> None:
+        """Takes the children, while the tree is being built."""
+        self.children = tuple(children)
+        self._ticks = tuple(entry_point(child) for child in children)
+
+    def reset_children(self) -> None:
+        """Halts the children that are RUNNING, and sets all to IDLE, in their order."""
+        for child in self.children:
+            status = child.status
+            if status is not IDLE:
+                if status is RUNNING:
+                    child.halt()
+                child.status = IDLE
+
+    def halt_children_except(self, index: int) -> None:
+        """As :meth:`reset_children`, for all children but one."""
+        for position, child in enumerate(self.children):
+            if position != index:
+                halt_child(child)
+
+    def halt(self) -> None:
+        self.reset_children()
+        self.status = IDLE
+
+    def failure_cause(self) -> TreeNode | None:
+        return None if self._failed is None else self.children[self._failed]
+
+
+class Decorator(DecoratorNode):
+    """Base of decorators of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def tick(self) -> NodeStatus:
+        """One tick; ticks the child by :meth:`tick_child` or not."""
+
+    def on_halt(self) -> None:
+        """Called when the node is halted, before its child is."""
+
+    def tick_child(self) -> NodeStatus:
+        return self._tick()
+
+    def halt_child(self) -> None:
+        halt_child(self.child)
+
+    @property
+    def active(self) -> bool:
+        """Whether the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
+        return self.status is not IDLE
+
+    def execute(self) -> NodeStatus:
+        try:
+            status = self.tick()
+        except Exception as error:
+            raise self.fault(error) from error
+        if status is not SKIPPED:
+            self.status = self.checked(status)
+        child = self.child
+        if child.status is SUCCESS or child.status is FAILURE:
+            child.status = IDLE
+        return status
+
+    def halt(self) -> None:
+        self.on_halt()
+        super().halt()
+
+
+class Control(ControlNode):
+    """Base of controls of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def tick(self) -> NodeStatus:
+        """One tick; ticks children by :meth:`tick_child`."""
+
+    def on_halt(self) -> None:
+        """Called when the node is halted, before its children are."""
+
+    def tick_child(self, index: int) -> NodeStatus:
+        status = self._ticks[index]()
+        if status is FAILURE:
+            self._failed = index
+        return status
+
+    def halt_child(self, index: int) -> None:
+        halt_child(self.children[index])
+
+    @property
+    def active(self) -> bool:
+        """Whether the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
+        return self.status is not IDLE
+
+    def execute(self) -> NodeStatus:
+        if self.status is not RUNNING:
+            self._failed = None
+        try:
+            status = self.tick()
+        except Exception as error:
+            raise self.fault(error) from error
+        if status is not SKIPPED:
+            self.status = self.checked(status)
+        return status
+
+    def halt(self) -> None:
+        self.on_halt()
+        super().halt()

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Types of ports and blackboard entries, and the conversions between them.
+
+The rules are those of BehaviorTree.CPP 4: numbers convert to each other when nothing is lost, text converts to what
+a port wants by a *prefix* parse (``7.5`` read as an integer is 7), and nothing else converts silently.
+Other layers add types of their own, such as ROS messages: a :class:`PortType` with the Python class of the values.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from .errors import ConversionError
+
+Category = Literal['integer', 'real', 'bool', 'text', 'object']
+
+# The largest integer up to which every integer has a double of its own.
+_EXACT_IN_DOUBLE = 2**53 - 1
+_INTEGER_PREFIX = re.compile(r'-?[0-9]+')
+_REAL_PREFIX = re.compile(r'-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?|nan)', re.IGNORECASE)
+_BOOLEANS = {
+    '0': False, 'false': False, 'False': False, 'FALSE': False,
+    '1': True, 'true': True, 'True': True, 'TRUE': True,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PortType:
+    """The type of a port or of a blackboard entry.
+
+    ``name`` is what errors and models show. ``python_type`` is the class of the values. ``from_text`` converts a
+    literal of an XML file and raises ConversionError; None when the type cannot be written as text.
+    ``minimum`` and ``maximum`` bound integers, both inclusive.
+    """
+
+    name: str
+    python_type: type[Any]
+    category: Category = 'object'
+    from_text: Callable[[str], Any] | None = None
+    minimum: int | None = None
+    maximum: int | None = None
+    # Values that cannot be changed may be converted once, at load, and shared by all reads.
+    immutable: bool = field(default=False)
+
+    def same(self, other: PortType) -> bool:
+        """Whether both are one type: equal names, or objects of the same Python class."""
+        if self is other or self.name == other.name:
+            return True
+        return self.category == other.category == 'object' and self.python_type is other.python_type
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def _bounded(value: int, name: str, minimum: int | None, maximum: int | None) -> int:
+    if (minimum is not None and value < minimum) or (maximum is not None and value > maximum):
+        raise ConversionError(f'{value} is out of the range of {name}, {minimum} to {maximum}')
+    return value
+
+
+def _integer_type(name: str, bits: int, signed: bool) -> PortType:
+    minimum = -(1 << (bits - 1)) if signed else 0
+    maximum = (1 << (bits - 1)) - 1 if signed else (1 << bits) - 1
+
+    def from_text(text: str) -> int:
+        match = _INTEGER_PREFIX.match(text)
+        # 20 characters hold every 64-bit integer; it also keeps int() from working on a megabyte of digits.
+        if match is None or len(match.group().lstrip('-0')) > 20:
+            raise ConversionError(f"can't convert text '{text[:40]}' to {name}")
+        return _bounded(int(match.group()), name, minimum, maximum)
+
+    return PortType(name, int, 'integer', from_text, minimum, maximum, immutable=True)
+
+
+def real_from_text(text: str) -> float:
+    """The longest prefix of ``text`` that is a decimal number; ``inf`` and ``nan`` are numbers."""
+    match = _REAL_PREFIX.match(text)
+    if match is None:
+        raise ConversionError(f"can't convert text '{text[:40]}' to double")
+    return float(match.group())
+
+
+def bool_from_text(text: str) -> bool:
+    """``0 1 true True TRUE false False FALSE``, and nothing else."""
+    try:
+        return _BOOLEANS[text]
+    except KeyError:
+        accepted = ' '.join(_BOOLEANS)
+        raise ConversionError(f"can't convert text '{text[:40]}' to bool; write one of {accepted}") from None
+
+
+STRING = PortType('std::string', str, 'text', str, immutable=True)
+BOOL = PortType('bool', bool, 'bool', bool_from_text, immutable=True)
+DOUBLE = PortType('double', float, 'real', real_from_text, immutable=True)
+FLOAT = PortType('float', float, 'real', real_from_text, immutable=True)
+INT = _integer_type('int', 32, signed=True)
+INT8 = _integer_type('int8_t', 8, signed=True)
+INT16 = _integer_type('int16_t', 16, signed=True)
+INT64 = _integer_type('int64_t', 64, signed=True)
+UNSIGNED = _integer_type('unsigned int', 32, signed=False)
+UINT8 = _integer_type('uint8_t', 8, signed=False)
+UINT16 = _integer_type('uint16_t', 16, signed=False)
+UINT64 = _integer_type('uint64_t', 64, signed=False)
+
+
+def list_of(element: PortType) -> PortType:
+    """A list whose text form is its elements separated by ``;``. One empty piece at the end is dropped."""
+    convert = element.from_text
+    name = f'std::vector<{element.name}>'
+    if convert is None:
+        return PortType(name, list)
+
+    def from_text(text: str) -> list[Any]:
+        pieces = text.split(';')
+        if not pieces[-1]:
+            pieces.pop()
+        return [convert(piece) for piece in pieces]
+
+    return PortType(name, list, from_text=from_text)
+
+
+def type_of(value: object) -> PortType:
+    """The type of an entry that is first written with ``value``."""
+    if isinstance(value, bool):
+        return BOOL
+    if isinstance(value, int):
+        for candidate in (INT, INT64, UINT64):
+            if _fits(value, candidate):
+                return candidate
+        raise ConversionError(f'the integer {value} does not fit into 64 bits')
+    if isinstance(value, float):
+        return DOUBLE
+    if isinstance(value, str):
+        return STRING
+    cls = type(value)
+    return PortType(cls.__qualname__, cls)
+
+
+def _fits(value: int, kind: PortType) -> bool:
+    assert kind.minimum is not None
+    assert kind.maximum is not None
+    return kind.minimum <= value <= kind.maximum
+
+
+def cast(value: Any, wanted: PortType) -> Any:
+    """``value``, read as ``wanted``. Raises ConversionError when that would lose or guess something."""
+    category = wanted.category
+    if category == 'object':
+        if isinstance(value, wanted.python_type):
+            return value
+        if isinstance(value, str) and wanted.from_text is not None:
+            return wanted.from_text(value)
+    elif category == 'text':
+        if isinstance(value, str):
+            return value
+        if isinstance(value, int):
+            return str(int(value))
+        if isinstance(value, float):
+            return f'{value:f}'
+    elif isinstance(value, str):
+        assert wanted.from_text is not None
+        return wanted.from_text(value)
+    elif isinstance(value, int | float):
+        return _cast_number(value, wanted)
+    raise ConversionError(f'no safe conversion from {type(value).__name__} to {wanted.name}')
+
+
+def _cast_number(value: int | float, wanted: PortType) -> int | float | bool:
+    if wanted.category == 'bool':
+        if isinstance(value, bool):
+            return value
+        if isinstance(value, int):
+            if value in (0, 1):
+                return bool(value)
+            raise ConversionError(f'of the integers only 0 and 1 can be read as bool, not {value}')
+        if value < 0:
+            raise ConversionError(f'a negative number cannot be read as bool: {value}')
+        return value != 0.0
+    if wanted.category == 'real':
+        if isinstance(value, int) and abs(value) > _EXACT_IN_DOUBLE:
+            raise ConversionError(f'loss of precision when the integer {value} is read as {wanted.name}')
+        return float(value)
+    if isinstance(value, float):
+        if not math.isfinite(value) or value != int(value):
+            raise ConversionError(f'{value} is not an integer, and cannot be read as {wanted.name}')
+        value = int(value)
+    return _bounded(int(value), wanted.name, wanted.minimum, wanted.maximum)

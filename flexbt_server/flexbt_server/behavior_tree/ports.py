@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ports: the typed inputs and outputs that a node class declares, and what an XML attribute says about one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final, NamedTuple
+
+from .port_types import PortType
+
+# Attributes that any node may have, and which no port can be named after (reference: BehaviorTree.CPP 4).
+PRE_POST_ATTRIBUTES: Final = frozenset(
+    ('_failureIf', '_successIf', '_skipIf', '_while', '_onHalted', '_onFailure', '_onSuccess', '_post')
+)
+RESERVED_ATTRIBUTES: Final = PRE_POST_ATTRIBUTES | {'name', 'ID', '_autoremap'}
+FORBIDDEN_IN_NAMES: Final = frozenset(' \t\r\n<>&"\'/\\:*?|.')
+
+
+class PortDirection(Enum):
+    """Whether a node reads a port, writes it, or both."""
+
+    INPUT = 'input'
+    OUTPUT = 'output'
+    INOUT = 'inout'
+
+
+class _NoDefault(Enum):
+    NO_DEFAULT = 'no default'
+
+
+NO_DEFAULT: Final = _NoDefault.NO_DEFAULT
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A port of a node class.
+
+    ``type`` None accepts every type. ``default`` is used when the XML does not give the port: text as it could stand in
+    the XML (a literal, or a ``{pointer}``), or a value. A required port that is not given is an error at load.
+    """
+
+    direction: PortDirection
+    type: PortType | None = None
+    default: Any = NO_DEFAULT
+    description: str = ''
+    required: bool = False
+
+    @property
+    def readable(self) -> bool:
+        return self.direction is not PortDirection.OUTPUT
+
+    @property
+    def writable(self) -> bool:
+        return self.direction is not PortDirection.INPUT
+
+
+def input_port(
+    type: PortType | None = None,
+    *,
+    default: Any = NO_DEFAULT,
+    description: str = '',
+    optional: bool = False,
+) -> Port:
+    """A port that the node reads. It has to be given in the XML, unless it has a default or is optional."""
+    return Port(PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional)
+
+
+def output_port(type: PortType | None = None, *, default: str | None = None, description: str = '') -> Port:
+    """A port that the node writes. It need not be given; a default has to be a ``{pointer}``."""
+    return Port(PortDirection.OUTPUT, type, NO_DEFAULT if default is None else default, description)
+
+
+def inout_port(
+    type: PortType | None = None,
+    *,
+    default: Any = NO_DEFAULT,
+    description: str = '',
+    optional: bool = False,
+) -> Port:
+    """A port that the node reads and writes."""
+    return Port(PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional)
+
+
+class PortValue(NamedTuple):
+    """What the XML (or a default) says about one port: a literal, or a pointer to a blackboard key.
+
+    ``literal`` is the value of the literal where it can be shared (or the default that is not text); otherwise the
+    text is converted at each read.
+    """
+
+    text: str
+    key: str | None = None
+    literal: Any = NO_DEFAULT
+
+
+def pointer_key(text: str, port_name: str) -> str | None:
+    """The blackboard key that ``text`` points to, or None when it is a literal.
+
+    Spaces around the braces do not count; those inside are part of the key. ``{=}`` and ``=`` mean the key of the same
+    name as the port.
+    """
+    stripped = text.strip(' ')
+    if stripped == '=':
+        return port_name
+    if len(stripped) < 3 or stripped[0] != '{' or stripped[-1] != '}':
+        return None
+    key = stripped[1:-1]
+    return port_name if key == '=' else key
+
+
+def port_name_problem(name: str) -> str:
+    """Why ``name`` cannot name a port; '' when it can."""
+    if not name:
+        return 'a port name cannot be empty'
+    if name in RESERVED_ATTRIBUTES:
+        return f"'{name}' is a reserved attribute name"
+    if not (name[0].isascii() and name[0].isalpha()):
+        return f"port name '{name}' has to begin with a letter"
+    return _forbidden_character(name)
+
+
+def model_name_problem(name: str) -> str:
+    """Why ``name`` cannot be the ID of a node type or of a tree; '' when it can."""
+    if not name:
+        return 'the name of a tree or node type cannot be empty'
+    if name in ('Root', 'root'):
+        return f"'{name}' is a reserved name"
+    return _forbidden_character(name)
+
+
+def _forbidden_character(name: str) -> str:
+    for character in name:
+        if character in FORBIDDEN_IN_NAMES or ord(character) < 0x20 or ord(character) == 0x7F:
+            return f"name '{name}' contains the character {character!r}, which is not allowed there"
+    return ''

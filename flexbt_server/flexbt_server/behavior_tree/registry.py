@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node classes that XML may name."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from . import actions, decorators, parallel, reactive, sequences, timing
+from .errors import ConversionError, RegistrationError
+from .node import ControlNode, DecoratorNode, LeafNode, TreeNode
+from .ports import NO_DEFAULT, Port, model_name_problem, pointer_key, port_name_problem
+from .status import NodeKind
+
+
+@dataclass(frozen=True, slots=True)
+class NodeManifest:
+    """What is known of a node type without an instance of it. ``children`` are least and greatest number of them."""
+
+    id: str
+    kind: NodeKind
+    node_class: type[TreeNode]
+    ports: Mapping[str, Port]
+    children: tuple[int, int | None]
+    description: str
+
+
+# The node types of BehaviorTree.CPP 4 that this engine has, under their names there.
+_BUILTIN: tuple[type[TreeNode], ...] = (
+    sequences.Sequence,
+    sequences.AsyncSequence,
+    sequences.SequenceWithMemory,
+    sequences.Fallback,
+    sequences.AsyncFallback,
+    reactive.ReactiveSequence,
+    reactive.ReactiveFallback,
+    parallel.Parallel,
+    decorators.Inverter,
+    decorators.ForceSuccess,
+    decorators.ForceFailure,
+    decorators.Repeat,
+    decorators.RetryUntilSuccessful,
+    decorators.KeepRunningUntilFailure,
+    decorators.SubTree,
+    timing.Timeout,
+    timing.Delay,
+    timing.Sleep,
+    actions.AlwaysSuccess,
+    actions.AlwaysFailure,
+    actions.SetBlackboard,
+    actions.UnsetBlackboard,
+)
+
+# Those that it does not run yet: an error about them says so, and does not call them unknown.
+NOT_YET_SUPPORTED: Final = frozenset(
+    (
+        *(
+            'ParallelAll',
+            'IfThenElse',
+            'WhileDoElse',
+            'TryCatch',
+            'Switch2',
+            'Switch3',
+            'Switch4',
+            'Switch5',
+            'Switch6',
+        ),
+        *('RunOnce', 'Precondition', 'LoopInt', 'LoopBool', 'LoopDouble', 'LoopString', 'SkipUnlessUpdated'),
+        *('WaitValueUpdate', 'WasEntryUpdated', 'Script', 'ScriptCondition'),
+    )
+)
+
+
+class NodeRegistry:
+    """Node types by the ID that XML uses. Each host makes its own, see :func:`builtin_registry`."""
+
+    def __init__(self) -> None:
+        self._manifests: dict[str, NodeManifest] = {}
+
+    def register(self, id: str, node_class: type[TreeNode]) -> NodeManifest:
+        """Makes ``node_class`` known as ``id``.
+
+        Raises RegistrationError when the ID is taken or not allowed, when a port is declared wrongly, or when the
+        class is abstract.
+        """
+        if id in self._manifests:
+            taken = self._manifests[id].node_class
+            raise RegistrationError(
+                f'node ID [{id}] is registered already, for {taken.__module__}.{taken.__qualname__}; choose another ID'
+            )
+        problem = model_name_problem(id)
+        if problem:
+            raise RegistrationError(f'node ID [{id}]: {problem}')
+        if not (inspect.isclass(node_class) and issubclass(node_class, LeafNode | DecoratorNode | ControlNode)):
+            raise RegistrationError(
+                f'node ID [{id}]: {node_class!r} is no node class; derive it from SyncAction, StatefulAction, '
+                'Condition, Decorator or Control'
+            )
+        if inspect.isabstract(node_class):
+            missing = ', '.join(sorted(node_class.__abstractmethods__))
+            raise RegistrationError(f'node ID [{id}]: {node_class.__qualname__} does not implement {missing}')
+        for name, port in node_class.ports.items():
+            problem = _port_problem(name, port)
+            if problem:
+                raise RegistrationError(f'node ID [{id}], port [{name}]: {problem}')
+        manifest = NodeManifest(
+            id,
+            node_class.kind,
+            node_class,
+            dict(node_class.ports),
+            _children_bounds(node_class),
+            inspect.getdoc(node_class) or '',
+        )
+        self._manifests[id] = manifest
+        return manifest
+
+    def get(self, id: str) -> NodeManifest | None:
+        return self._manifests.get(id)
+
+    def suggestions(self, id: str) -> list[str]:
+        """Registered IDs that look like ``id``, best first."""
+        return difflib.get_close_matches(id, self._manifests, n=3, cutoff=0.7)
+
+    def __contains__(self, id: str) -> bool:
+        return id in self._manifests
+
+    def __iter__(self) -> Iterator[NodeManifest]:
+        return iter(self._manifests.values())
+
+    def __len__(self) -> int:
+        return len(self._manifests)
+
+
+def builtin_registry() -> NodeRegistry:
+    """A new registry with the node types of BehaviorTree.CPP that the engine has."""
+    registry = NodeRegistry()
+    for node_class in _BUILTIN:
+        registry.register(node_class.__name__, node_class)
+    return registry
+
+
+def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
+    if issubclass(node_class, ControlNode):
+        return node_class.children_bounds
+    if issubclass(node_class, decorators.SubTree):
+        return 0, 0
+    return (1, 1) if issubclass(node_class, DecoratorNode) else (0, 0)
+
+
+def _port_problem(name: str, port: Port) -> str:
+    problem = port_name_problem(name)
+    if problem:
+        return problem
+    if not isinstance(port, Port):
+        return f'{port!r} is no Port; use input_port, output_port or inout_port'
+    if port.default is NO_DEFAULT:
+        return ''
+    pointer = isinstance(port.default, str) and pointer_key(port.default, name) is not None
+    if not port.readable and not pointer:
+        return f"the default of an output has to be a pointer, as in {{key}}, not '{port.default}'"
+    kind = port.type
+    if isinstance(port.default, str) and not pointer and kind is not None and kind.from_text is not None:
+        try:
+            kind.from_text(port.default)
+        except ConversionError as error:
+            return f'the default does not fit the type: {error}'
+    return ''

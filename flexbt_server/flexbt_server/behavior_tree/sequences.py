@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sequence and Fallback, and their variants that remember or that yield between children.
+
+A sequence ends with the first child that fails, a fallback with the first that succeeds; both go on with the next
+child otherwise, and begin a later tick with the child that was RUNNING. Skipped children count as passed; a node all of
+whose children were skipped is skipped.
+"""
+
+from __future__ import annotations
+
+from operator import length_hint
+
+from .node import ControlNode, NodeConfig, halt_child
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+
+
+class _OrderedControl(ControlNode):
+    """Position within the children, kept from tick to tick."""
+
+    __slots__ = ('_index', '_skipped')
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._index = 0
+        self._skipped = 0
+
+    def halt(self) -> None:
+        self._index = self._skipped = 0
+        super().halt()
+
+    def _finish(self, status: NodeStatus) -> NodeStatus:
+        """All children were passed: rewinds, and gives ``status`` unless they were all skipped."""
+        all_skipped = self._skipped == len(self.children)
+        self.reset_children()
+        self._index = self._skipped = 0
+        if all_skipped:
+            return SKIPPED
+        self.status = status
+        return status
+
+
+class Sequence(_OrderedControl):
+    """SUCCESS when all children succeed, in order; FAILURE at the first that fails."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        if self.status is IDLE:
+            self._skipped = 0
+        self.status = RUNNING
+        ticks = self._ticks
+        index = self._index
+        remaining = iter(ticks[index:] if index else ticks)
+        try:
+            for tick in remaining:
+                status = tick()
+                if status is not SUCCESS:
+                    if status is SKIPPED:
+                        self._skipped += 1
+                        continue
+                    # The position is needed only here, so the loop does not count it.
+                    index = len(ticks) - length_hint(remaining) - 1
+                    if status is RUNNING:
+                        self._index = index
+                        return RUNNING
+                    self._failed = index
+                    self._index = 0
+                    self.reset_children()
+                    self.status = FAILURE
+                    return FAILURE
+        except BaseException:
+            self._index = len(ticks) - length_hint(remaining) - 1
+            raise
+        return self._finish(SUCCESS)
+
+
+class Fallback(_OrderedControl):
+    """SUCCESS at the first child that succeeds, in order; FAILURE when all fail."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        if self.status is IDLE:
+            self._skipped = 0
+        self.status = RUNNING
+        ticks = self._ticks
+        index = self._index
+        remaining = iter(ticks[index:] if index else ticks)
+        try:
+            for tick in remaining:
+                status = tick()
+                if status is not FAILURE:
+                    if status is SKIPPED:
+                        self._skipped += 1
+                        continue
+                    if status is RUNNING:
+                        self._index = len(ticks) - length_hint(remaining) - 1
+                        return RUNNING
+                    self._index = 0
+                    self.reset_children()
+                    self.status = SUCCESS
+                    return SUCCESS
+        except BaseException:
+            self._index = len(ticks) - length_hint(remaining) - 1
+            raise
+        self._failed = len(ticks) - 1
+        return self._finish(FAILURE)
+
+
+class _YieldingControl(_OrderedControl):
+    """Returns RUNNING, and asks to be ticked again at once, after each child that began and completed in one tick.
+
+    So the rest of the tree is ticked between two children. ``_passing`` is the status after which the next child is
+    tried.
+    """
+
+    __slots__ = ()
+
+    _passing: NodeStatus
+
+    def execute(self) -> NodeStatus:
+        if self.status is IDLE:
+            self._skipped = 0
+        self.status = RUNNING
+        children = self.children
+        ticks = self._ticks
+        passing = self._passing
+        while self._index < len(ticks):
+            child = children[self._index]
+            was_idle = child.status is IDLE
+            status = ticks[self._index]()
+            if status is RUNNING:
+                return RUNNING
+            if status is SKIPPED:
+                self._skipped += 1
+            elif status is not passing:
+                return self._stop(status)
+            elif status is FAILURE:
+                self._failed = self._index
+            self._index += 1
+            if was_idle and status is passing and self._index < len(ticks):
+                self.context.woken = True
+                return RUNNING
+        return self._finish(passing)
+
+    def _stop(self, status: NodeStatus) -> NodeStatus:
+        """A child ended it all with ``status``."""
+        self._failed = self._index
+        self._index = 0
+        self.reset_children()
+        self.status = status
+        return status
+
+
+class AsyncSequence(_YieldingControl):
+    """A Sequence that lets the rest of the tree be ticked between two children."""
+
+    __slots__ = ()
+
+    _passing = SUCCESS
+
+
+class AsyncFallback(_YieldingControl):
+    """A Fallback that lets the rest of the tree be ticked between two children."""
+
+    __slots__ = ()
+
+    _passing = FAILURE
+
+
+class SequenceWithMemory(_YieldingControl):
+    """A Sequence that, after a failure or a halt, goes on with the child at which it stopped.
+
+    Only the success of all children makes it begin with the first one again. It yields as AsyncSequence does.
+    """
+
+    __slots__ = ()
+
+    _passing = SUCCESS
+
+    def _stop(self, status: NodeStatus) -> NodeStatus:
+        self._failed = self._index
+        for child in self.children[self._index :]:
+            halt_child(child)
+        self.status = status
+        return status
+
+    def halt(self) -> None:
+        self.reset_children()
+        self.status = IDLE

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A running tree: the three calls of BehaviorTree.CPP that tick it, halting, and what can be seen of it."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from flexbt_common.clock import Clock, SteadyClock
+
+from .blackboard import Blackboard
+from .context import TransitionObserver, TreeContext
+from .definition import NodeDefinition
+from .errors import NodeExecutionError, PortError
+from .instantiation import SubTreeInstance, instantiate
+from .library import TreeKey, TreeLibrary
+from .node import TreeNode, entry_point
+from .observation import observe, unobserve
+from .status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
+
+_logger = logging.getLogger(__name__)
+
+# Nested Python frames per level of a tree (a node whose tick is Python code in a base class of ours has three), and
+# what host and leaves need on top.
+_FRAMES_PER_LEVEL = 4
+_FRAMES_OF_HOST = 1000
+
+
+class Failure(NamedTuple):
+    """Why a tree failed: the path of the node responsible, its reason, and the nodes from the root to it."""
+
+    path: str
+    reason: str
+    chain: tuple[str, ...]
+
+
+class Tree:
+    """A tree that can be ticked. One thread at a time may tick or halt it; ``wake`` may be called from any.
+
+    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``on_transition(node,
+    before, after)`` hears every change of a status, in order and at once, on the ticking thread. ``on_wake()``
+    is called, from any thread, when a leaf asks for a tick, and when unfinished work ends.
+    """
+
+    def __init__(
+        self,
+        library: TreeLibrary,
+        tree_id: str,
+        *,
+        file: str | None = None,
+        blackboard: Blackboard | None = None,
+        clock: Clock | None = None,
+        services: Any = None,
+        on_transition: TransitionObserver | None = None,
+        on_wake: Callable[[], None] | None = None,
+        max_rounds: int = 10_000,
+    ) -> None:
+        """Makes the nodes. Raises TreeLoadError when a blackboard entry is used with several types, LookupError when
+        there is no such tree. ``max_rounds`` bounds how often one ``tick_once`` ticks a tree that wakes itself."""
+        key = library.find(tree_id, file)
+        if key is None:
+            known = ', '.join(sorted(library.tree_ids())) or 'none'
+            raise LookupError(f'there is no tree [{tree_id}]; known trees: {known}')
+        self.key: TreeKey = key
+        self.blackboard = blackboard if blackboard is not None else Blackboard()
+        self.context = TreeContext(clock if clock is not None else SteadyClock(), services)
+        instance = instantiate(library, key, self.blackboard, self.context)
+        self.nodes: tuple[TreeNode, ...] = instance.nodes
+        self.definitions: tuple[NodeDefinition, ...] = instance.definitions
+        self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
+        self.root = self.nodes[0]
+        self._entry = entry_point(self.root)
+        self._max_rounds = max_rounds
+        self._failure: Failure | None = None
+        self._status = IDLE
+        _make_room_for_frames(instance.depth)
+        self.context.on_wake = on_wake
+        if on_transition is not None:
+            self.observe(on_transition)
+
+    # -- ticking -----------------------------------------------------------------------------------------------------
+
+    def tick_exactly_once(self) -> NodeStatus:
+        """One tick. A wake-up that is asked for stays pending, see :meth:`take_wake`."""
+        return self._settle(self._tick())
+
+    def tick_once(self) -> NodeStatus:
+        """One tick, and further ones as long as the tree is RUNNING and woken: a chain of nodes that yield completes.
+
+        After ``max_rounds`` it returns RUNNING with the wake-up pending, so that a tree that keeps waking itself can be
+        halted by its host.
+        """
+        context = self.context
+        status = self._tick()
+        rounds = 1
+        while status is RUNNING and context.woken:
+            if rounds >= self._max_rounds:
+                _logger.warning('tree [%s] woke itself %d times in one tick; it may never end', self.key.id, rounds)
+                break
+            context.woken = False
+            status = self._tick()
+            rounds += 1
+        return self._settle(status)
+
+    def tick_while_running(self, wait: Callable[[float | None], None]) -> NodeStatus:
+        """Ticks until the tree completes or is skipped. ``wait(time)`` waits for a wake-up, or for that time of the
+        clock (None: no node has asked for a time)."""
+        while True:
+            status = self.tick_once()
+            if status is not RUNNING:
+                return status
+            wait(self.next_wake)
+            self.take_wake()
+
+    def _tick(self) -> NodeStatus:
+        deadlines = self.context.deadlines
+        if deadlines:
+            # This tick serves those that are due. Who is not satisfied by it asks again.
+            now = self.context.clock.now()
+            for node in [node for node, when in deadlines.items() if when <= now]:
+                del deadlines[node]
+        try:
+            status = self._entry()
+        except PortError as error:
+            raise NodeExecutionError(error.node_path, error.node_id, error) from error
+        if self.context.halt_errors:
+            self._raise_halt_errors()
+        return status
+
+    def _settle(self, status: NodeStatus) -> NodeStatus:
+        if status is not RUNNING:
+            self._failure = self._find_failure() if status is FAILURE else None
+            if self.root.status is status:
+                self.root.status = IDLE
+        self._status = status
+        return status
+
+    def halt(self) -> None:
+        """Halts all nodes, the RUNNING ones by their own means, and sets them to IDLE.
+
+        Harmless at any time; also after an error. Work that goes on is in :attr:`unfinished`. Raises
+        NodeExecutionError, after everything was halted, when a leaf raised.
+        """
+        self.root.halt()
+        # Nodes that are not RUNNING are told, too: some keep counts from one activation to the next.
+        for node in self.nodes:
+            node.halt()
+        self.context.deadlines.clear()
+        self._status = IDLE
+        self._raise_halt_errors()
+
+    def _raise_halt_errors(self) -> None:
+        errors = self.context.halt_errors
+        if errors:
+            first, *others = errors
+            errors.clear()
+            for other in others:
+                first.add_note(f'another leaf raised while being halted: {other}')
+            raise first
+
+    # -- waking ------------------------------------------------------------------------------------------------------
+
+    def wake(self) -> None:
+        """Asks for a tick. From any thread."""
+        self.context.wake()
+
+    def take_wake(self) -> bool:
+        """Whether a wake-up is pending; it is not, afterwards. A host that has waited calls it before it ticks."""
+        woken = self.context.woken
+        self.context.woken = False
+        return woken
+
+    @property
+    def wake_pending(self) -> bool:
+        """Whether a wake-up is pending."""
+        return self.context.woken
+
+    @property
+    def next_wake(self) -> float | None:
+        """The earliest time of the clock at which a node wants a tick; None when none has asked."""
+        return min(self.context.deadlines.values(), default=None)
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """What leaves that were halted have not finished yet, described for people. ``on_wake`` tells of changes."""
+        return self.context.unfinished
+
+    # -- what can be seen --------------------------------------------------------------------------------------------
+
+    @property
+    def status(self) -> NodeStatus:
+        """What the last tick gave; IDLE before the first and after :meth:`halt`."""
+        return self._status
+
+    @property
+    def failure(self) -> Failure | None:
+        """Why the tree failed, when the last tick that was not RUNNING gave FAILURE."""
+        return self._failure
+
+    def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
+        """Paths of the nodes that are RUNNING, in the order of their uid."""
+        leaves = (NodeKind.ACTION, NodeKind.CONDITION)
+        return [node.path for node in self.nodes if node.status is RUNNING and (not leaves_only or node.kind in leaves)]
+
+    def observe(self, on_transition: TransitionObserver | None) -> None:
+        """Tells every change of a status from now on; None ends it. Not while another thread ticks the tree."""
+        self.context.on_transition = on_transition
+        change = unobserve if on_transition is None else observe
+        for node in self.nodes:
+            change(node)
+
+    def _find_failure(self) -> Failure:
+        node = self.root
+        chain = [node.path]
+        cause = node.failure_cause()
+        while cause is not None:
+            node = cause
+            chain.append(node.path)
+            cause = node.failure_cause()
+        return Failure(node.path, node.failure_reason(), tuple(chain))
+
+
+def _make_room_for_frames(depth: int) -> None:
+    """Lets Python nest as many calls as a tree of this depth needs.
+
+    The limit holds for the whole process, so it is only ever raised. It guards the C stack against recursion without
+    end; calls from Python to Python, which ticks are, do not use the C stack.
+    """
+    needed = depth * _FRAMES_PER_LEVEL + _FRAMES_OF_HOST
+    if sys.getrecursionlimit() < needed:
+        sys.setrecursionlimit(needed)
