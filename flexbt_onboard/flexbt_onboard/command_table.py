@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What became of the operator's commands: each is applied at most once, and answered as often as it is sent."""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from typing import Final
+
+from flexbt_msgs.msg import CommandResult
+
+REMEMBERED_COMMANDS: Final = 4096
+"""Commands whose identifiers are remembered; a resend of an older one would be taken for a new command."""
+
+REPORTED_RESULTS: Final = 32
+"""Results that are part of every status (ExecutiveStatus.results)."""
+
+
+class CommandTable:
+    """Results by command identifier. Used on the executor thread only."""
+
+    def __init__(self, remembered: int = REMEMBERED_COMMANDS, reported: int = REPORTED_RESULTS) -> None:
+        self._remembered = remembered
+        self._results: OrderedDict[str, CommandResult | None] = OrderedDict()
+        self._latest: deque[str] = deque(maxlen=reported)
+
+    def admit(self, command_id: str) -> bool:
+        """Whether the command is new. The result of one that was decided is reported again."""
+        if command_id in self._results:
+            if self._results[command_id] is not None:
+                self._report(command_id)
+            return False
+        self._results[command_id] = None
+        self._forget_old()
+        return True
+
+    def settle(self, command_id: str, reason: str | None = None) -> CommandResult:
+        """Record the result of an admitted command: applied, or refused for ``reason``."""
+        code = CommandResult.APPLIED if reason is None else CommandResult.REFUSED
+        result = CommandResult(command_id=command_id, code=code, reason=reason or '')
+        self._results[command_id] = result
+        self._report(command_id)
+        return result
+
+    def latest(self) -> list[CommandResult]:
+        """The latest results, oldest first."""
+        return [result for command_id in self._latest if (result := self._results.get(command_id)) is not None]
+
+    def _report(self, command_id: str) -> None:
+        if command_id in self._latest:
+            self._latest.remove(command_id)
+        self._latest.append(command_id)
+
+    def _forget_old(self) -> None:
+        while len(self._results) > self._remembered:
+            # A command that is not decided yet is never the oldest by far: only a START takes longer than a moment.
+            oldest = next((key for key, result in self._results.items() if result is not None), None)
+            if oldest is None:
+                return
+            del self._results[oldest]

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The library of installed behaviors, on real distributions with real entry points."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from flexbt_onboard.behavior_library import BehaviorLibrary
+from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
+
+GOOD = """
+from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
+
+class Good(Behavior):
+    manifest = BehaviorManifest('{name}', 'what it does', 'its author', [BehaviorParameter('speed', 0.5, 'm/s')])
+
+    def create(self):
+        return None
+"""
+
+Install = Callable[[str, dict[str, str]], None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Installs a distribution: its modules by name, each with an entry point ``NAME = MODULE:CLASS``."""
+    before = set(sys.modules)
+
+    def install_distribution(package: str, modules: dict[str, str]) -> None:
+        site = tmp_path / package
+        info = site / f'{package}-1.0.dist-info'
+        info.mkdir(parents=True)
+        (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n')
+        lines = ['[flexbt.behaviors]']
+        for name, source in modules.items():
+            module = f'{package}_{name}'
+            (site / f'{module}.py').write_text(source)
+            lines.append(f'{name} = {module}:{"Good" if "class Good" in source else "Broken"}')
+        (info / 'entry_points.txt').write_text('\n'.join(lines) + '\n')
+        monkeypatch.syspath_prepend(str(site))
+
+    yield install_distribution
+    for name in set(sys.modules) - before:
+        del sys.modules[name]
+
+
+def test_a_behavior_is_found_with_its_manifest(install: Install) -> None:
+    install('patrols', {'patrol': GOOD.format(name='Patrol')})
+    entry = BehaviorLibrary.discover().find('Patrol')
+    message = entry.to_message()
+    assert (message.name, message.package, message.description) == ('Patrol', 'patrols', 'what it does')
+    assert [(p.name, p.type, p.default_value) for p in message.parameters] == [('speed', 'float', '0.5')]
+    assert message.error == ''
+    assert entry.instantiate() is not entry.instantiate()
+
+
+@pytest.mark.parametrize(
+    ('source', 'words'),
+    [
+        ('import not_installed_anywhere', ['ModuleNotFoundError', 'not_installed_anywhere', 'broken_bad.py:1']),
+        ('def f(:', ['SyntaxError']),
+        ('x = 1 / 0', ['ZeroDivisionError', 'broken_bad.py:1']),
+        ('import sys\nsys.exit(3)', ['SystemExit']),
+        ('Broken = 3', ['not a class derived from Behavior']),
+        ('', ['Broken']),
+        (
+            'from flexbt_onboard.behavior import Behavior\nclass Broken(Behavior): pass',
+            ['ManifestError', 'set the class attribute manifest'],
+        ),
+        (
+            'from flexbt_onboard.behavior import *\n'
+            'class Broken(Behavior):\n  manifest = BehaviorManifest("B")\n  def __init__(self): raise OSError("disk")',
+            ['OSError: disk', 'broken_bad.py:4'],
+        ),
+        (
+            'from flexbt_onboard.behavior import *\nclass Broken(Behavior):\n  manifest = BehaviorManifest("B")',
+            ['does not implement create()'],
+        ),
+    ],
+)
+def test_a_broken_behavior_is_listed_with_its_error_and_harms_no_other(
+    install: Install, source: str, words: list[str]
+) -> None:
+    install('broken', {'bad': source})
+    install('patrols', {'patrol': GOOD.format(name='Patrol')})
+    library = BehaviorLibrary.discover()
+    entry = library.find('bad')
+    assert all(word in entry.error for word in words), entry.error
+    assert '\n' not in entry.error
+    assert entry.to_message().error == entry.error
+    with pytest.raises(BrokenBehaviorError, match='bad'):
+        entry.instantiate()
+    assert library.find('Patrol').error == ''
+
+
+def test_behaviors_of_the_same_name_are_told_apart_by_their_package(install: Install) -> None:
+    install('north', {'patrol': GOOD.format(name='Patrol')})
+    install('south', {'patrol': GOOD.format(name='Patrol')})
+    library = BehaviorLibrary.discover()
+    assert {'north/Patrol', 'south/Patrol'} <= set(library.entries)
+    assert library.find('south/Patrol').package == 'south'
+    with pytest.raises(UnknownBehaviorError, match="'north/Patrol' or 'south/Patrol'"):
+        library.find('Patrol')
+
+
+def test_the_package_may_always_be_said(install: Install) -> None:
+    install('north', {'patrol': GOOD.format(name='Patrol')})
+    library = BehaviorLibrary.discover()
+    assert library.find('north/Patrol') is library.find('Patrol')
+    with pytest.raises(UnknownBehaviorError):
+        library.find('south/Patrol')
+
+
+def test_an_unknown_name_is_refused_with_the_nearest(install: Install) -> None:
+    install('north', {'patrol': GOOD.format(name='Patrol')})
+    with pytest.raises(UnknownBehaviorError, match="'Patrl'; did you mean 'Patrol'"):
+        BehaviorLibrary.discover().find('Patrl')
+
+
+def test_a_package_with_two_behaviors_of_one_name_is_told_so(install: Install) -> None:
+    install('north', {'patrol': GOOD.format(name='Patrol'), 'again': GOOD.format(name='Patrol')})
+    with pytest.raises(BrokenBehaviorError, match='several behaviors of this name'):
+        BehaviorLibrary.discover().find('north/Patrol').instantiate()
