@@ -10,7 +10,7 @@ from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 class Parallel(ControlNode):
-    """SUCCESS after ``success_count`` successes; FAILURE after ``failure_count`` failures, or when out of reach of success.
+    """SUCCESS after ``success_count`` successes; FAILURE after ``failure_count`` failures, or once it is out of reach.
 
     Negative counts are counted from the number of children (-1: all); then skipped children count as successes too. The
     thresholds are looked at after every child, so that later ones may not be ticked at all. A child that has completed

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The control nodes of Nav2 (as of ROS 2 Jazzy)."""
+
+from __future__ import annotations
+
+from .node import Control, NodeConfig, TreeNode
+from .port_types import INT
+from .ports import input_port
+from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+
+
+class RecoveryNode(Control):
+    """Runs the first child; when it fails, the second, the recovery, and then the first again.
+
+    At most ``number_of_retries`` recoveries are made, so one attempt more. FAILURE when they are used up, or when the
+    recovery itself fails or is skipped; a skipped first child skips the node. Attempt and recovery follow each other
+    within one tick.
+    """
+
+    __slots__ = ('_current', '_recoveries')
+
+    ports = {'number_of_retries': input_port(INT, default='1', description='recoveries that are allowed')}  # noqa: RUF012
+    children_bounds = (2, 2)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._current = 0
+        self._recoveries = 0
+
+    def tick(self) -> NodeStatus:
+        allowed: int = self.get_input('number_of_retries')
+        self.status = RUNNING
+        while self._recoveries <= allowed:
+            status = self.tick_child(self._current)
+            if status is RUNNING:
+                return RUNNING
+            if self._current == 0:
+                if status is not FAILURE or self._recoveries >= allowed:
+                    return self._finish(status)
+                self.halt_child(0)
+                self._current = 1
+            elif status is SUCCESS:
+                self.halt_child(1)
+                self._recoveries += 1
+                self._current = 0
+            elif status is SKIPPED:
+                self._current = 0
+                return FAILURE
+            else:
+                return self._finish(FAILURE)
+        return self._finish(FAILURE)
+
+    def _finish(self, status: NodeStatus) -> NodeStatus:
+        self.on_halt()
+        self.reset_children()
+        return status
+
+    def on_halt(self) -> None:
+        self._current = self._recoveries = 0
+
+    def failure_cause(self) -> TreeNode | None:
+        # What could not be recovered says more than the recovery that could not help.
+        return self.children[0]
+
+
+class PipelineSequence(Control):
+    """Ticks its children in order, every time from the first; those before the one that is reached are kept going.
+
+    A RUNNING child lets the next be ticked only when that was reached before. SUCCESS as soon as the last child
+    succeeds, FAILURE as soon as one fails. Children that have completed are ticked again, without a reset.
+    """
+
+    __slots__ = ('_reached',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._reached = 0
+
+    def tick(self) -> NodeStatus:
+        skipped = 0
+        for index in range(len(self.children)):
+            status = self.tick_child(index)
+            if status is FAILURE:
+                return self._finish(FAILURE)
+            if status is SKIPPED:
+                skipped += 1
+            elif status is RUNNING and index >= self._reached:
+                self._reached = index
+                return RUNNING
+        return self._finish(SKIPPED if skipped == len(self.children) else SUCCESS)
+
+    def _finish(self, status: NodeStatus) -> NodeStatus:
+        self._reached = 0
+        self.reset_children()
+        return status
+
+    def on_halt(self) -> None:
+        self._reached = 0
+
+
+class RoundRobin(Control):
+    """Tries one child after the other, in a circle, until one succeeds; begins the next time after that one.
+
+    FAILURE when each child has failed (or was skipped) since the last success, over as many ticks as that takes. A
+    success keeps the position, a failure of all and a halt forget it.
+    """
+
+    __slots__ = ('_current', '_failures')
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._current = 0
+        self._failures = 0
+
+    def tick(self) -> NodeStatus:
+        total = len(self.children)
+        self.status = RUNNING
+        skipped = 0
+        while self._failures + skipped < total:
+            status = self.tick_child(self._current)
+            if status is RUNNING:
+                return RUNNING
+            self._current = (self._current + 1) % total
+            if status is SUCCESS:
+                self._failures = 0
+                self.reset_children()
+                return SUCCESS
+            if status is FAILURE:
+                self._failures += 1
+            else:
+                skipped += 1
+        self.on_halt()
+        self.reset_children()
+        return SKIPPED if skipped == total else FAILURE
+
+    def on_halt(self) -> None:
+        self._current = self._failures = 0
