@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A ROS node with its executor thread and clocks, and an orderly start and end of a process.
+
+The rule of this code base: every rclpy entity is created, called and destroyed on the executor thread (publishing
+is the exception, it is thread-safe). rclpy's clients fill their table of pending requests only after a request has
+left; when another thread receives the answer in between, the answer is lost. :meth:`NodeRuntime.post` and
+:meth:`NodeRuntime.call` bring work there.
+
+The order of the end, which is silent whatever the node was doing: the components in reverse order of their
+:meth:`NodeRuntime.on_close`, while callbacks still run; then executor, its thread, the node, the context.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Future
+from typing import Any, TypeVar
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from flexbt_common.clock import SteadyClock
+from flexbt_common.ros_clock import RosClock
+
+__all__ = ['NodeRuntime', 'run_node']
+
+T = TypeVar('T')
+
+_CLOSE_SECONDS = 1.7
+"""A process ends within 2 s of its signal; interpreter and middleware need the rest."""
+
+_FAULTS_IN_A_ROW = 10
+_FAULT_PAUSE_SECONDS = 0.05
+
+
+class NodeRuntime:
+    """One node, one executor thread, two clocks.
+
+    ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``), ``steady`` the machine's
+    monotonic clock, for deadlines of communication.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        args: Sequence[str] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        namespace: str | None = None,
+    ) -> None:
+        """Start a node in a context of its own.
+
+        ``args`` are command line arguments (``--ros-args`` ...), None for those of the process; ``parameters``
+        override what the arguments say.
+        """
+        self._closed = False
+        self._on_close: list[Callable[[], None]] = []
+        self._on_fault: list[Callable[[BaseException], None]] = []
+        self._posted: deque[Callable[[], None]] = deque()
+        self._calls: set[Future[Any]] = set()
+        self._lock = threading.Lock()
+        self._context = rclpy.Context()
+        rclpy.init(
+            args=None if args is None else list(args),
+            context=self._context,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        try:
+            overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
+            self.node = Node(name, context=self._context, namespace=namespace, parameter_overrides=overrides)
+        except BaseException:
+            rclpy.try_shutdown(context=self._context)
+            raise
+        self.steady = SteadyClock()
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._doorbell = self.node.create_guard_condition(self._run_posted)
+        self._executor.add_node(self.node)
+        self.clock = RosClock(self)
+        self._thread = threading.Thread(target=self._spin, name=f'{name}_executor', daemon=True)
+        self._thread.start()
+
+    @classmethod
+    @contextlib.contextmanager
+    def open(
+        cls,
+        name: str,
+        *,
+        args: Sequence[str] | None = (),
+        parameters: Mapping[str, Any] | None = None,
+        namespace: str | None = None,
+    ) -> Iterator[NodeRuntime]:
+        """A runtime for the length of a ``with`` block; by default without the arguments of the process."""
+        runtime = cls(name, args=args, parameters=parameters, namespace=namespace)
+        try:
+            yield runtime
+        finally:
+            runtime.close()
+
+    @property
+    def on_executor_thread(self) -> bool:
+        """Whether the caller is on the executor thread."""
+        return threading.current_thread() is self._thread
+
+    @property
+    def closed(self) -> bool:
+        """Whether the end has begun for the executor; what is posted now is dropped."""
+        return self._closed
+
+    def post(self, fn: Callable[[], None]) -> None:
+        """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
+
+        What it raises is logged and given to :meth:`on_fault`. After :meth:`close` nothing is run any more.
+        """
+        with self._lock:
+            if not self._closed:
+                self._post_locked(fn)
+
+    def call(self, fn: Callable[[], T], timeout: float = 5.0) -> T:
+        """Run ``fn`` on the executor thread and give its value; raise what it raises.
+
+        Raises:
+            TimeoutError: ``fn`` was not done within ``timeout`` seconds (it may still run).
+            RuntimeError: the runtime is closed.
+        """
+        if self.on_executor_thread:
+            return fn()
+        future: Future[T] = Future()
+
+        def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(fn())
+            except BaseException as error:
+                future.set_exception(error)
+
+        with self._lock:
+            if self._closed:
+                raise RuntimeError(f'node {self.node.get_name()} is closed; nothing can be run on its executor')
+            self._post_locked(run)
+            self._calls.add(future)
+        try:
+            return future.result(timeout)
+        except CancelledError:
+            raise RuntimeError(f'node {self.node.get_name()} was closed before {fn} was run') from None
+        except TimeoutError:
+            if future.done():  # fn itself raised it
+                raise
+            future.cancel()
+            raise TimeoutError(
+                f'the executor of node {self.node.get_name()} did not get to {fn} within {timeout} s'
+            ) from None
+        finally:
+            with self._lock:
+                self._calls.discard(future)
+
+    def on_close(self, fn: Callable[[], None]) -> None:
+        """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.
+
+        It has to come back soon: a process has 2 s to end.
+        """
+        self._on_close.append(fn)
+
+    def on_fault(self, fn: Callable[[BaseException], None]) -> None:
+        """Have ``fn`` told each exception that a callback let escape, on the executor thread."""
+        self._on_fault.append(fn)
+
+    def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
+        """Log an exception that a callback let escape, and tell the observers. Never raises."""
+        text = ''.join(traceback.format_exception(error)).rstrip()
+        self.node.get_logger().error(f'{where} raised; the node goes on:\n{text}')
+        for observer in self._on_fault:
+            try:
+                observer(error)
+            except Exception as further:
+                self.node.get_logger().error(f'a fault observer raised {further!r}')
+
+    def close(self) -> None:
+        """End everything in the documented order. May be called twice, not from the executor thread."""
+        with self._lock:
+            callbacks, self._on_close = self._on_close, []
+        for callback in reversed(callbacks):
+            try:
+                callback()
+            except Exception as error:
+                self.report_fault(error, f'closing {getattr(callback, "__qualname__", callback)}')
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+        self.steady.close()
+        self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
+        self._thread.join()
+        self._executor.shutdown()
+        with self._lock:
+            for future in self._calls:
+                future.cancel()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def _post_locked(self, fn: Callable[[], None]) -> None:
+        self._posted.append(fn)
+        if len(self._posted) == 1:
+            self._doorbell.trigger()
+
+    def _run_posted(self) -> None:
+        # One callback serves all that has been posted up to now; what comes meanwhile rings again, so that
+        # messages and timers get their turn.
+        for _ in range(len(self._posted)):
+            fn = self._posted[0]
+            try:
+                fn()
+            except Exception as error:
+                self.report_fault(error, f'posted {getattr(fn, "__qualname__", fn)}')
+            with self._lock:
+                self._posted.popleft()
+        with self._lock:
+            if self._posted:
+                self._doorbell.trigger()
+
+    def _spin(self) -> None:
+        faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
+        while not self._closed:
+            try:
+                # rclpy raises here whatever a callback raised: that must not be the end of the node.
+                self._executor.spin_once()
+            except ExternalShutdownException:
+                return
+            except Exception as error:
+                if self._closed:
+                    return
+                self.report_fault(error)
+                faults.append(time.monotonic())
+                if len(faults) == _FAULTS_IN_A_ROW and faults[-1] - faults[0] < 1.0:
+                    time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
+
+
+def run_node(name: str, setup: Callable[[NodeRuntime], None], args: list[str] | None = None) -> int:
+    """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
+
+    ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
+    ends. The exit code is 0 after a signal, however many come, and 1 with a line on stderr when the node could not
+    be set up. Must be called on the main thread.
+    """
+    # The signals are blocked in this and all later threads, and taken out one by one: no handler runs at
+    # an unsuitable moment, and a second signal finds nobody.
+    signals = {signal.SIGINT, signal.SIGTERM}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    runtime: NodeRuntime | None = None
+    try:
+        try:
+            runtime = NodeRuntime(name, args=args)
+            setup(runtime)
+        except Exception as error:
+            print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
+            if os.environ.get('FLEXBT_TRACEBACK'):
+                traceback.print_exc()
+            _close_in_time(name, runtime)
+            return 1
+        signal.sigwait(signals)
+        _close_in_time(name, runtime)
+        return 0
+    finally:
+        while signal.sigtimedwait(signals, 0) is not None:
+            pass  # further signals of the same wish
+        if runtime is None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
+    if runtime is None:
+        return
+    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name])
+    in_time.daemon = True
+    in_time.start()
+    runtime.close()
+    in_time.cancel()
+
+
+def _leave_now(name: str) -> None:
+    print(f'{name}: did not come to an end within {_CLOSE_SECONDS} s; leaving without', file=sys.stderr, flush=True)
+    os._exit(0)

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The clock of a ROS node as a :class:`flexbt_common.clock.Clock`: simulated time under ``use_sim_time``."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from builtin_interfaces.msg import Time
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+
+from flexbt_common.clock import Timer
+
+if TYPE_CHECKING:
+    from flexbt_common.node_runtime import NodeRuntime
+
+_NANOSECONDS = 1_000_000_000
+_FARTHEST = 10.0**9
+"""Seconds; an alarm that is farther away is looked at again then. rcl counts nanoseconds in 64 bits."""
+
+
+class _Alarm:
+    __slots__ = ('callback', 'sequence', 'when')
+
+    def __init__(self, when: float, sequence: int, callback: Callable[[], None]) -> None:
+        self.when = when
+        self.sequence = sequence
+        self.callback: Callable[[], None] | None = callback
+
+    def __lt__(self, other: _Alarm) -> bool:
+        return (self.when, self.sequence) < (other.when, other.sequence)
+
+    def cancel(self) -> None:
+        self.callback = None
+
+
+class RosClock:
+    """Time of the node in seconds, and alarms on it, called on the executor thread.
+
+    The time equals ROS time until the latter jumps back (simulation reset, or a machine's clock that is set): such a
+    jump is taken out, so that this time never goes back, and whoever waits for two more seconds does so. Time
+    stamps of messages are ROS time: take them from :meth:`stamp`.
+
+    One rclpy timer serves all alarms, set to the earliest.
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._ros_clock = runtime.node.get_clock()
+        self._lock = threading.Lock()
+        self._offset = 0  # ns
+        self._last = self._ros_clock.now().nanoseconds
+        self._alarms: list[_Alarm] = []
+        self._sequence = itertools.count()
+        self._timer: Any = runtime.node.create_timer(_FARTHEST, self._fire, clock=self._ros_clock)
+        self._timer.cancel()
+        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
+        self._jump_handle = self._ros_clock.create_jump_callback(
+            threshold, post_callback=lambda _jump: runtime.post(self._set_timer)
+        )
+
+    def now(self) -> float:
+        """Time in seconds; never goes back."""
+        return self._now() / _NANOSECONDS
+
+    def stamp(self) -> Time:
+        """The present ROS time, for the header of a message."""
+        return self._ros_clock.now().to_msg()
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
+        """As in :class:`flexbt_common.clock.Clock`; from any thread."""
+        if when != when:
+            raise ValueError('an alarm cannot be set for time NaN; give seconds on the clock, as now() does')
+        with self._lock:
+            alarm = _Alarm(when, next(self._sequence), callback)
+            heapq.heappush(self._alarms, alarm)
+            is_earliest = self._alarms[0] is alarm
+        if is_earliest:
+            if self._runtime.on_executor_thread:
+                self._set_timer()
+            else:
+                self._runtime.post(self._set_timer)
+        return alarm
+
+    def _now(self) -> int:
+        with self._lock:  # reading inside the lock: two threads must not take each other for a jump
+            raw = self._ros_clock.now().nanoseconds
+            if raw < self._last:
+                self._offset += self._last - raw
+            self._last = raw
+            return int(raw + self._offset)
+
+    def _set_timer(self) -> None:
+        now = self._now()
+        with self._lock:
+            while self._alarms and self._alarms[0].callback is None:
+                heapq.heappop(self._alarms)
+            if not self._alarms:
+                self._timer.cancel()
+                return
+            seconds = min(self._alarms[0].when - now / _NANOSECONDS, _FARTHEST)
+        # Rounded up, so that the alarm is due when the timer comes.
+        self._timer.timer_period_ns = max(1, int(seconds * _NANOSECONDS) + 1000)
+        self._timer.reset()
+
+    def _fire(self) -> None:
+        now = self.now()
+        while True:
+            with self._lock:
+                if not self._alarms or self._alarms[0].when > now:
+                    break
+                alarm = heapq.heappop(self._alarms)
+                callback, alarm.callback = alarm.callback, None
+            if callback is not None:
+                try:
+                    callback()
+                except Exception as error:
+                    self._runtime.report_fault(error, 'an alarm')
+        self._set_timer()
