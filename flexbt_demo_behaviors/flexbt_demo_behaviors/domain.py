@@ -54,9 +54,7 @@ def _reserve(candidates: list[int], reservation: contextlib.ExitStack) -> int:
         participant.close()
         reservation.enter_context(holder)
         return domain
-    raise NoFreeDomainError(
-        f'no free ROS domain among {len(candidates)}: set ROS_DOMAIN_ID to one that may be used'
-    )
+    raise NoFreeDomainError(f'no free ROS domain among {len(candidates)}: set ROS_DOMAIN_ID to one that may be used')
 
 
 def _bind(kind: socket.SocketKind, port: int) -> socket.socket | None:

@@ -94,9 +94,7 @@ class _Canvas:
         self._height = round(rows * grid.resolution * self._scale)
         self._font = ImageFont.load_default(size=15)
         self._top = MARGIN + LEGEND_ROW
-        self.image = Image.new(
-            'RGB', (width + 2 * MARGIN, self._top + self._height + LEGEND_ROW + 2 * MARGIN), FREE
-        )
+        self.image = Image.new('RGB', (width + 2 * MARGIN, self._top + self._height + LEGEND_ROW + 2 * MARGIN), FREE)
         self._draw = ImageDraw.Draw(self.image)
         self._draw.text((MARGIN, MARGIN // 2), title, fill=INK, font=ImageFont.load_default(size=18))
         colors = np.full((rows, columns, 3), FREE, dtype=np.uint8)
@@ -118,9 +116,7 @@ class _Canvas:
         tip = (x + 26 * math.cos(goal.yaw), y - 26 * math.sin(goal.yaw))
         self._draw.line([(x, y), tip], fill=color, width=4)
         self._draw.circle((x, y), 10, fill=color, outline=FREE, width=2)
-        self._draw.text(
-            (x + 12, y + 8), goal.label, fill=INK, font=self._font, stroke_width=3, stroke_fill=FREE
-        )
+        self._draw.text((x + 12, y + 8), goal.label, fill=INK, font=self._font, stroke_width=3, stroke_fill=FREE)
 
     def legend(self) -> None:
         y = self._top + self._height + MARGIN + LEGEND_ROW / 2

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ament_index_python.packages import get_package_prefix
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 ParameterValue = bool | int | float | str
 
@@ -45,13 +45,21 @@ class Process:
         """
         file = Path(get_package_prefix(self.package)) / 'lib' / self.package / self.executable
         if not file.exists():
-            raise FileNotFoundError(
-                f'package {self.package} has no executable {self.executable}: build the workspace'
-            )
+            raise FileNotFoundError(f'package {self.package} has no executable {self.executable}: build the workspace')
         words = [str(file), '--ros-args']
         for key, value in self.parameters.items():
             words += ['-p', f'{key}:={_parameter_text(value)}']
         return words
+
+
+def built_in_places() -> str:
+    """The places file of the map that comes along."""
+    return str(Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms_places.yaml')
+
+
+def console_command(settings: DemoSettings) -> list[str]:
+    """The command line of the operator's console, which runs in the terminal."""
+    return Process('flexbt_console', 'console', {'places': settings.places}).command()
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:

@@ -78,9 +78,7 @@ class ProcessGroup:
                 preexec_fn=_end_with_parent,
             )
         self._processes[name] = process
-        watcher = threading.Thread(
-            target=self._watch, args=(name, process, log), name=f'watch {name}', daemon=True
-        )
+        watcher = threading.Thread(target=self._watch, args=(name, process, log), name=f'watch {name}', daemon=True)
         self._watchers.append(watcher)
         watcher.start()
 

@@ -5,11 +5,12 @@ ros2 launch flexbt_demo_behaviors demo.launch.py speed:=2.0
 ros2 run flexbt_console console
 """
 
-from flexbt_demo_behaviors.processes import DemoSettings, demo_processes
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from flexbt_demo_behaviors.processes import DemoSettings, demo_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
@@ -35,12 +36,8 @@ def generate_launch_description() -> LaunchDescription:
     """Describe the demonstration to `ros2 launch`."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'map', default_value='', description='ROS map YAML file; empty for the built-in map'
-            ),
-            DeclareLaunchArgument(
-                'speed', default_value='1.0', description='seconds of simulated time in one second'
-            ),
+            DeclareLaunchArgument('map', default_value='', description='ROS map YAML file; empty for the built-in map'),
+            DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
             DeclareLaunchArgument('namespace', default_value='', description='namespace of all nodes'),
             OpaqueFunction(function=nodes),
         ]

@@ -5,6 +5,7 @@ import os
 import socket
 
 import pytest
+
 from flexbt_demo_behaviors.domain import (
     COORDINATION_PORT,
     DISCOVERY_PORT,

@@ -4,6 +4,8 @@
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
+
 from flexbt_demo_behaviors.picture import (
     DRIVEN,
     GIVEN_UP,
@@ -16,7 +18,6 @@ from flexbt_demo_behaviors.picture import (
     draw_picture,
     write_picture,
 )
-from PIL import Image
 
 
 def picture(**changes: object) -> DemoPicture:

@@ -10,15 +10,14 @@ import time
 from pathlib import Path
 
 import pytest
+
 from flexbt_demo_behaviors.supervision import EndedProcess, ProcessGroup
 
 SLEEPER = [sys.executable, '-c', 'import signal; print("up", flush=True); signal.pause()']
 STUBBORN = [
     sys.executable,
     '-c',
-    'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n'
-    'print("up", flush=True)\n'
-    'while True: signal.pause()',
+    'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\nprint("up", flush=True)\nwhile True: signal.pause()',
 ]
 
 
@@ -81,9 +80,7 @@ def test_processes_do_not_outlive_a_demonstration_that_is_killed(tmp_path: Path)
         f'group.start("sleeper", {SLEEPER!r})\n'
         'print(group.pid("sleeper"), flush=True); signal.pause()'
     )
-    parent = subprocess.Popen(
-        [sys.executable, '-c', program, str(tmp_path)], stdout=subprocess.PIPE, text=True
-    )
+    parent = subprocess.Popen([sys.executable, '-c', program, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     with parent:
         assert parent.stdout is not None
         pid = int(parent.stdout.readline())

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The second demonstration: planner, controller and recovery are three trees, and a person judges the plan."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from flexbt_demo_behaviors.show_path_state import ShowPathState
+from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine
+from flexbt_states import (
+    BtExecuteGoalState,
+    BtExecuteState,
+    BtGetDataState,
+    BtLoaderState,
+    OperatorDecisionState,
+    OperatorInputState,
+    PublishOnceState,
+)
+
+TREES = 'flexbt_demo_behaviors/trees'
+
+
+class NavigateSplit(Behavior):
+    """Ask for a goal, plan, show the plan to the operator, drive along it when it is accepted, recover when
+    asked to.
+
+    The trees share a blackboard: the planner's tree writes `path` there and the controller's tree reads it.
+    """
+
+    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+        name='Navigate Split',
+        description='Navigate with three behavior trees under one state machine; the operator judges each plan.',
+        author='The FlexBT developers',
+        parameters=[
+            BehaviorParameter('planner', f'{TREES}/global_planner.xml', 'tree that computes the key path'),
+            BehaviorParameter('controller', f'{TREES}/controller.xml', 'tree that follows the key path'),
+            BehaviorParameter('recovery', f'{TREES}/recovery.xml', 'tree that frees the robot'),
+        ],
+    )
+
+    planner: str
+    controller: str
+    recovery: str
+
+    def create(self) -> OperatableStateMachine:
+        """Load the trees, then: ask, plan, show, follow, and recover on the way as need be."""
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        with machine:
+            OperatableStateMachine.add(
+                'LoadTrees',
+                BtLoaderState(filepaths=[self.planner, self.controller, self.recovery]),
+                transitions={'done': 'AskGoal', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'AskGoal',
+                OperatorInputState('Where shall the robot go?', 'geometry_msgs/PoseStamped'),
+                transitions={'received': 'PlanPath', 'declined': 'finished', 'failed': 'failed'},
+                autonomy={'received': Autonomy.Off, 'declined': Autonomy.Off, 'failed': Autonomy.Off},
+                remapping={'data': 'goal'},
+            )
+            OperatableStateMachine.add(
+                'PlanPath',
+                BtExecuteGoalState(bt_file=self.planner),
+                transitions={'done': 'GetPath', 'canceled': 'AskGoal', 'failed': 'Recover'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Low},
+                remapping={'goal': 'goal'},
+            )
+            OperatableStateMachine.add(
+                'GetPath',
+                BtGetDataState(request_id='path', request_msg_type='nav_msgs/Path'),
+                transitions={'done': 'ShowPath', 'failed': 'Recover'},
+                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Low},
+                remapping={'data': 'path'},
+            )
+            OperatableStateMachine.add(
+                'ShowPath',
+                ShowPathState(),
+                transitions={'done': 'PublishPath', 'empty': 'Recover'},
+                autonomy={'done': Autonomy.Off, 'empty': Autonomy.Low},
+                remapping={'path': 'path'},
+            )
+            OperatableStateMachine.add(
+                'PublishPath',
+                PublishOnceState('accepted_path', 'nav_msgs/Path'),
+                transitions={'done': 'JudgePath'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'message': 'path'},
+            )
+            # Only at autonomy Full does the robot accept its own plan; below that, a person decides.
+            OperatableStateMachine.add(
+                'JudgePath',
+                OperatorDecisionState(
+                    outcomes=['done', 'canceled', 'failed'],
+                    hint='Is the path good? done: drive, canceled: another goal, failed: recover first',
+                    suggestion='done',
+                ),
+                transitions={'done': 'FollowPath', 'canceled': 'AskGoal', 'failed': 'Recover'},
+                autonomy={'done': Autonomy.High, 'canceled': Autonomy.Full, 'failed': Autonomy.Full},
+            )
+            OperatableStateMachine.add(
+                'FollowPath',
+                BtExecuteState(bt_file=self.controller),
+                transitions={'done': 'AskGoal', 'canceled': 'AskGoal', 'failed': 'Recover'},
+                autonomy={'done': Autonomy.Low, 'canceled': Autonomy.Off, 'failed': Autonomy.Low},
+            )
+            OperatableStateMachine.add(
+                'Recover',
+                BtExecuteState(bt_file=self.recovery),
+                transitions={'done': 'AskGoal', 'canceled': 'AskGoal', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Low, 'canceled': Autonomy.Off, 'failed': Autonomy.High},
+            )
+        return machine

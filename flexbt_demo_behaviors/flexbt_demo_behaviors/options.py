@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line of the demonstration, with defaults from the environment as `make demo` gives them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+DEFAULT_SPEED = 1.0
+DEFAULT_SCRIPT_SPEED = 10.0
+
+EPILOG = """\
+Without a terminal, or with --script, a scripted operator drives the demonstrations (both, unless one is
+chosen); the exit code is 0 only when the robot was at its goals and every branch was taken, and a summary
+picture of each is written. The environment variables DEMO and SPEED stand for --demo and --speed.
+"""
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """What the demonstration was told. `map` and `places` are empty for the ones that come along."""
+
+    interactive: bool
+    demos: tuple[int, ...]
+    speed: float
+    map: str
+    places: str
+    output: Path
+
+
+def parse_options(arguments: Sequence[str], environment: Mapping[str, str], terminal: bool) -> DemoOptions:
+    """Read the command line; ends the process with a message for the user when it is wrong (exit code 2)."""
+    parser = argparse.ArgumentParser(
+        prog='demo', description='Run the FlexBT demonstrations in simulation.', epilog=EPILOG
+    )
+    parser.add_argument('--demo', default=environment.get('DEMO', ''), help='1: one tree navigates; 2: three trees')
+    parser.add_argument(
+        '--speed',
+        default=environment.get('SPEED', ''),
+        help='seconds of simulated time in one second; default 1, with the scripted operator 10',
+    )
+    parser.add_argument('--map', default='', help='ROS map YAML file; default: the map that comes along')
+    parser.add_argument('--places', default='', help='YAML file of named places; default: those of the map')
+    parser.add_argument('--output', default='out', help='directory of pictures and logs; default: out')
+    parser.add_argument('--script', action='store_true', help='let the scripted operator drive, also in a terminal')
+    given = parser.parse_args(arguments)
+
+    if given.demo not in ('', '1', '2'):
+        parser.error(f'--demo {given.demo}: there are the demonstrations 1 and 2')
+    if given.map and not given.places:
+        parser.error('--map needs --places: the places in that map, {name: {x: 1.0, y: 2.0, yaw: 0.0}}')
+    for name in ('map', 'places'):
+        if getattr(given, name) and not Path(getattr(given, name)).is_file():
+            parser.error(f'--{name} {getattr(given, name)}: there is no such file')
+    interactive = terminal and not given.script
+    return DemoOptions(
+        interactive=interactive,
+        demos=(int(given.demo),) if given.demo else ((1,) if interactive else (1, 2)),
+        speed=_speed(parser, given.speed) or (DEFAULT_SPEED if interactive else DEFAULT_SCRIPT_SPEED),
+        map=str(Path(given.map).resolve()) if given.map else '',
+        places=str(Path(given.places).resolve()) if given.places else '',
+        output=Path(given.output),
+    )
+
+
+def _speed(parser: argparse.ArgumentParser, text: str) -> float:
+    """The speed factor, 0 when none is given."""
+    if not text:
+        return 0.0
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not 0.0 < speed <= 100.0:
+        parser.error(f'--speed {text}: expected a number above 0, up to 100')
+    return speed

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An operator who follows a script: sees what the console's mirror shows, and commands over the same link as
+people.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
+from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_console.mirror.records import AutonomyLevel, Command, Decision, DecisionKind, ExecutiveState
+from flexbt_console.mirror.view import View
+from flexbt_console.requests import Requests
+from flexbt_demo_behaviors.report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
+from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
+
+T = TypeVar('T')
+
+# Deadlines in seconds of wall time; generous, as they only bound how long a failure takes to be noticed.
+ANSWER_TIMEOUT_S = 10.0
+DRIVE_TIMEOUT_S = 120.0
+
+
+class ScriptedOperator:
+    """Gives commands and waits for what they bring about. Every wait has a deadline and ends by DemoError.
+
+    `send` hands a command to the operator link with the seconds within which it shall be answered. `notify`
+    is to be called whenever something that is waited for may have changed, `abandon` when nothing will come
+    any more.
+    """
+
+    def __init__(
+        self,
+        mirror: Mirror,
+        record: RobotRecord,
+        send: Callable[[Command, float], TrackedCommand],
+        requests: Requests,
+        timeline: Timeline,
+    ) -> None:
+        self.record = record
+        self._mirror = mirror
+        self._send = send
+        self._requests = requests
+        self._timeline = timeline
+        self._changed = threading.Condition()
+        self._problem = ''
+        self._answered: set[str] = set()
+        self._goal_label = ''
+        self._goal_time = 0.0
+        self._goal_length = 0.0
+        mirror.add_listener(self._on_change)
+
+    def notify(self) -> None:
+        """Look again at what is waited for; from any thread."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def abandon(self, problem: str) -> None:
+        """End the current and every later wait with this problem; from any thread."""
+        with self._changed:
+            self._problem = self._problem or problem
+            self._changed.notify_all()
+
+    def places(self, count: int) -> list[str]:
+        """The first `count` places of the places file, which are those that a script drives to.
+
+        Raises DemoError when there are fewer.
+        """
+        known = list(self._requests.places)
+        if len(known) < count:
+            raise DemoError(f'the script drives to {count} places, but the places file has only {len(known)}')
+        return known[:count]
+
+    # Seeing
+
+    def wait(self, wanted: Callable[[View], T | None], what: str, timeout: float) -> T:
+        """Wait until `wanted` gives something else than None or False of the current view, and give that.
+
+        Raises DemoError when it does not within `timeout` seconds, or when the demonstration was abandoned.
+        """
+        deadline = time.monotonic() + timeout
+        with self._changed:
+            while True:
+                if self._problem:
+                    raise DemoError(self._problem)
+                view = self._mirror.view()
+                found = wanted(view)
+                if found is not None and found is not False:
+                    return found
+                remaining = deadline - time.monotonic()
+                if remaining <= 0.0:
+                    raise DemoError(f'{what}: not within {timeout:.0f} s; {_described(view)}')
+                self._changed.wait(remaining)
+
+    def wait_ready(self, peers: int, timeout: float) -> None:
+        """Wait until the executive is heard and sees its peers, and the robot and its map are known."""
+
+        def ready(view: View) -> bool:
+            known = view.snapshot.peers if view.snapshot else ()
+            all_alive = len(known) >= peers and all(peer.alive for peer in known)
+            listed = view.behaviors is not None
+            return view.live and all_alive and listed and self.record.ready
+
+        self.wait(ready, 'executive, its peers, the map and the robot', timeout)
+
+    def wait_question(self, kind: DecisionKind, path: str, timeout: float) -> Decision:
+        """Wait until the state `path` asks the operator something of this kind that was not answered yet."""
+
+        def question(view: View) -> Decision | None:
+            _check_running(view)
+            asked = (item for item in view.decisions if item.kind is kind and item.path == path)
+            return next((item for item in asked if item.id not in self._answered), None)
+
+        return self.wait(question, f'question of {path}', timeout)
+
+    def wait_state(self, path: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
+        """Wait until the leaf `path` is active."""
+
+        def active(view: View) -> bool:
+            _check_running(view)
+            return path in view.active_paths
+
+        self.wait(active, f'state {path}', timeout)
+
+    def wait_tree_node(self, node: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
+        """Wait until an active state shows that a node of its tree whose path contains `node` is running."""
+
+        def running(view: View) -> bool:
+            _check_running(view)
+            states = view.snapshot.active_states if view.snapshot else ()
+            return any(node in line for state in states for line in state.activity)
+
+        self.wait(running, f'tree node {node} running', timeout)
+
+    def wait_driven(self, metres: float) -> None:
+        """Wait until the robot has driven so far since the goal was given, and is moving."""
+
+        def far(view: View) -> bool:
+            _check_running(view)
+            return self.record.length - self._goal_length >= metres and not self.record.at_rest
+
+        self.wait(far, f'{metres:g} m driven', DRIVE_TIMEOUT_S)
+        self._tell('sees', f'the robot on its way at {self.record.pose}')
+
+    def wait_rest(self, timeout: float) -> float:
+        """Wait until the robot stands still, and give the seconds of wall time that it took."""
+        before = time.monotonic()
+        self.wait(lambda _view: self.record.at_rest, 'robot at rest', timeout)
+        return time.monotonic() - before
+
+    def wait_end(self, outcome: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
+        """Wait until the behavior has ended, by this outcome."""
+
+        def ended(view: View) -> str | None:
+            idle = view.snapshot is not None and view.snapshot.state is ExecutiveState.IDLE
+            return view.snapshot.outcome if view.snapshot and idle else None
+
+        actual = self.wait(ended, 'end of the behavior', timeout)
+        if actual != outcome:
+            raise DemoError(f'the behavior ended by {actual!r}, not by {outcome!r}')
+        self._tell('sees', f'the behavior ended: {outcome}')
+
+    # Commanding
+
+    def start(self, behavior: str, autonomy: AutonomyLevel) -> None:
+        """Start a behavior."""
+        self._tell('starts', f'{behavior!r} at autonomy {autonomy.name.title()}')
+        self._give(self._requests.start(self._mirror.view(), behavior, autonomy=autonomy))
+        self.wait(lambda view: view.running, f'start of {behavior}', ANSWER_TIMEOUT_S)
+
+    def give_goal(self, label: str, state: str = '/AskGoal') -> None:
+        """Answer the question for a goal with a named place."""
+        question = self.wait_question(DecisionKind.INPUT, state, ANSWER_TIMEOUT_S)
+        self._tell('answers', f'"{question.prompt}" with {label} {self._place(label)}')
+        self._goal_label = label
+        self._goal_time = self.record.time
+        self._goal_length = self.record.length
+        self._give(self._requests.answer(self._mirror.view(), question.id, label))
+
+    def decline(self, state: str = '/AskGoal') -> None:
+        """Decline the question for a goal."""
+        question = self.wait_question(DecisionKind.INPUT, state, ANSWER_TIMEOUT_S)
+        self._tell('declines', f'"{question.prompt}"')
+        self._give(self._requests.decline(self._mirror.view(), question.id))
+
+    def choose(self, question: Decision, outcome: str) -> None:
+        """Answer the question of a state that waits: by the outcome that it wants, or by another one."""
+        verb = 'confirms' if outcome == question.outcome else 'overrules'
+        self._tell(verb, f'{question.path}: {outcome}')
+        self._give(self._requests.choose(self._mirror.view(), question, outcome))
+
+    def force(self, path: str, outcome: str) -> None:
+        """Leave an active state, unasked."""
+        self._tell('forces', f'{path}: {outcome}')
+        self._give(self._requests.force(self._mirror.view(), path, outcome))
+
+    def stop(self) -> None:
+        """Stop the behavior."""
+        self._tell('stops', 'the behavior')
+        self._give(self._requests.stop(self._mirror.view(), 'to show that the robot stops'))
+
+    def close_goal(self, ending: str, must_reach: bool) -> GoalResult:
+        """What became of the goal that was given last.
+
+        Raises DemoError when it had to be reached and the robot is not there.
+        """
+        goal, pose = self._place(self._goal_label), self.record.pose
+        error = pose.distance(goal) if pose else float('inf')
+        result = GoalResult(
+            label=self._goal_label,
+            pose=goal,
+            ending=ending,
+            error=error,
+            seconds=self.record.time - self._goal_time,
+            metres=self.record.length - self._goal_length,
+            reached=must_reach and error <= GOAL_TOLERANCE,
+        )
+        self._timeline.tell('robot', f'{ending}: at {pose}, {error:.2f} m from {self._goal_label}')
+        if must_reach and not result.reached:
+            raise DemoError(f'goal {self._goal_label}: the robot is {error:.2f} m off, at {pose} instead of {goal}')
+        return result
+
+    def _give(self, command: Command) -> None:
+        """Send a command and wait until it is applied."""
+        self._answered.add(command.decision_id)
+        self._send(command, ANSWER_TIMEOUT_S)
+
+        def settled(_view: View) -> TrackedCommand | None:
+            tracked = self._mirror.command(command.id)
+            return tracked if tracked and tracked.state is not CommandState.PENDING else None
+
+        name = command.kind.name.lower()
+        tracked = self.wait(settled, f'answer to {name}', 2 * ANSWER_TIMEOUT_S)
+        if tracked.state is not CommandState.APPLIED:
+            raise DemoError(f'the command {name} was not applied ({tracked.state.value}): {tracked.reason}')
+
+    def _place(self, label: str) -> Pose:
+        place = self._requests.places[label]
+        return Pose(place.x, place.y, place.yaw)
+
+    def _on_change(self, _change: Change) -> None:
+        self.notify()
+
+    def _tell(self, verb: str, what: str) -> None:
+        self._timeline.tell('operator', f'{verb} {what}')
+
+
+def _check_running(view: View) -> None:
+    """Raise DemoError when the behavior has ended, so that nothing of it can come any more."""
+    snapshot = view.snapshot
+    if snapshot is not None and snapshot.run_id and snapshot.state is ExecutiveState.IDLE:
+        why = f': {snapshot.message}' if snapshot.message else ''
+        raise DemoError(f'the behavior {snapshot.behavior} ended by {snapshot.outcome!r} before its time{why}')
+
+
+def _described(view: View) -> str:
+    """What is there instead of what was waited for."""
+    snapshot = view.snapshot
+    if snapshot is None:
+        return f'no executive is heard (link {view.link.value})'
+    peers = ', '.join(f'{peer.name} {"alive" if peer.alive else "NOT ALIVE"}' for peer in snapshot.peers)
+    questions = ', '.join(f'{item.kind.name} of {item.path}' for item in snapshot.decisions) or 'none'
+    return (
+        f'executive {snapshot.state.name}, active {", ".join(view.active_paths) or "nothing"}, '
+        f'questions: {questions}; peers: {peers or "none"}; link {view.link.value}'
+    )
