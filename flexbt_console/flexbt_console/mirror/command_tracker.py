@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What became of each command that was sent: pending, then applied, refused, or unanswered."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Final
+
+from flexbt_console.mirror.records import AnswerCode, Command, Snapshot
+
+FIRST_RESEND: Final = 0.15
+"""Seconds until an unanswered command is sent again; doubled each time."""
+
+LONGEST_RESEND: Final = 1.0
+"""Seconds between two sends of the same command at most."""
+
+
+class CommandState(Enum):
+    """Where a command is. TIMEOUT: there was no answer, and it may have had its effect or not."""
+
+    PENDING = 'pending'
+    APPLIED = 'applied'
+    REFUSED = 'refused'
+    TIMEOUT = 'timeout'
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedCommand:
+    """A command and its fate; times in seconds on the tracker's clock."""
+
+    command: Command
+    executive_id: str
+    given: float
+    deadline: float
+    state: CommandState = CommandState.PENDING
+    reason: str = ''
+    sends: int = 0
+    next_send: float = 0.0
+    settled: float | None = None
+
+    @property
+    def duration(self) -> float | None:
+        """Seconds from giving the command to its answer, or None while there is none."""
+        return None if self.settled is None else self.settled - self.given
+
+
+class CommandTracker:
+    """The commands of this operator, the latest ``remembered`` of them. Not thread-safe by itself."""
+
+    def __init__(self, remembered: int = 200) -> None:
+        self._remembered = remembered
+        self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
+
+    def give(self, command: Command, executive_id: str, now: float, timeout: float) -> TrackedCommand:
+        """Take a command to be sent to that executive; :meth:`due` hands it out."""
+        tracked = TrackedCommand(command, executive_id, now, now + timeout, next_send=now)
+        self._commands[command.id] = tracked
+        while len(self._commands) > self._remembered:
+            self._commands.popitem(last=False)
+        return tracked
+
+    def get(self, command_id: str) -> TrackedCommand | None:
+        """The command of that identifier, or None when it is unknown or forgotten."""
+        return self._commands.get(command_id)
+
+    def latest(self) -> TrackedCommand | None:
+        """The command that was given last."""
+        return next(reversed(self._commands.values()), None)
+
+    def pending(self) -> tuple[TrackedCommand, ...]:
+        """The commands that wait for an answer, oldest first."""
+        return tuple(c for c in self._commands.values() if c.state is CommandState.PENDING)
+
+    def due(self, now: float, reachable: bool = True) -> list[Command]:
+        """The commands to be sent now, for the first time or again; ends those whose time is over.
+
+        While the executive is not ``reachable``, nothing is handed out, and no time between sends is lost.
+        """
+        send = []
+        for tracked in self.pending():
+            if now >= tracked.deadline:
+                self._settle(tracked, CommandState.TIMEOUT, _unanswered(tracked), now)
+            elif reachable and now >= tracked.next_send:
+                wait = min(FIRST_RESEND * 2.0**tracked.sends, LONGEST_RESEND)
+                self._commands[tracked.command.id] = replace(tracked, sends=tracked.sends + 1, next_send=now + wait)
+                send.append(tracked.command)
+        return send
+
+    def next_due(self, reachable: bool = True) -> float | None:
+        """Time at which :meth:`due` has something to do, or None."""
+        times = [min(c.next_send, c.deadline) if reachable else c.deadline for c in self.pending()]
+        return min(times, default=None)
+
+    def answered(self, snapshot: Snapshot, now: float) -> list[TrackedCommand]:
+        """Take the answers of a snapshot, and give the commands that it settled.
+
+        An answer that comes after the deadline corrects the TIMEOUT. When another executive answers the link
+        than the one that a command was for, the command is not sent again: the new one cannot know whether the
+        old one applied it.
+        """
+        settled = []
+        for answer in snapshot.results:
+            tracked = self._commands.get(answer.command_id)
+            if tracked is None or tracked.state not in (CommandState.PENDING, CommandState.TIMEOUT):
+                continue
+            if answer.code is AnswerCode.APPLIED:
+                settled.append(self._settle(tracked, CommandState.APPLIED, '', now))
+            elif answer.code is AnswerCode.REFUSED:
+                reason = answer.reason or 'no reason was given'
+                settled.append(self._settle(tracked, CommandState.REFUSED, reason, now))
+        for tracked in self.pending():
+            if tracked.executive_id != snapshot.executive_id:
+                reason = 'the executive was restarted before it answered; see "status" for what runs now'
+                settled.append(self._settle(tracked, CommandState.TIMEOUT, reason, now))
+        return settled
+
+    def _settle(self, tracked: TrackedCommand, state: CommandState, reason: str, now: float) -> TrackedCommand:
+        settled = replace(tracked, state=state, reason=reason, settled=now)
+        self._commands[tracked.command.id] = settled
+        return settled
+
+
+def _unanswered(tracked: TrackedCommand) -> str:
+    waited = f'within {tracked.deadline - tracked.given:g} s'
+    if tracked.sends == 0:
+        return f'the executive does not listen to commands {waited}; nothing was sent'
+    return f'no answer {waited}; it may have been applied all the same: see "status"'

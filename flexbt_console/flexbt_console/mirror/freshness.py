@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How old the picture of the executive is, and so whether it may be shown as the present."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import Enum
+from typing import Final
+
+LIVE_PERIODS: Final = 1.5
+"""Heartbeat periods after which a picture is no longer shown as live."""
+
+LOST_PERIODS: Final = 2.5
+"""Heartbeat periods after which the link counts as lost."""
+
+PERIOD_BOUNDS: Final = (0.05, 10.0)
+"""Seconds to which a received heartbeat period is limited: a faulty one must not keep an old picture alive."""
+
+SKEW_TOLERANCE: Final = 0.05
+"""Seconds by which the clocks of two computers may differ and still tell the age of the first message."""
+
+BASELINE_LENGTH: Final = 16
+"""Messages over which the fastest way is taken for the difference of the two clocks."""
+
+
+class LinkState(Enum):
+    """What may be said of the picture: it is the present, it is old, or nobody sends any more."""
+
+    LIVE = 'live'
+    STALE = 'stale'
+    LOST = 'lost'
+
+
+class Freshness:
+    """Age of the newest message, in seconds on the reader's clock.
+
+    ``transit`` is the time of arrival minus the time of sending, each on the wall clock of its own computer. The
+    smallest of the last ones stands for the difference of the clocks plus the shortest way; what a message
+    took longer than that counts as age. Nothing can be said so of the first message, which may have been kept
+    for late subscribers: unless its transit alone shows that it is young, the picture is STALE until the next.
+    """
+
+    def __init__(self) -> None:
+        self._arrived: float | None = None
+        self._age_on_arrival = 0.0
+        self._period = 1.0
+        self._confirmed = False
+        self._gone = False
+        self._transits: deque[float] = deque(maxlen=BASELINE_LENGTH)
+
+    def start_over(self) -> None:
+        """Forget what was measured: the messages come from another process now."""
+        self._transits.clear()
+        self._confirmed = False
+        self._arrived = None
+
+    def arrived(self, now: float, heartbeat_period: float, transit: float | None = None) -> None:
+        """A message newer than all before it has arrived."""
+        low, high = PERIOD_BOUNDS
+        self._period = min(max(heartbeat_period, low), high) if math.isfinite(heartbeat_period) else 1.0
+        first = self._arrived is None
+        self._arrived = now
+        self._gone = False
+        self._age_on_arrival = 0.0
+        if transit is not None and math.isfinite(transit):
+            self._transits.append(transit)
+            excess = transit if first else transit - min(self._transits)
+            self._age_on_arrival = max(0.0, excess)
+        young = transit is not None and -SKEW_TOLERANCE <= transit <= self._period
+        self._confirmed = young if first else True
+
+    def sender_gone(self) -> None:
+        """The middleware says that the sender is not there any more."""
+        self._gone = True
+
+    def age(self, now: float) -> float | None:
+        """Seconds since the picture was true, as far as one can know; None before the first message."""
+        return None if self._arrived is None else max(0.0, now - self._arrived) + self._age_on_arrival
+
+    def state(self, now: float) -> LinkState:
+        """What may be claimed at ``now``."""
+        age = self.age(now)
+        if age is None or self._gone or age > LOST_PERIODS * self._period:
+            return LinkState.LOST
+        if not self._confirmed or age > LIVE_PERIODS * self._period:
+            return LinkState.STALE
+        return LinkState.LIVE
+
+    def next_change(self, now: float) -> float | None:
+        """Time at which :meth:`state` changes if nothing arrives, or None."""
+        age = self.age(now)
+        state = self.state(now)
+        if age is None or state is LinkState.LOST:
+            return None
+        limit = LIVE_PERIODS if state is LinkState.LIVE else LOST_PERIODS
+        return now + limit * self._period - age + 1e-3

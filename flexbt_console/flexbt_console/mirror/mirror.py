@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The mirror: the newest picture of an executive, whatever is lost, late, doubled or out of order on the way."""
+
+from __future__ import annotations
+
+import bisect
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from flexbt_common.clock import Clock
+from flexbt_console.mirror.command_tracker import CommandTracker, TrackedCommand
+from flexbt_console.mirror.freshness import Freshness, LinkState
+from flexbt_console.mirror.records import (
+    Behavior,
+    BehaviorList,
+    Command,
+    LogLine,
+    Snapshot,
+    Structure,
+)
+from flexbt_console.mirror.view import View
+
+LOG_LENGTH: Final = 500
+REMEMBERED_EXECUTIVES: Final = 16
+REMEMBERED_STRUCTURES: Final = 4
+REMEMBERED_LOGS: Final = 3
+
+
+class Change(Enum):
+    """What a listener is told of."""
+
+    STATUS = 'status'
+    STRUCTURE = 'structure'
+    BEHAVIORS = 'behaviors'
+    LOG = 'log'
+    LINK = 'link'
+    COMMAND = 'command'
+
+
+@dataclass(frozen=True, slots=True)
+class Transit:
+    """Wall-clock times of a message in seconds: of sending on the sender's computer, of arrival on ours."""
+
+    sent: float
+    received: float
+
+    @property
+    def duration(self) -> float:
+        """Seconds on the way, plus the difference of the two clocks."""
+        return self.received - self.sent
+
+
+class Mirror:
+    """State of one executive as its operator may know it. Thread-safe; listeners are called without a lock.
+
+    Snapshots are ordered by (executive_id, sequence): an older or repeated one of the same executive is ignored.
+    Another executive_id means that the executive was started again, and replaces the picture, unless that
+    message was sent before the picture that we have.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._listeners: list[Callable[[Change], None]] = []
+        self._freshness = Freshness()
+        self._commands = CommandTracker()
+        self._snapshot: Snapshot | None = None
+        self._sent: float | None = None
+        self._newest: OrderedDict[str, int] = OrderedDict()
+        self._structures: OrderedDict[str, Structure] = OrderedDict()
+        self._behaviors: BehaviorList | None = None
+        self._logs: OrderedDict[str, list[LogLine]] = OrderedDict()
+        self._problem = ''
+
+    def add_listener(self, listener: Callable[[Change], None]) -> None:
+        """Call ``listener`` after each change, on the thread that brought it."""
+        with self._lock:
+            self._listeners.append(listener)
+
+    # What arrives
+
+    def receive_snapshot(self, snapshot: Snapshot, transit: Transit | None = None) -> bool:
+        """Take a snapshot; False when it is not newer than what is known."""
+        with self._lock:
+            now = self._clock.now()
+            if not self._is_newer(snapshot, transit, now):
+                return False
+            current = self._snapshot
+            if current is not None and current.executive_id != snapshot.executive_id:
+                self._freshness.start_over()
+            self._snapshot = snapshot
+            self._sent = None if transit is None else transit.sent
+            self._newest[snapshot.executive_id] = snapshot.sequence
+            self._newest.move_to_end(snapshot.executive_id)
+            while len(self._newest) > REMEMBERED_EXECUTIVES:
+                self._newest.popitem(last=False)
+            self._freshness.arrived(now, snapshot.heartbeat_period, None if transit is None else transit.duration)
+            settled = self._commands.answered(snapshot, now)
+        self._tell(Change.STATUS)
+        if settled:
+            self._tell(Change.COMMAND)
+        return True
+
+    def receive_structure(self, structure: Structure) -> None:
+        """Take the state machine of a run."""
+        with self._lock:
+            self._structures[structure.run_id] = structure
+            self._structures.move_to_end(structure.run_id)
+            while len(self._structures) > REMEMBERED_STRUCTURES:
+                self._structures.popitem(last=False)
+        self._tell(Change.STRUCTURE)
+
+    def receive_behaviors(self, behaviors: BehaviorList) -> None:
+        """Take the list of behaviors."""
+        with self._lock:
+            self._behaviors = behaviors
+        self._tell(Change.BEHAVIORS)
+
+    def receive_log(self, line: LogLine) -> bool:
+        """Take a line of the log; False for one that is there already or too old."""
+        with self._lock:
+            lines = self._logs.setdefault(line.executive_id, [])
+            place = bisect.bisect_left(lines, line.sequence, key=lambda old: old.sequence)
+            if place < len(lines) and lines[place].sequence == line.sequence:
+                return False
+            if place == 0 and len(lines) >= LOG_LENGTH:
+                return False
+            lines.insert(place, line)
+            del lines[:-LOG_LENGTH]
+            while len(self._logs) > REMEMBERED_LOGS:
+                self._logs.popitem(last=False)
+        self._tell(Change.LOG)
+        return True
+
+    def sender_gone(self) -> None:
+        """The middleware says that nobody sends snapshots any more."""
+        with self._lock:
+            self._freshness.sender_gone()
+        self._tell(Change.LINK)
+
+    def set_problem(self, problem: str) -> None:
+        """Say what is wrong with the link (empty: nothing), e.g. that both sides are of different versions."""
+        with self._lock:
+            changed, self._problem = self._problem != problem, problem
+        if changed:
+            self._tell(Change.LINK)
+
+    # Commands
+
+    def give(self, command: Command, timeout: float) -> TrackedCommand:
+        """Take a command for the executive that is mirrored now."""
+        with self._lock:
+            executive_id = self._snapshot.executive_id if self._snapshot else ''
+            tracked = self._commands.give(command, executive_id, self._clock.now(), timeout)
+        self._tell(Change.COMMAND)
+        return tracked
+
+    def due_commands(self, reachable: bool) -> list[Command]:
+        """The commands to be sent now; ends those whose deadline is over."""
+        with self._lock:
+            before = len(self._commands.pending())
+            send = self._commands.due(self._clock.now(), reachable)
+            ended = len(self._commands.pending()) != before
+        if ended:
+            self._tell(Change.COMMAND)
+        return send
+
+    def next_command_time(self, reachable: bool) -> float | None:
+        """Time on the mirror's clock at which :meth:`due_commands` has something to do, or None."""
+        with self._lock:
+            return self._commands.next_due(reachable)
+
+    def command(self, command_id: str) -> TrackedCommand | None:
+        """What became of a command."""
+        with self._lock:
+            return self._commands.get(command_id)
+
+    # What is known
+
+    def view(self) -> View:
+        """The picture at this moment, and how old it is."""
+        with self._lock:
+            now = self._clock.now()
+            snapshot = self._snapshot
+            return View(
+                link=self._freshness.state(now),
+                age=self._freshness.age(now),
+                problem=self._problem,
+                snapshot=snapshot,
+                structure=self._structures.get(snapshot.run_id) if snapshot else None,
+                behaviors=self._current_behaviors(snapshot),
+                last_command=self._commands.latest(),
+            )
+
+    def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:
+        """The last lines of the log in the order in which they were written, those of an earlier executive first."""
+        with self._lock:
+            lines = [line for log in self._logs.values() for line in log]
+        return tuple(lines[-count:]) if count > 0 else ()
+
+    def next_link_change(self) -> float | None:
+        """Time at which the link state changes if nothing arrives, or None."""
+        with self._lock:
+            return self._freshness.next_change(self._clock.now())
+
+    def _current_behaviors(self, snapshot: Snapshot | None) -> tuple[Behavior, ...] | None:
+        known = self._behaviors
+        if known is None or (snapshot is not None and snapshot.executive_id != known.executive_id):
+            return None
+        return known.behaviors
+
+    def _is_newer(self, snapshot: Snapshot, transit: Transit | None, now: float) -> bool:
+        newest = self._newest.get(snapshot.executive_id)
+        if newest is not None and snapshot.sequence <= newest:
+            return False
+        current = self._snapshot
+        if current is None or current.executive_id == snapshot.executive_id:
+            return True
+        # A straggler of the executive before: only the times of sending can tell. When the picture is not live,
+        # a message that arrives is the better knowledge, whatever the clocks say.
+        older = transit is not None and self._sent is not None and transit.sent < self._sent
+        return not (older and self._freshness.state(now) is LinkState.LIVE)
+
+    def _tell(self, change: Change) -> None:
+        with self._lock:
+            listeners = tuple(self._listeners)
+        for listener in listeners:
+            listener(change)

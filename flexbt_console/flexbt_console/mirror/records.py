@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the operator's side knows of an executive, as plain immutable records.
+
+They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.messages` is the one place where
+messages become records. Times are seconds on the executive's clock unless said otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class ExecutiveState(IntEnum):
+    """ExecutiveStatus.state."""
+
+    UNKNOWN = 0
+    IDLE = 1
+    STARTING = 2
+    RUNNING = 3
+    PAUSED = 4
+    STOPPING = 5
+
+
+class DecisionKind(IntEnum):
+    """PendingDecision.kind."""
+
+    UNKNOWN = 0
+    TRANSITION = 1
+    CHOICE = 2
+    INPUT = 3
+
+
+class AnswerCode(IntEnum):
+    """CommandResult.code."""
+
+    UNKNOWN = 0
+    APPLIED = 1
+    REFUSED = 2
+
+
+class StateKind(IntEnum):
+    """StateStructure.kind."""
+
+    UNKNOWN = 0
+    STATE = 1
+    MACHINE = 2
+    CONCURRENCY = 3
+    PRIORITY = 4
+
+
+class Severity(IntEnum):
+    """ExecutiveLog.severity."""
+
+    UNKNOWN = 0
+    DEBUG = 1
+    INFO = 2
+    HINT = 3
+    WARN = 4
+    ERROR = 5
+
+
+class CommandKind(IntEnum):
+    """ExecutiveCommand.kind, as far as this console sends it."""
+
+    START = 1
+    STOP = 2
+    AUTONOMY = 3
+    CONFIRM = 4
+    FORCE = 5
+    ANSWER = 6
+    DECLINE = 7
+
+
+class AutonomyLevel(IntEnum):
+    """How much the robot may decide alone: a transition passes iff it requires less than the level."""
+
+    OFF = 0
+    LOW = 1
+    HIGH = 2
+    FULL = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveState:
+    """An active leaf of the state machine, and what it is doing, one line each."""
+
+    path: str
+    entered: float = 0.0
+    activity: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Something that waits for the operator."""
+
+    id: str
+    kind: DecisionKind
+    path: str = ''
+    outcome: str = ''
+    outcomes: tuple[str, ...] = ()
+    required_autonomy: int = -1
+    prompt: str = ''
+    input_type: str = ''
+    input_choices: tuple[str, ...] = ()
+    since: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAnswer:
+    """What the executive says of one command."""
+
+    command_id: str
+    code: AnswerCode
+    reason: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """A node that the executive depends on."""
+
+    name: str
+    alive: bool
+    since: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A pose in the plane: metres and radians in ``frame``."""
+
+    frame: str
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The whole state of an executive; ``heartbeat_period`` in seconds of wall time."""
+
+    executive_id: str
+    sequence: int
+    heartbeat_period: float = 1.0
+    state: ExecutiveState = ExecutiveState.IDLE
+    run_id: str = ''
+    behavior: str = ''
+    outcome: str = ''
+    message: str = ''
+    autonomy: int = 0
+    active_states: tuple[ActiveState, ...] = ()
+    decisions: tuple[Decision, ...] = ()
+    results: tuple[CommandAnswer, ...] = ()
+    peers: tuple[Peer, ...] = ()
+    robot_pose: Pose | None = None
+    authority: str = ''
+    stamp: float = 0.0
+
+    def decision(self, decision_id: str) -> Decision | None:
+        """The pending decision of that identifier."""
+        return next((decision for decision in self.decisions if decision.id == decision_id), None)
+
+
+@dataclass(frozen=True, slots=True)
+class StateStructure:
+    """One state or container; ``targets`` and ``autonomy`` belong to ``outcomes``, one each."""
+
+    path: str
+    kind: StateKind = StateKind.STATE
+    type: str = ''
+    children: tuple[str, ...] = ()
+    outcomes: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+    autonomy: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """The state machine of a run, depth first, the root machine first."""
+
+    run_id: str
+    behavior: str = ''
+    states: tuple[StateStructure, ...] = ()
+
+    def state(self, path: str) -> StateStructure | None:
+        """The state or container of that path."""
+        return next((state for state in self.states if state.path == path), None)
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorParameter:
+    """A parameter of a behavior; default and choices as text."""
+
+    name: str
+    type: str = 'string'
+    default: str = ''
+    choices: tuple[str, ...] = ()
+    description: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Behavior:
+    """A behavior that the executive can run, or why it cannot (``error``)."""
+
+    name: str
+    package: str = ''
+    description: str = ''
+    author: str = ''
+    parameters: tuple[BehaviorParameter, ...] = ()
+    error: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorList:
+    """The behaviors of one executive."""
+
+    executive_id: str
+    behaviors: tuple[Behavior, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """A line for the operator; may contain line breaks."""
+
+    executive_id: str
+    sequence: int
+    severity: Severity = Severity.INFO
+    text: str = ''
+    path: str = ''
+    run_id: str = ''
+    stamp: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class InputValue:
+    """A typed value as text (BlackboardEntry with ``text``)."""
+
+    key: str
+    type: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command to an executive. Which fields are used depends on ``kind``; see ExecutiveCommand."""
+
+    id: str
+    kind: CommandKind
+    operator: str
+    run_id: str = ''
+    decision_id: str = ''
+    path: str = ''
+    outcome: str = ''
+    autonomy: int = 0
+    behavior: str = ''
+    arguments: tuple[tuple[str, str], ...] = ()
+    inputs: tuple[InputValue, ...] = ()
+    reason: str = ''

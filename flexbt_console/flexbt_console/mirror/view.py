@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The picture of the executive at one moment, and what follows from it. Every picture says how old it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexbt_console.mirror.command_tracker import TrackedCommand
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import (
+    Behavior,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Snapshot,
+    StateStructure,
+    Structure,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """An immutable picture; ``age`` in seconds, None before the first snapshot.
+
+    ``structure`` belongs to the run of the snapshot, ``behaviors`` to its executive; each is None while it has
+    not arrived. ``problem`` says what is wrong with the link.
+    """
+
+    link: LinkState
+    age: float | None
+    problem: str = ''
+    snapshot: Snapshot | None = None
+    structure: Structure | None = None
+    behaviors: tuple[Behavior, ...] | None = None
+    last_command: TrackedCommand | None = None
+
+    @property
+    def live(self) -> bool:
+        """Whether the picture may be taken for the present."""
+        return self.link is LinkState.LIVE
+
+    @property
+    def running(self) -> bool:
+        """Whether a behavior is being started, runs, is paused or stops."""
+        return self.snapshot is not None and self.snapshot.state not in (
+            ExecutiveState.IDLE,
+            ExecutiveState.UNKNOWN,
+        )
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """What waits for the operator, oldest first."""
+        return self.snapshot.decisions if self.snapshot else ()
+
+    @property
+    def decision(self) -> Decision | None:
+        """The decision to answer first: the oldest."""
+        return self.decisions[0] if self.decisions else None
+
+    @property
+    def active_paths(self) -> tuple[str, ...]:
+        """Paths of the active leaves."""
+        return tuple(state.path for state in self.snapshot.active_states) if self.snapshot else ()
+
+    @property
+    def active_levels(self) -> tuple[str, ...]:
+        """Paths of the active leaves and of the containers around them, from the outside in, each once."""
+        levels = {'/': None} if self.active_paths else {}
+        for path in self.active_paths:
+            labels = path.strip('/').split('/')
+            levels.update(dict.fromkeys('/' + '/'.join(labels[: n + 1]) for n in range(len(labels))))
+        return tuple(levels)
+
+    def state(self, path: str) -> StateStructure | None:
+        """Structure of a state or container of the run, when it is known."""
+        return self.structure.state(path) if self.structure else None
+
+    def outcomes(self, path: str) -> tuple[str, ...]:
+        """Declared outcomes of a state, from the structure or from a decision about it; empty when unknown."""
+        state = self.state(path)
+        if state is not None:
+            return state.outcomes
+        return next((d.outcomes for d in self.decisions if d.path == path and d.outcomes), ())
+
+
+def choices(decision: Decision) -> tuple[str, ...]:
+    """What may be chosen: the outcomes of a decision, or the allowed texts of an input."""
+    return decision.input_choices if decision.kind is DecisionKind.INPUT else decision.outcomes

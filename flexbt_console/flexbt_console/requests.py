@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Commands for the executive, made from what the operator wants and what the operator sees.
+
+A command is bound to the picture that it was made from: to the run, and to the question that it answers. What
+cannot work is refused here, with what would work; the executive checks everything again.
+"""
+
+from __future__ import annotations
+
+import difflib
+import uuid
+from collections.abc import Mapping, Sequence
+
+from flexbt_console.errors import RefusedError
+from flexbt_console.mirror.records import (
+    AutonomyLevel,
+    Behavior,
+    Command,
+    CommandKind,
+    Decision,
+    DecisionKind,
+    InputValue,
+)
+from flexbt_console.mirror.view import View
+from flexbt_console.operator_values import Place, answer
+
+
+class Requests:
+    """Makes the commands of one operator."""
+
+    def __init__(self, operator: str, places: Mapping[str, Place]) -> None:
+        self.operator = operator
+        self.places = places
+
+    def start(
+        self,
+        view: View,
+        name: str,
+        arguments: Sequence[tuple[str, str]] = (),
+        autonomy: AutonomyLevel = AutonomyLevel.LOW,
+        inputs: Sequence[InputValue] = (),
+    ) -> Command:
+        """Start a behavior.
+
+        Raises:
+            RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
+        """
+        if view.behaviors is not None:
+            _check_start(view.behaviors, name, arguments)
+        return self._command(
+            CommandKind.START,
+            behavior=name,
+            arguments=tuple(arguments),
+            autonomy=int(autonomy),
+            inputs=tuple(inputs),
+        )
+
+    def stop(self, view: View, reason: str = '') -> Command:
+        """Stop the run."""
+        return self._command(CommandKind.STOP, run_id=_run(view), reason=reason)
+
+    def autonomy(self, view: View, level: AutonomyLevel) -> Command:
+        """Set the level of autonomy, of the run or for the next one."""
+        return self._command(CommandKind.AUTONOMY, run_id=_run(view) if view.running else '', autonomy=int(level))
+
+    def confirm(self, view: View, decision_id: str = '', reason: str = '') -> Command:
+        """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only question.
+
+        An identifier that is not pending here is sent all the same: the executive says what became of it.
+
+        Raises:
+            RefusedError: nothing or too much is pending, or it cannot be confirmed.
+        """
+        decision = view.snapshot.decision(decision_id) if view.snapshot and decision_id else None
+        if not decision_id:
+            decision = _only(view.decisions, 'question')
+        if decision is not None:
+            if decision.kind is DecisionKind.INPUT:
+                raise RefusedError(f'{decision.id} asks for a value ({decision.input_type}); use "input VALUE"')
+            if not decision.outcome:
+                raise RefusedError(
+                    f'{decision.id} suggests no outcome; choose by "force OUTCOME": {", ".join(decision.outcomes)}'
+                )
+            decision_id = decision.id
+        return self._command(CommandKind.CONFIRM, run_id=_run(view), decision_id=decision_id, reason=reason)
+
+    def choose(self, view: View, decision: Decision, outcome: str) -> Command:
+        """Answer a question by one of its outcomes: confirm the one that is wanted, force another.
+
+        Raises:
+            RefusedError: the question has no such outcome.
+        """
+        if outcome not in decision.outcomes:
+            raise RefusedError(
+                f'{decision.path} has no outcome {outcome!r}; choose one of {", ".join(decision.outcomes)}'
+            )
+        if outcome == decision.outcome:
+            return self._command(CommandKind.CONFIRM, run_id=_run(view), decision_id=decision.id)
+        return self._command(
+            CommandKind.FORCE,
+            run_id=_run(view),
+            decision_id=decision.id,
+            path=decision.path,
+            outcome=outcome,
+        )
+
+    def force(self, view: View, path: str, outcome: str, decision_id: str = '', reason: str = '') -> Command:
+        """Leave a state by an outcome. Without a path: the state that waits, or the only active one.
+
+        Raises:
+            RefusedError: which state is meant is not clear, it is not active, or has no such outcome.
+        """
+        if path:
+            path = _active_path(view, path)
+        elif decision_id:
+            path = _pending(view, decision_id).path
+        else:
+            path = _waiting_path(view)
+        outcomes = view.outcomes(path)
+        if outcomes and outcome not in outcomes:
+            raise RefusedError(f'{path} has no outcome {outcome!r}; choose one of {", ".join(outcomes)}')
+        if not decision_id:
+            # The question that the operator overrides: should another one have come up meanwhile, the
+            # executive refuses instead of leaving a state that the operator has not seen.
+            decision_id = next(
+                (d.id for d in view.decisions if d.path == path and d.kind is not DecisionKind.INPUT), ''
+            )
+        return self._command(
+            CommandKind.FORCE,
+            run_id=_run(view),
+            path=path,
+            outcome=outcome,
+            decision_id=decision_id,
+            reason=reason,
+        )
+
+    def answer(self, view: View, decision_id: str, text: str, reason: str = '') -> Command:
+        """Answer a question for a value; without an identifier, the only one.
+
+        Raises:
+            RefusedError: no such question, or the text is no value of the wanted type.
+        """
+        decision = _input(view, decision_id)
+        return self._command(
+            CommandKind.ANSWER,
+            run_id=_run(view),
+            decision_id=decision.id,
+            inputs=(answer(decision, text, self.places),),
+            reason=reason,
+        )
+
+    def decline(self, view: View, decision_id: str = '', reason: str = '') -> Command:
+        """Decline to answer a question for a value; without an identifier, the only one.
+
+        Raises:
+            RefusedError: no such question.
+        """
+        decision = _input(view, decision_id)
+        return self._command(CommandKind.DECLINE, run_id=_run(view), decision_id=decision.id, reason=reason)
+
+    def _command(
+        self,
+        kind: CommandKind,
+        *,
+        run_id: str = '',
+        decision_id: str = '',
+        path: str = '',
+        outcome: str = '',
+        autonomy: int = 0,
+        behavior: str = '',
+        arguments: tuple[tuple[str, str], ...] = (),
+        inputs: tuple[InputValue, ...] = (),
+        reason: str = '',
+    ) -> Command:
+        return Command(
+            id=uuid.uuid4().hex,
+            kind=kind,
+            operator=self.operator,
+            run_id=run_id,
+            decision_id=decision_id,
+            path=path,
+            outcome=outcome,
+            autonomy=autonomy,
+            behavior=behavior,
+            arguments=arguments,
+            inputs=inputs,
+            reason=reason,
+        )
+
+
+def _run(view: View) -> str:
+    return view.snapshot.run_id if view.snapshot else ''
+
+
+def _describe(decision: Decision) -> str:
+    what = decision.input_type if decision.kind is DecisionKind.INPUT else decision.outcome or 'a choice'
+    return f'{decision.id} ({decision.path}: {what})'
+
+
+def _only(decisions: Sequence[Decision], what: str) -> Decision:
+    if not decisions:
+        raise RefusedError(f'no {what} is pending')
+    if len(decisions) > 1:
+        listed = ', '.join(_describe(decision) for decision in decisions)
+        raise RefusedError(f'several questions are pending; name one of them: {listed}')
+    return decisions[0]
+
+
+def _pending(view: View, decision_id: str) -> Decision:
+    decision = view.snapshot.decision(decision_id) if view.snapshot else None
+    if decision is None:
+        listed = ', '.join(_describe(decision) for decision in view.decisions) or 'none'
+        raise RefusedError(f'question {decision_id!r} is not pending (any more); pending: {listed}')
+    return decision
+
+
+def _input(view: View, decision_id: str) -> Decision:
+    if not decision_id:
+        inputs = [decision for decision in view.decisions if decision.kind is DecisionKind.INPUT]
+        return _only(inputs, 'question for a value')
+    decision = _pending(view, decision_id)
+    if decision.kind is not DecisionKind.INPUT:
+        raise RefusedError(f'{decision_id} does not ask for a value; use "confirm" or "force"')
+    return decision
+
+
+def _waiting_path(view: View) -> str:
+    waiting = [decision for decision in view.decisions if decision.kind is not DecisionKind.INPUT]
+    if waiting:
+        return _only(waiting, 'question').path
+    active = view.active_paths
+    if len(active) != 1:
+        states = f'the active states are {", ".join(active)}' if active else 'no state is active'
+        raise RefusedError(f'which state is to be left? {states}; use "force PATH OUTCOME"')
+    return active[0]
+
+
+def _active_path(view: View, text: str) -> str:
+    levels = view.active_levels
+    if text in levels:
+        return text
+    suffix = '/' + text.strip('/')
+    matches = [path for path in levels if path.endswith(suffix)]
+    if len(matches) == 1:
+        return matches[0]
+    active = ', '.join(matches or view.active_paths) or 'none'
+    what = 'is not unique' if matches else 'is not active'
+    raise RefusedError(f'{text!r} {what}; active: {active}')
+
+
+def _check_start(behaviors: Sequence[Behavior], name: str, arguments: Sequence[tuple[str, str]]) -> None:
+    behavior = next((behavior for behavior in behaviors if behavior.name == name), None)
+    if behavior is None:
+        near = difflib.get_close_matches(name, [behavior.name for behavior in behaviors], n=1)
+        hint = f'did you mean {near[0]!r}?' if near else 'see "behaviors"'
+        raise RefusedError(f'there is no behavior {name!r}; {hint}')
+    if behavior.error:
+        raise RefusedError(f'behavior {name!r} cannot be used: {behavior.error}')
+    parameters = {parameter.name: parameter for parameter in behavior.parameters}
+    for key, value in arguments:
+        parameter = parameters.get(key)
+        if parameter is None:
+            known = ', '.join(parameters) or 'none'
+            raise RefusedError(f'behavior {name!r} has no parameter {key!r}; its parameters: {known}')
+        if parameter.choices and value not in parameter.choices:
+            allowed = ', '.join(parameter.choices)
+            raise RefusedError(f'parameter {key!r}: {value!r} is none of its choices ({allowed})')
