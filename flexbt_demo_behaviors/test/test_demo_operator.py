@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The scripted operator, at a mirror that is fed by hand: it notices whatever goes wrong, and says what."""
+
+import io
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import pytest
+
+from flexbt_common.clock import ManualClock
+from flexbt_console.mirror import Mirror
+from flexbt_console.mirror.command_tracker import TrackedCommand
+from flexbt_console.mirror.records import (
+    ActiveState,
+    AnswerCode,
+    AutonomyLevel,
+    Command,
+    CommandAnswer,
+    CommandKind,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Peer,
+    Snapshot,
+)
+from flexbt_console.operator_values import Place
+from flexbt_console.requests import Requests
+from flexbt_demo_behaviors.report import DemoError, Timeline
+from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
+from flexbt_demo_behaviors.scripted_operator import ScriptedOperator
+
+QUESTION = Decision('q1', DecisionKind.INPUT, path='/AskGoal', input_type='geometry_msgs/msg/PoseStamped')
+PLAN = Decision('q2', DecisionKind.CHOICE, path='/JudgePath', outcome='done', outcomes=('done', 'failed'))
+RUNNING = Snapshot('executive', 1, state=ExecutiveState.RUNNING, run_id='run', behavior='Navigate')
+
+
+@dataclass
+class Link:
+    """Takes commands in place of an executive, and answers each as `answer` says."""
+
+    mirror: Mirror
+    answer: Callable[[Command], Snapshot] = lambda _command: RUNNING
+    code: AnswerCode = AnswerCode.APPLIED
+    given: list[Command] = field(default_factory=list)
+    sequence: int = 0
+
+    def show(self, snapshot: Snapshot) -> None:
+        self.sequence += 1
+        self.mirror.receive_snapshot(replace(snapshot, sequence=self.sequence))
+
+    def send(self, command: Command, timeout: float) -> TrackedCommand:
+        self.given.append(command)
+        tracked = self.mirror.give(command, timeout)
+        result = CommandAnswer(command.id, self.code, 'not now')
+        self.show(replace(self.answer(command), results=(result,)))
+        return tracked
+
+
+@pytest.fixture
+def link() -> Link:
+    return Link(Mirror(ManualClock()))
+
+
+@pytest.fixture
+def record() -> RobotRecord:
+    record = RobotRecord()
+    record.add_pose(Pose(0.0, 0.0, 0.0), 0.0)
+    return record
+
+
+@pytest.fixture
+def operator(link: Link, record: RobotRecord) -> ScriptedOperator:
+    requests = Requests('script', {'kitchen': Place(3.0, 4.0, 0.0), 'office': Place(1.0, 0.0, 0.0)})
+    operator = ScriptedOperator(link.mirror, record, link.send, requests, Timeline(io.StringIO()))
+    record.on_change = operator.notify
+    return operator
+
+
+def test_a_goal_is_answered_with_its_place_and_judged_by_where_the_robot_is(
+    operator: ScriptedOperator, link: Link, record: RobotRecord
+) -> None:
+    link.show(replace(RUNNING, decisions=(QUESTION,)))
+    operator.give_goal('kitchen')
+    command = link.given[0]
+    assert (command.kind, command.decision_id, command.run_id) == (CommandKind.ANSWER, 'q1', 'run')
+    assert '"x": 3.0' in command.inputs[0].text
+    record.add_pose(Pose(3.0, 3.9, 0.0), 9.0)
+    result = operator.close_goal('arrived', must_reach=True)
+    assert result.reached
+    assert (result.error, result.seconds) == (pytest.approx(0.1), pytest.approx(9.0))
+
+
+def test_a_goal_that_was_missed_is_an_error(operator: ScriptedOperator, link: Link, record: RobotRecord) -> None:
+    link.show(replace(RUNNING, decisions=(QUESTION,)))
+    operator.give_goal('kitchen')
+    record.add_pose(Pose(3.0, 3.7, 0.0), 9.0)
+    with pytest.raises(DemoError, match=r'kitchen.*0\.30 m off'):
+        operator.close_goal('arrived', must_reach=True)
+    assert not operator.close_goal('replaced', must_reach=False).reached
+
+
+def test_a_question_that_was_answered_is_not_taken_for_the_next_one(operator: ScriptedOperator, link: Link) -> None:
+    link.answer = lambda _command: replace(RUNNING, decisions=(QUESTION,))  # still shown
+    link.show(replace(RUNNING, decisions=(QUESTION,)))
+    operator.give_goal('kitchen')
+    with pytest.raises(DemoError, match='question of /AskGoal'):
+        operator.wait_question(DecisionKind.INPUT, '/AskGoal', timeout=0.05)
+    link.show(replace(RUNNING, decisions=(replace(QUESTION, id='q9'),)))
+    assert operator.wait_question(DecisionKind.INPUT, '/AskGoal', timeout=5.0).id == 'q9'
+
+
+def test_the_wanted_outcome_is_confirmed_and_another_one_forced(operator: ScriptedOperator, link: Link) -> None:
+    link.show(replace(RUNNING, decisions=(PLAN,)))
+    operator.choose(PLAN, 'done')
+    operator.choose(PLAN, 'failed')
+    assert [(command.kind, command.decision_id) for command in link.given] == [
+        (CommandKind.CONFIRM, 'q2'),
+        (CommandKind.FORCE, 'q2'),
+    ]
+
+
+def test_a_refused_command_is_an_error_with_its_reason(operator: ScriptedOperator, link: Link) -> None:
+    link.code = AnswerCode.REFUSED
+    link.show(replace(RUNNING, decisions=(PLAN,)))
+    with pytest.raises(DemoError, match='not now'):
+        operator.choose(PLAN, 'done')
+
+
+def test_a_behavior_that_ends_before_its_time_is_an_error_at_once(operator: ScriptedOperator, link: Link) -> None:
+    link.show(replace(RUNNING, state=ExecutiveState.IDLE, outcome='error', message='boom'))
+    with pytest.raises(DemoError, match=r"'error'.*boom"):
+        operator.wait_state('/Drive', timeout=60.0)
+
+
+def test_the_end_has_to_be_the_expected_one(operator: ScriptedOperator, link: Link) -> None:
+    link.show(replace(RUNNING, state=ExecutiveState.IDLE, outcome='failed'))
+    operator.wait_end('failed')
+    with pytest.raises(DemoError, match="'failed', not by 'finished'"):
+        operator.wait_end('finished')
+
+
+def test_what_comes_from_another_thread_ends_a_wait(
+    operator: ScriptedOperator, link: Link, record: RobotRecord
+) -> None:
+    link.show(replace(RUNNING, active_states=(ActiveState('/Drive', activity=('Navigate/FollowPath',)),)))
+    operator.wait_state('/Drive')
+    operator.wait_tree_node('FollowPath')
+    record.add_speed(0.2, 0.0)
+    rest = threading.Timer(0.05, record.add_speed, (0.0, 0.0))
+    rest.start()
+    assert operator.wait_rest(timeout=20.0) < 20.0
+    death = threading.Timer(0.05, operator.abandon, ('process navigation ended',))
+    death.start()
+    with pytest.raises(DemoError, match='process navigation ended'):
+        operator.wait_state('/AskGoal', timeout=60.0)
+
+
+def test_readiness_needs_every_peer_alive(operator: ScriptedOperator, link: Link) -> None:
+    link.show(replace(RUNNING, peers=(Peer('/bt_server', True), Peer('/navigation', False))))
+    with pytest.raises(DemoError, match='/navigation NOT ALIVE'):
+        operator.wait_ready(peers=2, timeout=0.05)
+
+
+def test_nothing_is_heard(operator: ScriptedOperator) -> None:
+    with pytest.raises(DemoError, match='no executive is heard'):
+        operator.wait_ready(peers=1, timeout=0.05)
+
+
+def test_the_script_needs_enough_places(operator: ScriptedOperator) -> None:
+    assert operator.places(2) == ['kitchen', 'office']
+    with pytest.raises(DemoError, match='3 places'):
+        operator.places(3)
+
+
+def test_an_operator_starts_a_behavior_at_a_level(operator: ScriptedOperator, link: Link) -> None:
+    link.show(replace(RUNNING, state=ExecutiveState.IDLE, run_id=''))
+    operator.start('Navigate', AutonomyLevel.HIGH)
+    assert (link.given[0].behavior, link.given[0].autonomy) == ('Navigate', 2)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Timeline and report of a demonstration: nothing passes by default."""
+
+import io
+import math
+
+import pytest
+
+from flexbt_demo_behaviors.report import DemoReport, GoalResult, Timeline
+from flexbt_demo_behaviors.robot_record import POINT_DISTANCE, Pose, RobotRecord
+
+
+def report() -> DemoReport:
+    return DemoReport('A demonstration', {'arrive': False, 'leave': False})
+
+
+def result() -> GoalResult:
+    return GoalResult('kitchen', Pose(1.0, 2.0, 0.0), 'arrived', 0.1, 12.0, 3.0, True)
+
+
+def test_a_report_passes_only_with_every_branch_a_goal_and_no_problem() -> None:
+    tried = report()
+    assert not tried.passed
+    tried.take('arrive')
+    tried.goals.append(result())
+    assert not tried.passed
+    tried.take('leave')
+    assert tried.passed
+    assert 'passed' in tried.text()
+    tried.problem = 'the robot is lost'
+    assert not tried.passed
+    assert 'the robot is lost' in tried.text()
+
+
+def test_a_branch_that_was_not_taken_is_named() -> None:
+    assert 'leave' in [line for line in report().text().splitlines() if 'NOT TAKEN' in line][1]
+
+
+def test_a_branch_that_nobody_promised_is_a_mistake_of_the_script() -> None:
+    with pytest.raises(KeyError, match='fly'):
+        report().take('fly')
+
+
+def test_the_timeline_indents_further_lines() -> None:
+    stream = io.StringIO()
+    Timeline(stream, clock=iter([0.0, 2.5]).__next__).tell('log', 'one\ntwo')
+    first, second = stream.getvalue().splitlines()
+    assert first.startswith('   2.5 s  log')
+    assert second.strip() == 'two'
+    assert second.index('two') == first.index('one')
+
+
+def test_the_record_keeps_the_track_and_the_first_plan_to_each_place() -> None:
+    changes = []
+    record = RobotRecord(lambda: changes.append(1))
+    assert not record.ready
+    for step in range(101):
+        record.add_pose(Pose(step * 0.01, 0.0, 0.0), time=step * 0.1)
+    assert record.length == pytest.approx(1.0, abs=POINT_DISTANCE)
+    assert 49 <= len(record.driven) <= 51
+    assert record.time == pytest.approx(10.0)
+    record.add_plan([(0.0, 0.0), (5.0, 5.0)])
+    record.add_plan([(2.0, 2.0), (5.0, 5.0)])  # the same place, from further on
+    record.add_plan([])
+    record.add_plan([(2.0, 2.0), (0.0, 5.0)])
+    assert record.plans == [[(0.0, 0.0), (5.0, 5.0)], [(2.0, 2.0), (0.0, 5.0)]]
+    record.begin_track()
+    assert record.plans == []
+    assert record.driven == [(1.0, 0.0)]
+    assert len(changes) > 100
+
+
+def test_the_record_knows_rest() -> None:
+    record = RobotRecord()
+    record.add_speed(0.2, 0.0)
+    assert not record.at_rest
+    record.add_speed(0.0, -0.3)
+    assert not record.at_rest
+    record.add_speed(0.0, 0.0)
+    assert record.at_rest
+
+
+def test_poses_have_a_distance() -> None:
+    assert Pose(0.0, 0.0, 0.0).distance(Pose(3.0, 4.0, math.pi)) == 5.0
