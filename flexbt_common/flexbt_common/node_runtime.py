@@ -64,7 +64,7 @@ class NodeRuntime:
         ``args`` are command line arguments (``--ros-args`` ...), None for those of the process; ``parameters``
         override what the arguments say.
         """
-        self._closed = False
+        self._closed = threading.Event()
         self._on_close: list[Callable[[], None]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
         self._posted: deque[Callable[[], None]] = deque()
@@ -115,7 +115,7 @@ class NodeRuntime:
     @property
     def closed(self) -> bool:
         """Whether the end has begun for the executor; what is posted now is dropped."""
-        return self._closed
+        return self._closed.is_set()
 
     def post(self, fn: Callable[[], None]) -> None:
         """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
@@ -123,7 +123,7 @@ class NodeRuntime:
         What it raises is logged and given to :meth:`on_fault`. After :meth:`close` nothing is run any more.
         """
         with self._lock:
-            if not self._closed:
+            if not self.closed:
                 self._post_locked(fn)
 
     def call(self, fn: Callable[[], T], timeout: float = 5.0) -> T:
@@ -146,7 +146,7 @@ class NodeRuntime:
                 future.set_exception(error)
 
         with self._lock:
-            if self._closed:
+            if self.closed:
                 raise RuntimeError(f'node {self.node.get_name()} is closed; nothing can be run on its executor')
             self._post_locked(run)
             self._calls.add(future)
@@ -196,9 +196,9 @@ class NodeRuntime:
             except Exception as error:
                 self.report_fault(error, f'closing {getattr(callback, "__qualname__", callback)}')
         with self._lock:
-            if self._closed:
+            if self.closed:
                 return
-            self._closed = True
+            self._closed.set()
         self.steady.close()
         self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
         self._thread.join()
@@ -231,14 +231,14 @@ class NodeRuntime:
 
     def _spin(self) -> None:
         faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
-        while not self._closed:
+        while not self.closed:
             try:
                 # rclpy raises here whatever a callback raised: that must not be the end of the node.
                 self._executor.spin_once()
             except ExternalShutdownException:
                 return
             except Exception as error:
-                if self._closed:
+                if self.closed:
                     return
                 self.report_fault(error)
                 faults.append(time.monotonic())

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Shared connections to action servers: one rclpy client for each type and name, kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.action import ActionClient
+
+from flexbt_common.names import deep_action_services
+from flexbt_common.node_runtime import NodeRuntime
+
+
+class ActionServerLink:
+    """The connection of this node to one action server. Made by :class:`ActionLinks`.
+
+    ``client`` is rclpy's, to be used on the executor thread only; ``name`` is the server's name as it was asked for.
+    """
+
+    def __init__(self, runtime: NodeRuntime, action_type: Any, name: str) -> None:
+        self.runtime = runtime
+        self.action_type = action_type
+        self.name = name
+        self.client: Any = runtime.call(lambda: ActionClient(runtime.node, action_type, name, **deep_action_services()))
+
+    @property
+    def type_name(self) -> str:
+        """``package/action/Name`` of the action."""
+        package, kind, *_ = self.action_type.__module__.split('.')
+        return f'{package}/{kind}/{self.action_type.__name__}'
+
+    def is_ready(self) -> bool:
+        """Whether an action server of that name and type is there now, as far as discovery knows."""
+        return bool(self.client.server_is_ready())
+
+    def __str__(self) -> str:
+        return f'{self.name!r} ({self.type_name})'
+
+
+class ActionLinks:
+    """The links of one node, so that discovery is paid once for each server. From any thread."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._links: dict[tuple[Any, str], ActionServerLink] = {}
+        runtime.on_close(self._close)
+
+    def link(self, action_type: Any, name: str) -> ActionServerLink:
+        """The link to the server ``name``; made now if there is none yet."""
+        return self._runtime.call(lambda: self._link(action_type, name))
+
+    def _link(self, action_type: Any, name: str) -> ActionServerLink:
+        key = action_type, name
+        if key not in self._links:
+            self._links[key] = ActionServerLink(self._runtime, action_type, name)
+        return self._links[key]
+
+    def _close(self) -> None:
+        def destroy() -> None:
+            for link in self._links.values():
+                link.client.destroy()
+            self._links.clear()
+
+        self._runtime.call(destroy)
