@@ -25,6 +25,7 @@ from concurrent.futures import CancelledError, Future
 from typing import Any, TypeVar
 
 import rclpy
+from rclpy.action import ActionClient, ActionServer
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -206,6 +207,9 @@ class NodeRuntime:
         with self._lock:
             for future in self._calls:
                 future.cancel()
+        for waitable in list(self.node.waitables):
+            if isinstance(waitable, ActionServer | ActionClient):
+                waitable.destroy()  # the node does not do it, and would stay in the graph with them
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
@@ -231,14 +235,14 @@ class NodeRuntime:
 
     def _spin(self) -> None:
         faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
-        while not self.closed:
+        while not self._closed.is_set():
             try:
                 # rclpy raises here whatever a callback raised: that must not be the end of the node.
                 self._executor.spin_once()
             except ExternalShutdownException:
                 return
             except Exception as error:
-                if self.closed:
+                if self._closed.is_set():
                     return
                 self.report_fault(error)
                 faults.append(time.monotonic())
@@ -246,7 +250,7 @@ class NodeRuntime:
                     time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
 
 
-def run_node(name: str, setup: Callable[[NodeRuntime], None], args: list[str] | None = None) -> int:
+def run_node(name: str, setup: Callable[[NodeRuntime], object], args: list[str] | None = None) -> int:
     """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
 
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their

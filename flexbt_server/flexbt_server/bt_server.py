@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node ``bt_server``: loads behavior trees and runs them.
+
+Actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (see their definitions in flexbt_msgs),
+topics ``tree_structure`` and ``tree_status``.
+"""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+from flexbt_common import names, navigation_interfaces
+from flexbt_common.action_call import ActionLinks
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime, run_node
+from flexbt_common.service_call import ServiceLinks
+from flexbt_msgs.msg import BtLoadReport
+from flexbt_server.blackboards import Blackboards
+from flexbt_server.data_servers import DataServers
+from flexbt_server.errors import ServerParameterError
+from flexbt_server.execute_server import ExecuteServer
+from flexbt_server.leaf_services import LeafServices
+from flexbt_server.load_server import LoadServer
+from flexbt_server.node_types import node_registry
+from flexbt_server.parameters import declare_parameters
+from flexbt_server.topic_cache import TopicCaches
+from flexbt_server.tree_store import TreeStore
+
+
+class BtServer:
+    """The parts of the server, on a running node."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        """Must be called off the executor thread.
+
+        Raises:
+            FlexbtError: a parameter cannot work, or a file of ``preload`` is refused.
+        """
+        parameters = runtime.call(lambda: declare_parameters(runtime.node))
+        logger = runtime.node.get_logger()
+        registry = node_registry(
+            lambda point, error: logger.error(f'nodes of entry point [{point}] not added: {error!r}')
+        )
+        store = TreeStore(registry, parameters.allowed_directories, parameters.max_file_size, parameters.max_depth)
+        self._preload(store, parameters.preload)
+        boards = Blackboards()
+        services = LeafServices(
+            runtime=runtime,
+            actions=ActionLinks(runtime),
+            services=ServiceLinks(runtime),
+            topics=TopicCaches(runtime),
+            navigation=navigation_interfaces.load(parameters.navigation_interfaces),
+            pose_topic=parameters.pose_topic,
+            server_timeout=parameters.server_timeout,
+            cancel_timeout=parameters.cancel_timeout,
+        )
+        reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
+        runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
+
+        def serve() -> None:
+            self.execute = ExecuteServer(runtime, parameters, store, boards, services, reader)
+            self.load = LoadServer(runtime, store, reader)
+            self.data = DataServers(runtime, boards, self.execute.wake)
+
+        runtime.call(serve)
+        self.alive = LivelinessToken(runtime)
+        logger.info(f'ready: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
+
+    def _preload(self, store: TreeStore, files: tuple[str, ...]) -> None:
+        reports = store.load(files) if files else []
+        refused = [str(error) for report in reports if report.code == BtLoadReport.REFUSED for error in report.errors]
+        if refused:
+            raise ServerParameterError(f"parameter 'preload': {'; '.join(refused)}")
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable ``bt_server``."""
+    return run_node(names.BT_SERVER, BtServer, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The errors of the BT server (those of the engine are in behavior_tree.errors).
+
+FlexbtError
+└── BtServerError
+    ├── ServerParameterError    a parameter has a value that cannot work
+    └── UnknownTreeError        a goal names a tree that is not loaded and cannot be
+"""
+
+from __future__ import annotations
+
+from flexbt_common.errors import FlexbtError
+
+
+class BtServerError(FlexbtError):
+    """Base of the errors of the BT server."""
+
+
+class ServerParameterError(BtServerError):
+    """A parameter of the node has a value that cannot work."""
+
+
+class UnknownTreeError(BtServerError):
+    """A goal names a tree that is not loaded and cannot be."""

@@ -1,0 +1,334 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The action ``bt_executor``: goals become runs of trees.
+
+All of this happens on the executor thread; runs and file reading have threads of their own and report back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from builtin_interfaces.msg import Duration
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.task import Future
+
+from flexbt_common import names
+from flexbt_common.clock import Timer
+from flexbt_common.errors import FlexbtError
+from flexbt_common.liveliness import LivelinessWatch
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.values import Encoding
+from flexbt_msgs.action import BtExecute
+from flexbt_server.behavior_tree import Blackboard, TreeKey, TreeLibrary
+from flexbt_server.blackboards import RECOVERIES_KEY, Blackboards, entries_of, read_values
+from flexbt_server.leaf_services import LeafServices
+from flexbt_server.parameters import ServerParameters
+from flexbt_server.robot_pose import RobotPose, distance_along
+from flexbt_server.tree_run import RunOutcome, TreeRun
+from flexbt_server.tree_store import TreeStore
+from flexbt_server.tree_stream import TreeStream
+
+Result = BtExecute.Result
+T = TypeVar('T')
+
+RESULT_TIMEOUT = 15.0
+"""How long the result of a finished goal can be asked for again, s."""
+
+STOP_SECONDS = 1.0
+"""How long the end of the process waits for running trees to come to rest, s."""
+
+
+@dataclass(eq=False)
+class _Goal:
+    """A goal that is being served. ``run`` is set once a run works for it, or is asked to."""
+
+    handle: ServerGoalHandle
+    accepted: float
+    outcome: Future
+    stop_reason: str | None = None
+    run: TreeRun[_Goal] | None = None
+    slot: _Slot | None = None
+
+    @property
+    def request(self) -> Any:
+        """The goal message."""
+        return self.handle.request
+
+    def end(self, outcome: RunOutcome) -> None:
+        """Give the goal its outcome; the first one counts."""
+        if not self.outcome.done():
+            self.outcome.set_result(outcome)
+
+
+@dataclass(eq=False)
+class _Slot:
+    """The run of one tree on one blackboard, and the goal that it works for."""
+
+    key: TreeKey
+    blackboard: str
+    board: Blackboard
+    run: TreeRun[_Goal]
+    goal: _Goal
+    feedback: Timer | None = None
+
+
+class ExecuteServer:
+    """Serves BtExecute."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        parameters: ServerParameters,
+        store: TreeStore,
+        boards: Blackboards,
+        services: LeafServices,
+        reader: ThreadPoolExecutor,
+    ) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._store = store
+        self._boards = boards
+        self._services = services
+        self._reader = reader
+        self._stream = TreeStream(runtime)
+        self._pose = RobotPose(runtime, parameters.pose_topic)
+        self._slots: dict[tuple[TreeKey, str], _Slot] = {}
+        self._goals: dict[bytes, _Goal] = {}
+        self._owners: dict[str, LivelinessWatch] = {}
+        self._server = ActionServer(
+            runtime.node,
+            BtExecute,
+            names.BT_EXECUTOR,
+            self._execute,
+            goal_callback=lambda request: GoalResponse.ACCEPT,
+            cancel_callback=self._on_cancel,
+            result_timeout=int(RESULT_TIMEOUT),
+            **names.deep_action_services(),
+        )
+        runtime.on_close(self._close)
+
+    def wake(self, blackboard: str) -> None:
+        """Tick the trees that run on a blackboard: its entries were changed from outside."""
+        for slot in self._slots.values():
+            if slot.blackboard == blackboard:
+                slot.run.wake()
+
+    # -- a goal ------------------------------------------------------------------------------------------------------
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        goal = _Goal(handle, self._runtime.clock.now(), Future(executor=self._runtime.node.executor))
+        self._goals[bytes(handle.goal_id.uuid)] = goal
+        try:
+            await self._start(goal)
+            outcome = await goal.outcome
+        except Exception as error:  # a fault of ours goes to the client as well
+            self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
+            outcome = RunOutcome(Result.ERROR, f'fault in the BT server: {error!r}')
+        finally:
+            del self._goals[bytes(handle.goal_id.uuid)]
+        return self._finish(goal, outcome)
+
+    async def _start(self, goal: _Goal) -> None:
+        request = goal.request
+        name = request.behavior_tree or self._parameters.default_tree
+        try:
+            if not name:
+                raise FlexbtError("the goal names no behavior tree, and the parameter 'default_tree' is not set")
+            values = read_values(request.inputs)
+            library, key = await self._in_thread(lambda: self._store.find(name))
+        except FlexbtError as error:
+            goal.end(RunOutcome(Result.ERROR, str(error)))
+            return
+        if len(request.goals) == 1:
+            values.append(('goal', request.goals[0]))
+        elif request.goals:
+            values.append(('goals', list(request.goals)))
+        if goal.stop_reason is None and request.owner:
+            self._watch(request.owner)
+        if goal.stop_reason is not None:  # canceled while the file was read
+            goal.end(RunOutcome(Result.CANCELED, goal.stop_reason))
+            return
+        slot = self._slots.get((key, request.blackboard))
+        if slot is None:
+            self._run(goal, library, key, values)
+            return
+        goal.run, goal.slot = slot.run, slot
+        replaced = slot.run.offer(goal, values)
+        if replaced is not None:
+            replaced.end(_replaced())
+
+    def _run(self, goal: _Goal, library: TreeLibrary, key: TreeKey, values: Sequence[tuple[str, Any]]) -> None:
+        name = goal.request.blackboard
+        board = self._boards.get(name)
+        place = (key, name)
+        run: TreeRun[_Goal] = TreeRun(
+            library,
+            key,
+            board,
+            values,
+            clock=self._runtime.clock,
+            steady=self._runtime.steady,
+            services=self._services,
+            observer=self._stream.open(bytes(goal.handle.goal_id.uuid).hex(), name),
+            tick_rate=self._parameters.tick_rate,
+            cancel_timeout=self._parameters.cancel_timeout,
+            on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(place, newer)),
+            on_end=lambda outcome, offered: self._runtime.post(lambda: self._on_end(place, outcome, offered)),
+        )
+        slot = self._slots[place] = _Slot(key, name, board, run, goal)
+        goal.run, goal.slot = run, slot
+        run.start()
+        self._schedule_feedback(slot)
+
+    def _on_adopted(self, place: tuple[TreeKey, str], newer: _Goal) -> None:
+        slot = self._slots[place]
+        older, slot.goal = slot.goal, newer
+        older.end(_replaced())
+        if newer.stop_reason is not None:
+            slot.run.stop(newer.stop_reason)
+
+    def _on_end(self, place: tuple[TreeKey, str], outcome: RunOutcome, offered: _Goal | None) -> None:
+        slot = self._slots.pop(place)
+        if slot.feedback is not None:
+            slot.feedback.cancel()
+        slot.goal.end(outcome)
+        if offered is not None and not offered.outcome.done():
+            # It came while the tree was ending: it gets a run of its own.
+            offered.run = offered.slot = None
+            self._runtime.node.executor.create_task(self._start(offered))
+
+    # -- the end of a goal -------------------------------------------------------------------------------------------
+
+    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        goal = self._goals.get(bytes(handle.goal_id.uuid))
+        if goal is not None:
+            # rclpy makes the goal CANCELING only after this callback: whatever ends it has to come later.
+            self._runtime.post(lambda: self._stop(goal, 'canceled by the client'))
+        return CancelResponse.ACCEPT
+
+    def _stop(self, goal: _Goal, reason: str) -> None:
+        if goal.stop_reason is not None:
+            return
+        goal.stop_reason = reason
+        if goal.run is None or goal.slot is None:
+            return  # its tree is being looked for; see _start
+        if goal.slot.goal is goal:
+            goal.run.stop(reason)
+        elif goal.run.withdraw(goal):
+            goal.end(RunOutcome(Result.CANCELED, reason))
+
+    def _finish(self, goal: _Goal, outcome: RunOutcome) -> Any:
+        request = goal.request
+        board = self._boards.get(request.blackboard)
+        code, message = outcome.code, outcome.message
+        encoding = Encoding.BINARY if request.output_encoding == BtExecute.Goal.BINARY else Encoding.TEXT
+        entries, missing, problems = entries_of(board, request.outputs, encoding)
+        if problems:
+            code = Result.ERROR
+            message = '; '.join(filter(None, [message, *problems]))
+        result = BtExecute.Result(
+            code=code,
+            message=message,
+            failed_node=outcome.failed_node,
+            error_code=self._take_error_code(board) if goal.slot is not None else 0,
+            outputs=entries,
+            missing_outputs=missing,
+            execution_time=_duration(self._runtime.clock.now() - goal.accepted),
+        )
+        if code == Result.SUCCESS:
+            goal.handle.succeed()
+        elif code == Result.CANCELED and goal.handle.is_cancel_requested:
+            goal.handle.canceled()
+        else:
+            goal.handle.abort()
+        return result
+
+    def _take_error_code(self, board: Blackboard) -> int:
+        """The lowest error code that leaves have written; the keys are set back for the next run, as in Nav2."""
+        codes = []
+        for key in self._parameters.error_code_names:
+            code = board.get_or(key, 0)
+            if isinstance(code, int) and code > 0:
+                codes.append(code)
+                board.set(key, 0)
+        return min(codes, default=0)
+
+    # -- meanwhile ---------------------------------------------------------------------------------------------------
+
+    def _schedule_feedback(self, slot: _Slot) -> None:
+        steady = self._runtime.steady
+        slot.feedback = steady.call_at(
+            steady.now() + 1.0 / self._parameters.feedback_rate,
+            lambda: self._runtime.post(lambda: self._feedback(slot)),
+        )
+
+    def _feedback(self, slot: _Slot) -> None:
+        if self._slots.get((slot.key, slot.blackboard)) is not slot:
+            return
+        tree = slot.run.tree
+        if tree is not None and slot.goal.handle.is_active:
+            recoveries = slot.board.get_or(RECOVERIES_KEY, 0)
+            slot.goal.handle.publish_feedback(
+                BtExecute.Feedback(
+                    active_nodes=tree.active_nodes(),
+                    current_location=self._pose.latest,
+                    execution_time=_duration(self._runtime.clock.now() - slot.goal.accepted),
+                    number_of_recoveries=int(recoveries) if isinstance(recoveries, int | float) else 0,
+                    distance_remaining=float(distance_along(slot.board.get_or('path', None), self._pose.latest)),
+                )
+            )
+        self._schedule_feedback(slot)
+
+    def _watch(self, owner: str) -> None:
+        if owner not in self._owners:
+            self._owners[owner] = LivelinessWatch(
+                self._runtime, owner, lambda alive: self._runtime.post(lambda: self._on_owner(owner, alive))
+            )
+
+    def _on_owner(self, owner: str, alive: bool) -> None:
+        if alive:
+            return
+        for goal in list(self._goals.values()):
+            if goal.request.owner == owner:
+                self._stop(goal, f'{owner}, on whose behalf the tree ran, has died')
+
+    def _in_thread(self, work: Callable[[], T]) -> Future:
+        """Run ``work`` on the reading thread; the future completes on the executor thread."""
+        future = Future(executor=self._runtime.node.executor)
+
+        def run() -> None:
+            try:
+                value = work()
+            except Exception as error:
+                failure = error
+                self._runtime.post(lambda: future.set_exception(failure))
+            else:
+                self._runtime.post(lambda: future.set_result(value))
+
+        self._reader.submit(run)
+        return future
+
+    def _close(self) -> None:
+        """Stop every tree and wait for it, so that no leaf is left running when the process has gone."""
+        goals = self._runtime.call(lambda: [slot.goal for slot in self._slots.values()])
+        for goal in goals:
+            self._runtime.post(partial(self._stop, goal, 'the BT server is shutting down'))
+        deadline = self._runtime.steady.now() + STOP_SECONDS
+        for goal in goals:
+            if goal.run is not None:
+                goal.run.join(max(0.0, deadline - self._runtime.steady.now()))
+        self._runtime.call(self._server.destroy)
+
+
+def _replaced() -> RunOutcome:
+    return RunOutcome(Result.CANCELED, 'a newer goal for the same tree has taken over')
+
+
+def _duration(seconds: float) -> Duration:
+    nanoseconds = max(0, round(seconds * 1e9))
+    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)

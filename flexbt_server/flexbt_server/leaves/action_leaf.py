@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A leaf whose work is the goal of an action server.
+
+The leaf never blocks. It is RUNNING from sending to result; every wait has a deadline, and a server that dies is
+noticed. Halting cancels the goal, also one that is not accepted yet, and the tree is not at rest before that is
+confirmed. A goal is not sent while a halted goal of the same tree is still ending: two of them would move one robot.
+
+Differences from Nav2's BtActionNode, on purpose: a goal that somebody else canceled is a FAILURE and not a SUCCESS;
+a goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+from flexbt_common.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_server.behavior_tree import (
+    NodeConfig,
+    NodeStatus,
+    Port,
+    PortError,
+    StatefulAction,
+    UnfinishedWork,
+    input_port,
+    output_port,
+)
+from flexbt_server.behavior_tree.port_types import STRING, UINT16, UNSIGNED
+from flexbt_server.leaf_services import LeafServices
+
+SERVER_PORTS: Final[dict[str, Port]] = {
+    'server_name': input_port(STRING, optional=True, description="name of the server, if not the node's default"),
+    'server_timeout': input_port(
+        UNSIGNED, optional=True, description="wait for the server and its acceptance, ms; the BT server's by default"
+    ),
+}
+"""Ports of every leaf that talks to a server."""
+
+ACTION_PORTS: Final[dict[str, Port]] = {
+    **SERVER_PORTS,
+    'error_code_id': output_port(UINT16, description='error code of the result; 0 for none'),
+    'error_msg': output_port(STRING, description='why it failed, for a person'),
+}
+"""Ports of every action leaf."""
+
+
+class _LeafGoal:
+    """One goal; once given up, it is unfinished work of the tree until its end is confirmed."""
+
+    def __init__(self, leaf: ActionLeaf, link: ActionServerLink, goal: Any, timeout: float) -> None:
+        self._leaf = leaf
+        self._name = leaf.action_name
+        self._unfinished: UnfinishedWork | None = None
+        self._lock = threading.Lock()
+        self._ended = False
+        self._outcome: GoalOutcome | None = None
+        self.feedback: Any = None
+        self._call = ActionCall(
+            link,
+            goal,
+            on_done=self._on_done,
+            on_feedback=self._on_feedback,
+            server_timeout=timeout,
+            accept_timeout=timeout,
+        )
+
+    @property
+    def outcome(self) -> GoalOutcome | None:
+        """How the goal ended; None while it has not."""
+        return self._outcome
+
+    def give_up(self, timeout: float) -> None:
+        """Cancel the goal and do not wait for it."""
+        with self._lock:
+            if self._ended:
+                return
+            self._unfinished = self._leaf.context.add_unfinished(f'canceling the goal of {self._name}')
+        self._call.cancel(timeout)
+
+    def _on_feedback(self, feedback: Any) -> None:
+        self.feedback = feedback
+
+    def _on_done(self, outcome: GoalOutcome) -> None:
+        with self._lock:
+            self._ended = True
+            self._outcome = outcome
+            unfinished = self._unfinished
+        if unfinished is not None:
+            unfinished.done()
+        else:
+            self._leaf.wake()
+
+
+class ActionLeaf(StatefulAction):
+    """Base of leaves that send a goal. A subclass says which action, and how ports and goal correspond.
+
+    ``default_server`` is the name of the action when the port ``server_name`` is not given. ``ports`` of a subclass has
+    to contain :data:`ACTION_PORTS`.
+    """
+
+    __slots__ = ('_goal', '_superseded', '_waiting')
+
+    default_server: ClassVar[str] = ''
+    ports: ClassVar[Mapping[str, Port]] = ACTION_PORTS
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._goal: _LeafGoal | None = None
+        self._superseded: list[_LeafGoal] = []
+        self._waiting = False
+
+    # -- what a subclass says ----------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def action_type(self) -> type[Any]:
+        """The type of the action."""
+
+    @abstractmethod
+    def make_goal(self) -> Any:
+        """The goal, from the input ports. PortError and ValueError become the reason of a FAILURE."""
+
+    def newer_goal(self, feedback: Any) -> Any | None:
+        """Called at each tick while the goal is worked on, with the latest feedback: a goal to replace it, or None."""
+        return None
+
+    def on_success(self, result: Any) -> NodeStatus:
+        """The goal succeeded: write the output ports."""
+        return NodeStatus.SUCCESS
+
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        """The goal did not succeed: write what the output ports have to hold then."""
+
+    # -- mechanics ---------------------------------------------------------------------------------------------------
+
+    @property
+    def host(self) -> LeafServices:
+        """What the BT server provides."""
+        services: LeafServices = self.services
+        return services
+
+    @property
+    def action_name(self) -> str:
+        """Name of the action, as the node resolves it."""
+        return str(self.get_input_or('server_name', '') or self.default_server)
+
+    def on_start(self) -> NodeStatus:
+        self._goal = None
+        self._superseded = []
+        self._waiting = True
+        return self.on_running()
+
+    def on_running(self) -> NodeStatus:
+        if self._waiting:
+            if self.context.unfinished:
+                return NodeStatus.RUNNING
+            self._waiting = False
+            try:
+                goal_message = self.make_goal()
+            except (PortError, ValueError) as error:
+                return self.fail(str(error))
+            self._send(goal_message)
+            return NodeStatus.RUNNING
+        goal = self._goal
+        assert goal is not None  # sent when the waiting ended
+        outcome = goal.outcome
+        if outcome is not None:
+            return self._ended(outcome)
+        newer = self.newer_goal(goal.feedback)
+        if newer is not None:
+            self._superseded = [older for older in self._superseded if older.outcome is None] + [goal]
+            self._send(newer)
+        return NodeStatus.RUNNING
+
+    def on_halted(self) -> None:
+        self._waiting = False
+        self._give_up_all()
+
+    def _send(self, goal: Any) -> None:
+        host = self.host
+        milliseconds = self.get_input_or('server_timeout', None)
+        timeout = host.server_timeout if milliseconds is None else milliseconds / 1000.0
+        self._goal = _LeafGoal(self, host.actions.link(self.action_type(), self.action_name), goal, timeout)
+
+    def _give_up_all(self) -> None:
+        for goal in (*self._superseded, self._goal):
+            if goal is not None:
+                goal.give_up(self.host.cancel_timeout)
+        self._goal = None
+        self._superseded = []
+
+    def _ended(self, outcome: GoalOutcome) -> NodeStatus:
+        if outcome.status is GoalStatus.SUCCEEDED:
+            self._goal = None
+            self._give_up_all()
+            self.set_output('error_code_id', 0)
+            self.set_output('error_msg', '')
+            return self.on_success(outcome.result)
+        self._give_up_all()
+        code = int(getattr(outcome.result, 'error_code', 0) or getattr(self.action_type().Result, 'UNKNOWN', 0))
+        reason = getattr(outcome.result, 'error_msg', '') or outcome.reason
+        if outcome.status is GoalStatus.CANCELED:
+            reason = 'the goal was canceled by somebody else'
+        self.set_output('error_code_id', code)
+        self.set_output('error_msg', reason)
+        self.on_failure(outcome)
+        shown = f' (error code {code})' if code else ''
+        return self.fail(f'{self.action_name}: {reason or outcome.status.name}{shown}')

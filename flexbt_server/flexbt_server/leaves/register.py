@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The leaves of this package under the names that XML uses."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flexbt_server.behavior_tree import NodeRegistry, TreeNode
+from flexbt_server.leaves import navigation_actions, path_leaves, service_leaf, topic_leaf
+
+LEAVES: Final[tuple[type[TreeNode], ...]] = (
+    navigation_actions.ComputePathToPose,
+    navigation_actions.ComputePathThroughPoses,
+    navigation_actions.FollowPath,
+    navigation_actions.Spin,
+    navigation_actions.BackUp,
+    navigation_actions.DriveOnHeading,
+    navigation_actions.Wait,
+    service_leaf.ClearEntireCostmap,
+    service_leaf.IsPathValid,
+    service_leaf.CancelControl,
+    service_leaf.CancelSpin,
+    service_leaf.CancelBackUp,
+    service_leaf.CancelWait,
+    service_leaf.CancelDriveOnHeading,
+    topic_leaf.ControllerSelector,
+    topic_leaf.PlannerSelector,
+    topic_leaf.SmootherSelector,
+    topic_leaf.GoalCheckerSelector,
+    topic_leaf.ProgressCheckerSelector,
+    path_leaves.TruncatePath,
+    path_leaves.RemovePassedGoals,
+)
+
+
+def register_leaves(registry: NodeRegistry) -> None:
+    """Make them known to ``registry``."""
+    for leaf in LEAVES:
+        registry.register(leaf.__name__, leaf)

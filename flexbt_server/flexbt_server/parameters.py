@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The parameters of the BT server: declared, described and checked in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from flexbt_common import names
+from flexbt_common.navigation_interfaces import CHOICES
+from flexbt_server.behavior_tree.xml_parser import MAX_BYTES, MAX_DEPTH
+from flexbt_server.errors import ServerParameterError
+
+DEFAULT_ERROR_CODE_NAMES: Final = (
+    'compute_path_error_code',
+    'follow_path_error_code',
+    'spin_error_code',
+    'backup_error_code',
+    'backup_code_id',
+    'drive_on_heading_error_code',
+)
+
+
+@dataclass(frozen=True)
+class ServerParameters:
+    """Values of the server's parameters; see :func:`declare_parameters` for meaning and unit."""
+
+    default_tree: str
+    preload: tuple[str, ...]
+    allowed_directories: tuple[Path, ...]
+    navigation_interfaces: str
+    tick_rate: float
+    feedback_rate: float
+    server_timeout: float
+    cancel_timeout: float
+    pose_topic: str
+    error_code_names: tuple[str, ...]
+    max_file_size: int
+    max_depth: int
+
+
+def declare_parameters(node: Node) -> ServerParameters:
+    """Declare the parameters on ``node`` and read them.
+
+    Raises:
+        ServerParameterError: a value that cannot work.
+    """
+
+    def declare(name: str, default: Any, description: str, **limits: Any) -> Any:
+        descriptor = ParameterDescriptor(description=description, read_only=True, **limits)
+        return node.declare_parameter(name, default, descriptor).value
+
+    def real(name: str, default: float, least: float, most: float, description: str) -> float:
+        limits = [FloatingPointRange(from_value=least, to_value=most)]
+        return float(declare(name, default, description, floating_point_range=limits))
+
+    def integer(name: str, default: int, least: int, most: int, description: str) -> int:
+        limits = [IntegerRange(from_value=least, to_value=most, step=1)]
+        return int(declare(name, default, description, integer_range=limits))
+
+    def strings(name: str, default: tuple[str, ...], description: str) -> tuple[str, ...]:
+        # An empty array has no type in ROS 2, so [''] stands for it.
+        return tuple(text for text in declare(name, list(default) or [''], description) if text)
+
+    directories = tuple(
+        Path(text).expanduser()
+        for text in strings(
+            'allowed_directories', (), 'directories, beside the package shares, that may hold XML files'
+        )
+    )
+    for directory in directories:
+        if not directory.is_absolute():
+            raise ServerParameterError(f"parameter 'allowed_directories': {directory} is not an absolute path")
+    interfaces = str(
+        declare(
+            names.NAVIGATION_INTERFACES,
+            'auto',
+            f'package of the navigation actions: {", ".join(CHOICES)} (auto: nav2_msgs where installed)',
+        )
+    )
+    if interfaces not in CHOICES:
+        raise ServerParameterError(
+            f"parameter '{names.NAVIGATION_INTERFACES}': {interfaces!r} is not one of {', '.join(CHOICES)}"
+        )
+    return ServerParameters(
+        default_tree=str(declare('default_tree', '', 'tree of a goal that names none: ID or package/path.xml')),
+        preload=strings('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
+        allowed_directories=directories,
+        navigation_interfaces=interfaces,
+        tick_rate=real(
+            'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'
+        ),
+        feedback_rate=real('feedback_rate', 5.0, 0.1, 100.0, 'rate of the feedback of a running tree, Hz of wall time'),
+        server_timeout=real(
+            'server_timeout', 1.0, 0.01, 60.0, 'wait for a server and for its acceptance, s of wall time'
+        ),
+        cancel_timeout=real('cancel_timeout', 2.0, 0.01, 60.0, 'wait for halted leaves to be at rest, s of wall time'),
+        pose_topic=str(declare('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped")),
+        error_code_names=strings(
+            'error_code_names', DEFAULT_ERROR_CODE_NAMES, 'blackboard keys whose error codes go into the result'
+        ),
+        max_file_size=integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
+        max_depth=integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
+    )
