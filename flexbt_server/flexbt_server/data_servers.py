@@ -32,7 +32,12 @@ class DataServers:
             ActionServer(runtime.node, BtGetData, names.BT_GET_DATA, self._get, **options),
             ActionServer(runtime.node, BtSetData, names.BT_SET_DATA, self._set, **options),
         ]
-        runtime.on_close(lambda: runtime.call(lambda: [server.destroy() for server in servers]))
+
+        def close() -> None:
+            for server in servers:
+                server.destroy()
+
+        runtime.on_close(lambda: runtime.call(close))
 
     def _get(self, handle: ServerGoalHandle) -> Any:
         request = handle.request
