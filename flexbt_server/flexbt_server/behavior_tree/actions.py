@@ -63,10 +63,10 @@ class SetBlackboard(SyncAction):
             raise self._port_error('value', 'the blackboard has no such entry')
         with board.lock:
             value, kind = entry.value, entry.type
+            if board.entry(key) is None:
+                board.declare(key, kind)
         if value is EMPTY:
             return self.fail(f'the entry [{source}] that is to be copied was never written')
-        if board.entry(key) is None:
-            board.declare(key, kind)
         board.set(key, value, kind)
         return SUCCESS
 

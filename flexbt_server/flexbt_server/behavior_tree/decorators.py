@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import contextlib
+
+from .errors import PortError
 from .node import DecoratorNode, NodeConfig, TreeNode, halt_child
 from .port_types import INT
 from .ports import input_port
@@ -141,8 +144,9 @@ class RetryUntilSuccessful(DecoratorNode):
             status = self._tick()
             if status is FAILURE:
                 self._count += 1
-                # The number may have been changed on the blackboard by the child.
-                attempts = self.get_input('num_attempts')
+                # The child may have changed the number on the blackboard. If it has removed it, the old one stands.
+                with contextlib.suppress(PortError):
+                    attempts = self.get_input('num_attempts')
                 again = self._count < attempts or attempts == -1
                 child.status = IDLE
                 if again and was_idle:

@@ -166,6 +166,9 @@ class _Loader:
                 if name is None:
                     self._error(source, port, f"a port of the model of [{id}] needs the attribute 'name'")
                     continue
+                if name.startswith('_'):
+                    # Private: no attribute of that name is a port, so this declares nothing.
+                    continue
                 problem = port_name_problem(name)
                 if problem:
                     self._error(source, port, problem, 'name')
