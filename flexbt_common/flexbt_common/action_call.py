@@ -241,7 +241,7 @@ class ActionCall:
             self._gone_since = now if self._gone_since is None else self._gone_since
             if now - self._gone_since >= self._outage_timeout:
                 self._finish(
-                    GoalStatus.LOST, f'action server {self._link} is gone; its process ended or is out of reach'
+                    GoalStatus.LOST, f'action server {self._link} is gone: its process ended, or is out of reach'
                 )
                 return
         else:

@@ -83,6 +83,7 @@ class NodeRuntime:
         except BaseException:
             rclpy.try_shutdown(context=self._context)
             raise
+        self.name = self.node.get_name()
         self.steady = SteadyClock()
         self._executor = SingleThreadedExecutor(context=self._context)
         self._doorbell = self.node.create_guard_condition(self._run_posted)
@@ -148,20 +149,18 @@ class NodeRuntime:
 
         with self._lock:
             if self.closed:
-                raise RuntimeError(f'node {self.node.get_name()} is closed; nothing can be run on its executor')
+                raise RuntimeError(f'node {self.name} is closed; nothing can be run on its executor')
             self._post_locked(run)
             self._calls.add(future)
         try:
             return future.result(timeout)
         except CancelledError:
-            raise RuntimeError(f'node {self.node.get_name()} was closed before {fn} was run') from None
+            raise RuntimeError(f'node {self.name} was closed before {fn} was run') from None
         except TimeoutError:
             if future.done():  # fn itself raised it
                 raise
             future.cancel()
-            raise TimeoutError(
-                f'the executor of node {self.node.get_name()} did not get to {fn} within {timeout} s'
-            ) from None
+            raise TimeoutError(f'the executor of node {self.name} did not get to {fn} within {timeout} s') from None
         finally:
             with self._lock:
                 self._calls.discard(future)
@@ -257,12 +256,8 @@ def run_node(name: str, setup: Callable[[NodeRuntime], object], args: list[str] 
     ends. The exit code is 0 after a signal, however many come, and 1 with a line on stderr when the node could not
     be set up. Must be called on the main thread.
     """
-    # The signals are blocked in this and all later threads, and taken out one by one: no handler runs at
-    # an unsuitable moment, and a second signal finds nobody.
-    signals = {signal.SIGINT, signal.SIGTERM}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    runtime: NodeRuntime | None = None
-    try:
+    with _signals_as_bytes() as signals:
+        runtime: NodeRuntime | None = None
         try:
             runtime = NodeRuntime(name, args=args)
             setup(runtime)
@@ -272,14 +267,32 @@ def run_node(name: str, setup: Callable[[NodeRuntime], object], args: list[str] 
                 traceback.print_exc()
             _close_in_time(name, runtime)
             return 1
-        signal.sigwait(signals)
+        os.read(signals, 1)
         _close_in_time(name, runtime)
         return 0
+
+
+@contextlib.contextmanager
+def _signals_as_bytes() -> Iterator[int]:
+    """A file from which a byte can be read for each SIGINT and SIGTERM, which do nothing else any more.
+
+    The C handler writes the byte on whatever thread the signal arrives: no code of ours is interrupted at an
+    unsuitable moment, nothing is lost during set-up, and a second signal finds nobody.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: None)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    try:
+        yield reading
     finally:
-        while signal.sigtimedwait(signals, 0) is not None:
-            pass  # further signals of the same wish
-        if runtime is None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        # The interpreter is about to end: a signal must not get it a traceback now.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        signal.set_wakeup_fd(-1)
+        os.close(reading)
+        os.close(writing)
 
 
 def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:

@@ -60,7 +60,9 @@ class RosClock:
         self._timer.cancel()
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_handle = self._ros_clock.create_jump_callback(
-            threshold, post_callback=lambda _jump: runtime.post(self._set_timer)
+            threshold,
+            pre_callback=self._now,  # the last moment at which the time before the jump can be read
+            post_callback=lambda _jump: runtime.post(self._set_timer),
         )
 
     def now(self) -> float:
@@ -102,9 +104,9 @@ class RosClock:
             if not self._alarms:
                 self._timer.cancel()
                 return
-            seconds = min(self._alarms[0].when - now / _NANOSECONDS, _FARTHEST)
-        # Rounded up, so that the alarm is due when the timer comes.
-        self._timer.timer_period_ns = max(1, int(seconds * _NANOSECONDS) + 1000)
+            when = min(self._alarms[0].when, now / _NANOSECONDS + _FARTHEST)
+        # Where a float says a little more than the whole nanoseconds, the timer comes twice.
+        self._timer.timer_period_ns = max(1, round(when * _NANOSECONDS) - now)
         self._timer.reset()
 
     def _fire(self) -> None:

@@ -157,7 +157,8 @@ def _message_class(name: str, package: str, short: str) -> type[Any]:
         near = difflib.get_close_matches(short, messages, n=1)
         hint = f'; did you mean {package}/msg/{near[0]}?' if near else ''
         raise UnknownTypeError(name, f'type {name!r}: package {package!r} has no message {short!r}{hint}')
-    return getattr(importlib.import_module(f'{package}.msg'), short)
+    message: type[Any] = getattr(importlib.import_module(f'{package}.msg'), short)
+    return message
 
 
 @functools.cache

@@ -9,9 +9,10 @@ import threading
 import time
 
 import pytest
-from flexbt_common.clock import Clock, ManualClock, SteadyClock
 from hypothesis import given
 from hypothesis import strategies as st
+
+from flexbt_common.clock import Clock, ManualClock, SteadyClock
 
 DEADLINE = 10.0
 

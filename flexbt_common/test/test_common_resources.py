@@ -6,10 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from flexbt_common.errors import InterfacesError, ResourceError
-from flexbt_common.resources import resolve_file
 
 from flexbt_common import navigation_interfaces
+from flexbt_common.errors import InterfacesError, ResourceError
+from flexbt_common.resources import resolve_file
 
 
 @pytest.fixture

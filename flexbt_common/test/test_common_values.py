@@ -10,9 +10,6 @@ from typing import Any
 
 import pytest
 from ament_index_python.resources import get_resource, get_resources
-from flexbt_common.errors import UnknownTypeError, ValueConversionError
-from flexbt_common.value_types import PRIMITIVES, resolve_type, type_name
-from flexbt_common.values import Encoding, check_value, from_entry, text_to_value, to_entry, value_to_text
 from geometry_msgs.msg import Point, Pose, PoseStamped, Twist
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,6 +24,9 @@ from rosidl_parser.definition import (
 )
 from std_msgs.msg import Byte, String
 
+from flexbt_common.errors import UnknownTypeError, ValueConversionError
+from flexbt_common.value_types import PRIMITIVES, resolve_type, type_name
+from flexbt_common.values import Encoding, check_value, from_entry, text_to_value, to_entry, value_to_text
 from flexbt_msgs.msg import BlackboardEntry
 
 COMMON_INTERFACES = (

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Action calls against real servers: every way in which a goal can end, and the races in between."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.action import ActionServer
+from scripted_servers import ScriptedServer
+
+from flexbt_common.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
+from flexbt_common.action_link import ActionServerLink
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.action import Spin, Wait
+
+DEADLINE = 20.0
+APPEARS = 10.0  # wall time for the server to be discovered on a busy machine
+
+
+class Done:
+    """Collects outcomes, and lets a test wait for the first."""
+
+    def __init__(self) -> None:
+        self.outcomes: list[GoalOutcome] = []
+        self.threads: list[bool] = []
+        self.event = threading.Event()
+
+    def __call__(self, outcome: GoalOutcome) -> None:
+        self.outcomes.append(outcome)
+        self.event.set()
+
+    def wait(self) -> GoalOutcome:
+        assert self.event.wait(DEADLINE), 'no outcome'
+        return self.outcomes[0]
+
+
+@pytest.fixture
+def client() -> Iterator[NodeRuntime]:
+    with NodeRuntime.open('client') as runtime:
+        yield runtime
+
+
+@pytest.fixture
+def server() -> Iterator[ScriptedServer]:
+    with NodeRuntime.open('server') as runtime:
+        yield ScriptedServer(runtime)
+
+
+@pytest.fixture
+def link(client: NodeRuntime) -> ActionServerLink:
+    return ActionLinks(client).link(Wait, 'wait')
+
+
+def call(link: ActionServerLink, done: Done, **options: Any) -> ActionCall:
+    timeouts = {'server_timeout': APPEARS, 'accept_timeout': APPEARS}
+    return ActionCall(link, Wait.Goal(), on_done=done, **timeouts | options)
+
+
+def wait_for(condition: Any, what: str = 'condition') -> None:
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < deadline, f'{what} did not come'
+        time.sleep(0.002)
+
+
+def test_a_goal_succeeds(link: ActionServerLink, server: ScriptedServer, client: NodeRuntime) -> None:
+    done, feedback, accepted, threads = Done(), threading.Event(), threading.Event(), []
+
+    def on_feedback(message: Any) -> None:
+        threads.append(client.on_executor_thread)
+        assert message.time_left.sec == 3
+        feedback.set()
+
+    one = call(link, done, on_feedback=on_feedback, on_accepted=accepted.set)
+    assert accepted.wait(DEADLINE)
+    server.wait_until(lambda: len(server.goals) == 1)
+    while not feedback.wait(0.05):
+        server.feedback(0, 3)
+    server.end(0)
+    outcome = done.wait()
+    assert outcome.status is GoalStatus.SUCCEEDED
+    assert isinstance(outcome.result, Wait.Result)
+    assert outcome.reason == ''
+    assert one.outcome is outcome and one.accepted
+    assert all(threads)
+
+
+def test_an_abort_carries_the_servers_reason(link: ActionServerLink, server: ScriptedServer) -> None:
+    done = Done()
+    call(link, done)
+    server.end(0, 'abort')
+    outcome = done.wait()
+    assert outcome.status is GoalStatus.ABORTED
+    assert 'scripted abort' in outcome.reason
+    assert outcome.result.error_msg == 'scripted abort'
+
+
+def test_a_rejected_goal(link: ActionServerLink, server: ScriptedServer) -> None:
+    server.accept = lambda goal: False
+    done = Done()
+    call(link, done)
+    assert done.wait().status is GoalStatus.REJECTED
+
+
+def test_no_server(link: ActionServerLink) -> None:
+    done = Done()
+    call(link, done, server_timeout=0.1)
+    outcome = done.wait()
+    assert outcome.status is GoalStatus.NO_SERVER
+    assert "'wait'" in outcome.reason and 'flexbt_msgs/action/Wait' in outcome.reason
+
+
+def test_a_server_of_another_type_is_no_server(link: ActionServerLink) -> None:
+    with NodeRuntime.open('other') as runtime:
+        runtime.call(lambda: ActionServer(runtime.node, Spin, 'wait', lambda handle: Spin.Result()))
+        done = Done()
+        call(link, done, server_timeout=0.5)
+        assert done.wait().status is GoalStatus.NO_SERVER
+
+
+def test_a_goal_that_cannot_be_serialized_is_a_fault(link: ActionServerLink, server: ScriptedServer) -> None:
+    done = Done()
+    ActionCall(link, Spin.Goal(), on_done=done, server_timeout=APPEARS)
+    assert done.wait().status is GoalStatus.FAULT
+
+
+def test_cancel(link: ActionServerLink, server: ScriptedServer) -> None:
+    done, accepted = Done(), threading.Event()
+    one = call(link, done, on_accepted=accepted.set)
+    assert accepted.wait(DEADLINE)
+    server.wait_until(lambda: len(server.goals) == 1)
+    one.cancel(timeout=DEADLINE)
+    one.cancel(timeout=DEADLINE)
+    outcome = done.wait()
+    assert outcome.status is GoalStatus.CANCELED
+    assert server.canceled == 1
+
+
+def test_cancel_before_the_server_appears_sends_nothing(link: ActionServerLink) -> None:
+    done = Done()
+    call(link, done).cancel()
+    assert done.wait().status is GoalStatus.CANCELED
+
+
+def test_cancel_before_acceptance_is_sent_on_acceptance(link: ActionServerLink, server: ScriptedServer) -> None:
+    wait_for(link.is_ready)
+    server.delay_accept = threading.Event()
+    done = Done()
+    one = call(link, done)
+    wait_for(lambda: one._sent)
+    one.cancel(timeout=DEADLINE)
+    server.delay_accept.set()
+    assert done.wait().status is GoalStatus.CANCELED
+    server.wait_until(lambda: server.statuses == ['canceled'])
+
+
+def test_a_late_acceptance_is_canceled(link: ActionServerLink, server: ScriptedServer) -> None:
+    wait_for(link.is_ready)
+    server.delay_accept = threading.Event()
+    done = Done()
+    one = call(link, done, accept_timeout=0.1)
+    outcome = done.wait()
+    assert outcome.status is GoalStatus.TIMEOUT
+    server.delay_accept.set()
+    server.wait_until(lambda: server.statuses == ['canceled'])
+    assert done.outcomes == [outcome] and one.outcome is outcome
+
+
+@pytest.mark.parametrize('delay_ms', [0, 1, 2, 4, 8, 16])
+def test_cancel_at_any_moment_leaves_no_goal_running(
+    link: ActionServerLink, server: ScriptedServer, delay_ms: int
+) -> None:
+    wait_for(link.is_ready)
+    dones = []
+    for _ in range(10):
+        done = Done()
+        one = call(link, done)
+        time.sleep(delay_ms / 1000)
+        one.cancel(timeout=DEADLINE)
+        dones.append(done)
+    for done in dones:
+        assert done.wait().status is GoalStatus.CANCELED
+        assert len(done.outcomes) == 1
+    server.wait_until(lambda: len(server.statuses) == len(server.goals))
+    assert set(server.statuses) <= {'canceled'}
+
+
+def test_a_cancel_that_is_refused_ends_at_its_deadline(link: ActionServerLink, server: ScriptedServer) -> None:
+    server.accept_cancel = False
+    done, accepted = Done(), threading.Event()
+    one = call(link, done, on_accepted=accepted.set)
+    assert accepted.wait(DEADLINE)
+    one.cancel(timeout=0.2)
+    outcome = done.wait()
+    assert outcome.status is GoalStatus.TIMEOUT
+    assert '0.2 s of the cancel' in outcome.reason
+
+
+def test_a_cancel_by_somebody_else_stays_canceled(link: ActionServerLink, server: ScriptedServer) -> None:
+    done = Done()
+    one = call(link, done)
+    server.wait_until(lambda: len(server.goals) == 1)
+    with NodeRuntime.open('stranger') as stranger:
+        stranger_link = ActionLinks(stranger).link(Wait, 'wait')
+        wait_for(stranger_link.is_ready)
+        wait_for(lambda: one.accepted)
+        handle = one._own_handle()
+        stranger.call(lambda: stranger_link.client._cancel_goal_async(handle))
+        outcome = done.wait()
+    assert outcome.status is GoalStatus.CANCELED
+    assert 'somebody else' in outcome.reason
+
+
+def test_a_callback_that_raises_does_not_stop_the_node(
+    link: ActionServerLink, server: ScriptedServer, client: NodeRuntime
+) -> None:
+    faults: list[BaseException] = []
+    client.on_fault(faults.append)
+
+    def bad(outcome: GoalOutcome) -> None:
+        raise ValueError('scripted')
+
+    ActionCall(link, Wait.Goal(), on_done=bad, server_timeout=APPEARS, accept_timeout=APPEARS)
+    server.end(0)
+    done = Done()
+    call(link, done)
+    server.end(1)
+    assert done.wait().status is GoalStatus.SUCCEEDED
+    assert [str(fault) for fault in faults] == ['scripted']
+
+
+def test_a_lost_result_is_asked_for_again(
+    link: ActionServerLink, server: ScriptedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = []
+    arrived = ActionCall._result_arrived
+
+    def lose_first(self: ActionCall, future: Any) -> None:
+        if not lost:
+            lost.append(future)
+        else:
+            arrived(self, future)
+
+    monkeypatch.setattr(ActionCall, '_result_arrived', lose_first)
+    done = Done()
+    call(link, done)
+    server.end(0)
+    assert done.wait().status is GoalStatus.SUCCEEDED
+    assert lost
+
+
+def start_child() -> subprocess.Popen[str]:
+    child = subprocess.Popen(
+        [sys.executable, str(Path(__file__).with_name('scripted_servers.py'))],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {'FASTRTPS_DEFAULT_PROFILES_FILE': os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')},
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == 'ready\n'
+    return child
+
+
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM])
+def test_a_server_that_dies_loses_the_goal_and_is_used_again(link: ActionServerLink, how: signal.Signals) -> None:
+    child = start_child()
+    try:
+        done, accepted = Done(), threading.Event()
+        call(link, done, on_accepted=accepted.set)
+        assert accepted.wait(DEADLINE)
+        child.send_signal(how)
+        child.wait(DEADLINE)
+        assert done.event.wait(30.0), 'the death was not noticed'
+        outcome = done.wait()
+        assert outcome.status is GoalStatus.LOST
+        assert outcome.result is None
+        child = start_child()
+        done, accepted = Done(), threading.Event()
+        one = call(link, done, on_accepted=accepted.set)
+        assert accepted.wait(DEADLINE)
+        one.cancel(timeout=DEADLINE)
+        assert done.wait().status is GoalStatus.CANCELED
+    finally:
+        child.kill()
+        child.wait()
+        assert child.stdout is not None
+        child.stdout.close()
+
+
+def test_a_server_that_is_replaced_within_the_outage_time_does_not_know_the_goal(link: ActionServerLink) -> None:
+    child = start_child()
+    try:
+        done, accepted = Done(), threading.Event()
+        call(link, done, on_accepted=accepted.set, outage_timeout=60.0)
+        assert accepted.wait(DEADLINE)
+        child.terminate()
+        child.wait(DEADLINE)
+        child = start_child()
+        outcome = done.wait()
+        assert outcome.status is GoalStatus.LOST
+        assert 'does not know the goal' in outcome.reason
+    finally:
+        child.kill()
+        child.wait()
+        assert child.stdout is not None
+        child.stdout.close()
+
+
+def test_many_goals_at_once_all_end(link: ActionServerLink, server: ScriptedServer) -> None:
+    dones = [Done() for _ in range(60)]
+    for done in dones:
+        call(link, done)
+    for index in range(len(dones)):
+        server.end(index, 'succeed' if index % 2 else 'abort')
+    outcomes = [done.wait().status for done in dones]
+    assert outcomes.count(GoalStatus.SUCCEEDED) == 30
+    assert outcomes.count(GoalStatus.ABORTED) == 30

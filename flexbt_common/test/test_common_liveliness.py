@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Liveliness of real processes: a kill is noticed in a fraction of a second, an orderly end at once."""
+
+from __future__ import annotations
+
+import queue
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from flexbt_common.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.node_runtime import NodeRuntime
+
+DEADLINE = 20.0
+PROGRAM = """
+import sys
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import run_node
+
+def setup(runtime):
+    LivelinessToken(runtime)
+    print('ready', flush=True)
+
+sys.exit(run_node('living', setup))
+"""
+
+
+def start() -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, '-c', PROGRAM, '--ros-args', '-r', '__ns:=/robot1'], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    return process
+
+
+@pytest.mark.parametrize('name', ['living', '/robot1/living'])
+def test_death_and_return_are_noticed(name: str) -> None:
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+        changes: queue.Queue[tuple[bool, float]] = queue.Queue()
+        watch = LivelinessWatch(runtime, name, lambda alive: changes.put((alive, time.monotonic())))
+        assert watch.alive is None
+        for how in (signal.SIGKILL, signal.SIGTERM):
+            with start() as process:
+                assert changes.get(timeout=DEADLINE)[0] is True
+                assert watch.alive is True
+                killed = time.monotonic()
+                process.send_signal(how)
+                alive, noticed = changes.get(timeout=DEADLINE)
+                assert alive is False and watch.alive is False
+                assert noticed - killed < 0.75
+        watch.close()
+        with start() as process:
+            assert changes.empty()
+            process.kill()
+
+
+def test_a_node_that_lives_stays_alive() -> None:
+    with NodeRuntime.open('here') as here, NodeRuntime.open('there') as there:
+        LivelinessToken(there)
+        changes: queue.Queue[bool] = queue.Queue()
+        watch = LivelinessWatch(here, 'there', changes.put)
+        assert changes.get(timeout=DEADLINE) is True
+        with pytest.raises(queue.Empty):
+            changes.get(timeout=1.2)
+        assert watch.alive is True

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executor thread, its survival of faults, and the end of a process."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from std_msgs.msg import Empty
+
+from flexbt_common.node_runtime import NodeRuntime
+
+DEADLINE = 20.0
+PROGRAM = """
+import sys
+from flexbt_common.node_runtime import run_node
+
+def setup(runtime):
+    if 'fail' in sys.argv:
+        raise ValueError('no map given; set parameter map')
+    if 'stuck' in sys.argv:
+        import time
+        runtime.on_close(lambda: time.sleep(60))
+    runtime.node.create_timer(0.01, lambda: None)
+    runtime.node.declare_parameter('speed', 1.0)
+    print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
+
+sys.exit(run_node('program', setup))
+"""
+
+
+def test_posted_work_runs_in_order_on_the_executor_thread() -> None:
+    with NodeRuntime.open('order') as runtime:
+        seen: list[int] = []
+        threads: set[bool] = set()
+        done = threading.Event()
+        for number in range(200):
+            runtime.post(lambda number=number: (seen.append(number), threads.add(runtime.on_executor_thread)))
+        runtime.post(done.set)
+        assert done.wait(DEADLINE)
+        assert seen == list(range(200))
+        assert threads == {True}
+
+
+def test_call_gives_the_value_or_the_error_and_works_on_the_executor_thread_too() -> None:
+    with NodeRuntime.open('caller') as runtime:
+        assert runtime.call(lambda: 7) == 7
+        assert runtime.call(lambda: runtime.call(lambda: 8)) == 8
+        with pytest.raises(KeyError):
+            runtime.call(lambda: {}['x'])
+        release = threading.Event()
+        runtime.post(lambda: release.wait(DEADLINE) and None)
+        with pytest.raises(TimeoutError, match='caller'):
+            runtime.call(lambda: 9, timeout=0.05)
+        release.set()
+    with pytest.raises(RuntimeError, match='closed'):
+        runtime.call(lambda: 1)
+    runtime.post(lambda: None)  # harmless
+
+
+def test_a_caller_is_not_left_waiting_when_the_runtime_is_closed() -> None:
+    runtime = NodeRuntime('closing', args=[])
+    entered, release = threading.Event(), threading.Event()
+
+    def block() -> None:
+        entered.set()
+        release.wait(DEADLINE)
+
+    runtime.post(block)
+    assert entered.wait(DEADLINE)
+    results: list[object] = []
+
+    def caller() -> None:
+        try:
+            results.append(runtime.call(lambda: 'ran', timeout=DEADLINE))
+        except RuntimeError as error:
+            results.append(error)
+
+    waiting = threading.Thread(target=caller)
+    waiting.start()
+    closing = threading.Thread(target=runtime.close)
+    closing.start()
+    release.set()
+    closing.join(DEADLINE)
+    waiting.join(DEADLINE)
+    assert len(results) == 1
+
+
+def test_faults_of_callbacks_are_reported_and_the_executor_goes_on() -> None:
+    with NodeRuntime.open('faulty') as runtime:
+        faults: list[str] = []
+        runtime.on_fault(lambda error: faults.append(str(error)))
+
+        def raising(text: str) -> None:
+            raise ValueError(text)
+
+        arrived = threading.Event()
+
+        def on_message(message: Empty) -> None:
+            arrived.set()
+            raise ValueError('message')
+
+        def setup() -> None:
+            runtime.node.create_subscription(Empty, 'topic', on_message, 1)
+            publisher = runtime.node.create_publisher(Empty, 'topic', 1)
+            runtime.node.create_timer(0.01, lambda: raising('timer'))
+            runtime.node.create_timer(0.02, lambda: publisher.publish(Empty()))
+
+        runtime.call(setup)
+        runtime.post(lambda: raising('posted'))
+        runtime.clock.call_at(runtime.clock.now(), lambda: raising('alarm'))
+        assert arrived.wait(DEADLINE)
+        deadline = time.monotonic() + DEADLINE
+        while not {'timer', 'posted', 'alarm', 'message'} <= set(faults):
+            assert time.monotonic() < deadline, faults
+            time.sleep(0.01)
+        assert runtime.call(lambda: 'alive') == 'alive'
+
+
+def test_components_are_closed_in_reverse_order_while_callbacks_run() -> None:
+    closed: list[object] = []
+    with NodeRuntime.open('components') as runtime:
+        runtime.on_close(lambda: closed.append('first'))
+        runtime.on_close(lambda: closed.append(runtime.call(lambda: 'second')))
+        runtime.on_close(lambda: 1 / 0)
+    assert closed == ['second', 'first']
+    runtime.close()
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, '-c', PROGRAM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.mark.parametrize(
+    'signals', [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 3, [signal.SIGTERM, signal.SIGINT]]
+)
+def test_a_signal_ends_the_process_in_time_without_traceback(signals: list[signal.Signals]) -> None:
+    with start() as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith('ready')
+        began = time.monotonic()
+        for number in signals:
+            process.send_signal(number)
+        out, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 0, err
+        assert time.monotonic() - began < 2.0
+        assert (out, err) == ('', '')
+
+
+def test_a_component_that_does_not_end_cannot_keep_the_process() -> None:
+    with start('stuck') as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        began = time.monotonic()
+        process.terminate()
+        _, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 0
+        assert time.monotonic() - began < 2.0
+        assert 'did not come to an end' in err and 'Traceback' not in err
+
+
+def test_a_set_up_that_fails_gives_one_line_and_exit_code_1() -> None:
+    with start('fail') as process:
+        _, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 1
+        assert err == 'program: cannot start: no map given; set parameter map\n'
+
+
+def test_arguments_namespaces_and_parameter_files_work_as_usual(tmp_path: Path) -> None:
+    parameters = tmp_path / 'parameters.yaml'
+    parameters.write_text('/**:\n  ros__parameters:\n    speed: 2.5\n')
+    with start('--ros-args', '-r', '__ns:=/robot1', '--params-file', str(parameters)) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'ready /robot1/program 2.5\n'
+        process.terminate()
+        process.communicate(timeout=DEADLINE)
+        assert process.returncode == 0
+
+
+def test_many_runtimes_one_after_the_other_leave_nothing_behind() -> None:
+    before = threading.active_count()
+    for number in range(20):
+        with NodeRuntime.open(f'node{number}') as runtime:
+            runtime.steady.call_at(runtime.steady.now() + 100, lambda: None)
+            runtime.clock.call_at(runtime.clock.now() + 100, lambda: None)
+    assert threading.active_count() == before

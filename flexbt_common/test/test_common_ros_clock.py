@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node's clock: alarms in real and in simulated time, and jumps of the latter."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from flexbt_common.clock import Timer
+from flexbt_common.node_runtime import NodeRuntime
+
+DEADLINE = 20.0
+
+
+class Simulation:
+    """A node under simulated time and a hand on its clock."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
+        self.publisher: Any = runtime.call(
+            lambda: runtime.node.create_publisher(ClockMessage, '/clock', QoSProfile(depth=10))
+        )
+
+    def set(self, seconds: float) -> None:
+        """Move ROS time to ``seconds``, and wait until the node knows."""
+        message = ClockMessage()
+        message.clock.sec, message.clock.nanosec = int(seconds), round(seconds % 1 * 1e9)
+        deadline = time.monotonic() + DEADLINE
+        while True:
+            self.publisher.publish(message)
+            stamp = self.runtime.call(self.runtime.clock.stamp)
+            if (stamp.sec, stamp.nanosec) == (message.clock.sec, message.clock.nanosec):
+                return
+            assert time.monotonic() < deadline, 'simulated time did not arrive'
+            time.sleep(0.005)
+
+
+@pytest.fixture
+def simulation() -> Iterator[Simulation]:
+    with NodeRuntime.open('simulated', parameters={'use_sim_time': True}) as runtime:
+        yield Simulation(runtime)
+
+
+def settled(runtime: NodeRuntime) -> None:
+    """Wait until the executor has gone round twice: what was due has been called."""
+    for _ in range(2):
+        runtime.call(lambda: None)
+    time.sleep(0.05)
+    runtime.call(lambda: None)
+
+
+def test_alarms_come_in_order_and_not_early() -> None:
+    with NodeRuntime.open('real') as runtime:
+        clock, done, seen = runtime.clock, threading.Event(), []
+        start = clock.now()
+        times = [0.05, 0.01, 0.03, 0.01, -1.0, 0.0]
+
+        def alarm(offset: float) -> Callable[[], None]:
+            def ring() -> None:
+                assert clock.now() >= start + offset
+                assert runtime.on_executor_thread
+                seen.append(offset)
+                if len(seen) == len(times):
+                    done.set()
+
+            return ring
+
+        for offset in times:
+            clock.call_at(start + offset, alarm(offset))
+        assert done.wait(DEADLINE)
+        assert seen[-3:] == [0.01, 0.03, 0.05] or sorted(seen) == sorted(times)
+        assert len(seen) == len(times)
+
+
+def test_a_canceled_alarm_does_not_come() -> None:
+    with NodeRuntime.open('cancel') as runtime:
+        clock, done, seen = runtime.clock, threading.Event(), []
+        first: Timer = clock.call_at(clock.now() + 0.02, lambda: seen.append('canceled'))
+        clock.call_at(clock.now() + 0.05, done.set)
+        first.cancel()
+        first.cancel()
+        assert done.wait(DEADLINE)
+        assert seen == []
+
+
+def test_alarms_from_many_threads_all_come() -> None:
+    with NodeRuntime.open('threads') as runtime:
+        clock, seen, done = runtime.clock, [], threading.Event()
+
+        def ring() -> None:
+            seen.append(1)
+            if len(seen) == 200:
+                done.set()
+
+        def ask() -> None:
+            for number in range(50):
+                clock.call_at(clock.now() + number % 5 / 200, ring)
+
+        threads = [threading.Thread(target=ask) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        assert done.wait(DEADLINE)
+        for thread in threads:
+            thread.join()
+
+
+def test_infinity_is_never_due_and_nan_is_refused() -> None:
+    with NodeRuntime.open('far') as runtime:
+        seen: list[int] = []
+        runtime.clock.call_at(float('inf'), lambda: seen.append(1))
+        with pytest.raises(ValueError, match='NaN'):
+            runtime.clock.call_at(float('nan'), lambda: None)
+        done = threading.Event()
+        runtime.clock.call_at(runtime.clock.now() + 0.02, done.set)
+        assert done.wait(DEADLINE)
+        assert not seen
+
+
+def test_simulated_time_moves_the_alarms(simulation: Simulation) -> None:
+    simulation.set(100.0)
+    clock, rung = simulation.runtime.clock, threading.Event()
+    assert clock.now() == 100.0
+    clock.call_at(102.0, rung.set)
+    simulation.set(101.9)
+    settled(simulation.runtime)
+    assert not rung.is_set()
+    simulation.set(102.0)
+    assert rung.wait(DEADLINE)
+
+
+def test_simulated_time_that_stands_still_stops_the_alarms(simulation: Simulation) -> None:
+    simulation.set(5.0)
+    rung = threading.Event()
+    simulation.runtime.clock.call_at(5.01, rung.set)
+    assert not rung.wait(0.2)
+
+
+def test_a_jump_back_keeps_what_is_left_to_wait(simulation: Simulation) -> None:
+    simulation.set(100.0)
+    clock, rung = simulation.runtime.clock, threading.Event()
+    clock.call_at(clock.now() + 5.0, rung.set)
+    simulation.set(102.0)
+    simulation.set(0.5)  # reset of the simulation; three seconds are left
+    assert clock.now() == 102.0
+    assert simulation.runtime.clock.stamp().sec == 0
+    simulation.set(3.4)
+    settled(simulation.runtime)
+    assert not rung.is_set()
+    simulation.set(3.5)
+    assert rung.wait(DEADLINE)
+    assert clock.now() == 105.0
+
+
+def test_the_time_never_goes_back(simulation: Simulation) -> None:
+    times = []
+    for seconds in (10.0, 12.0, 1.0, 2.0, 0.0, 50.0):
+        simulation.set(seconds)
+        times.append(simulation.runtime.clock.now())
+    assert times == [10.0, 12.0, 12.0, 13.0, 13.0, 63.0]

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Service calls against real services."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from std_srvs.srv import SetBool, Trigger
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
+
+DEADLINE = 20.0
+PATIENT = {'server_timeout': DEADLINE, 'response_timeout': DEADLINE}
+
+
+@pytest.fixture
+def link() -> Iterator[ServiceLink]:
+    with NodeRuntime.open('asker') as runtime:
+        yield ServiceLinks(runtime).link(Trigger, 'trigger')
+
+
+def serve(runtime: NodeRuntime, callback: Any) -> None:
+    runtime.call(lambda: runtime.node.create_service(Trigger, 'trigger', callback))
+
+
+def answer(request: Any, response: Any) -> Any:
+    response.success, response.message = True, 'fine'
+    return response
+
+
+def test_a_response(link: ServiceLink) -> None:
+    outcomes: queue.Queue[ServiceOutcome] = queue.Queue()
+    with NodeRuntime.open('answerer') as server:
+        call = ServiceCall(
+            link, Trigger.Request(), on_done=outcomes.put, server_timeout=DEADLINE, response_timeout=DEADLINE
+        )
+        serve(server, answer)  # appears while it is waited for
+        outcome = outcomes.get(timeout=DEADLINE)
+        assert outcome.ok and outcome.response.message == 'fine'
+        assert call.done and call.outcome is outcome
+
+
+def test_no_service(link: ServiceLink) -> None:
+    outcomes: queue.Queue[ServiceOutcome] = queue.Queue()
+    ServiceCall(link, Trigger.Request(), on_done=outcomes.put, server_timeout=0.1)
+    outcome = outcomes.get(timeout=DEADLINE)
+    assert not outcome.ok
+    assert "no service 'trigger' (std_srvs/srv/Trigger) appeared within 0.1 s" in outcome.reason
+
+
+def test_no_response_in_time_and_a_late_one_is_ignored(link: ServiceLink) -> None:
+    outcomes: queue.Queue[ServiceOutcome] = queue.Queue()
+    release = threading.Event()
+
+    def slow(request: Any, response: Any) -> Any:
+        release.wait(DEADLINE)
+        return answer(request, response)
+
+    with NodeRuntime.open('slow') as server:
+        serve(server, slow)
+        ServiceCall(link, Trigger.Request(), on_done=outcomes.put, server_timeout=DEADLINE, response_timeout=0.1)
+        assert 'did not answer within 0.1 s' in outcomes.get(timeout=DEADLINE).reason
+        release.set()
+        ServiceCall(link, Trigger.Request(), on_done=outcomes.put, **PATIENT)
+        assert outcomes.get(timeout=DEADLINE).ok
+        assert outcomes.empty()
+
+
+def test_a_request_that_is_given_up_ends_once(link: ServiceLink) -> None:
+    outcomes: queue.Queue[ServiceOutcome] = queue.Queue()
+    call = ServiceCall(link, Trigger.Request(), on_done=outcomes.put, server_timeout=DEADLINE)
+    call.cancel()
+    call.cancel()
+    assert 'given up' in outcomes.get(timeout=DEADLINE).reason
+    assert outcomes.empty()
+
+
+def test_a_request_of_another_type_is_refused_before_it_is_sent(link: ServiceLink) -> None:
+    outcomes: queue.Queue[ServiceOutcome] = queue.Queue()
+    with NodeRuntime.open('typed') as server:
+        serve(server, answer)
+        ServiceCall(link, SetBool.Request(), on_done=outcomes.put, server_timeout=DEADLINE)
+        assert 'cannot be sent' in outcomes.get(timeout=DEADLINE).reason
