@@ -92,7 +92,7 @@ class _Generator:
             case 'i':
                 # An entry that was only declared keeps a number of the other kind as it is in the library; here it gets
                 # the type that was declared. So with gaps the kinds are kept apart.
-                keys = INTEGERS if self._gaps else (*INTEGERS, *INTEGERS, 'd')
+                keys: tuple[str, ...] = INTEGERS if self._gaps else (*INTEGERS, *INTEGERS, 'd')
                 return pick(keys), 'i', self._random.randint(0, 5)
             case 'd':
                 keys = REALS if self._gaps else (*REALS, *REALS, 'a')

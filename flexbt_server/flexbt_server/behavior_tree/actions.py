@@ -46,7 +46,7 @@ class SetBlackboard(SyncAction):
 
     __slots__ = ()
 
-    ports = {  # noqa: RUF012
+    ports = {
         'value': input_port(description='text, or {key} of the entry to be copied'),
         'output_key': inout_port(STRING, description='key to be written'),
     }
@@ -95,7 +95,7 @@ class UnsetBlackboard(SyncAction):
 
     __slots__ = ()
 
-    ports = {'key': input_port(STRING, description='key of the entry to be removed')}  # noqa: RUF012
+    ports = {'key': input_port(STRING, description='key of the entry to be removed')}
 
     def tick(self) -> NodeStatus:
         self.blackboard.unset(self.get_input('key'))

@@ -81,7 +81,7 @@ class Repeat(DecoratorNode):
 
     __slots__ = ('_count',)
 
-    ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}  # noqa: RUF012
+    ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -126,7 +126,7 @@ class RetryUntilSuccessful(DecoratorNode):
 
     __slots__ = ('_count', '_tried')
 
-    ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}  # noqa: RUF012
+    ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -19,7 +19,7 @@ class RecoveryNode(Control):
 
     __slots__ = ('_current', '_recoveries')
 
-    ports = {'number_of_retries': input_port(INT, default='1', description='recoveries that are allowed')}  # noqa: RUF012
+    ports = {'number_of_retries': input_port(INT, default='1', description='recoveries that are allowed')}
     children_bounds = (2, 2)
 
     def __init__(self, config: NodeConfig) -> None:

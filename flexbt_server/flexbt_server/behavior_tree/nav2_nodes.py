@@ -24,7 +24,7 @@ class RateController(Decorator):
 
     __slots__ = ('_first', '_period', '_start')
 
-    ports = {'hz': input_port(DOUBLE, default='10.0', description='rate in 1/s')}  # noqa: RUF012
+    ports = {'hz': input_port(DOUBLE, default='10.0', description='rate in 1/s')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -89,7 +89,7 @@ class AreErrorCodesPresent(Condition):
 
     __slots__ = ()
 
-    ports = {  # noqa: RUF012
+    ports = {
         'error_code': input_port(UINT16, optional=True, description='code that an action has left'),
         'error_codes_to_check': input_port(list_of(INT), optional=True, description='codes, separated by ;'),
     }

@@ -19,7 +19,7 @@ class Parallel(ControlNode):
 
     __slots__ = ('_completed', '_failures', '_successes')
 
-    ports = {  # noqa: RUF012
+    ports = {
         'success_count': input_port(INT, default='-1', description='successes needed; negative: from the end'),
         'failure_count': input_port(INT, default='1', description='failures that end it; negative: from the end'),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -122,7 +122,7 @@ class NodeRegistry:
 
     def suggestions(self, id: str) -> list[str]:
         """Registered IDs that look like ``id``, best first."""
-        return difflib.get_close_matches(id, self._manifests, n=3, cutoff=0.7)
+        return similar_names(id, self._manifests, most=3)
 
     def __contains__(self, id: str) -> bool:
         return id in self._manifests
@@ -132,6 +132,12 @@ class NodeRegistry:
 
     def __len__(self) -> int:
         return len(self._manifests)
+
+
+def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
+    """The known names that ``name`` may be a slip of, best first."""
+    # The comparison takes quadratic time, and hostile files have long names.
+    return difflib.get_close_matches(name, known, n=most, cutoff=0.65) if len(name) <= 100 else []
 
 
 def builtin_registry() -> NodeRegistry:

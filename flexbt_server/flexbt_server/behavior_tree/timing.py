@@ -21,7 +21,7 @@ class Timeout(DecoratorNode):
 
     __slots__ = ('_deadline', '_expired')
 
-    ports = {'msec': input_port(UNSIGNED, description='limit in ms; 0: none')}  # noqa: RUF012
+    ports = {'msec': input_port(UNSIGNED, description='limit in ms; 0: none')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -75,7 +75,7 @@ class Delay(DecoratorNode):
 
     __slots__ = ('_deadline',)
 
-    ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}  # noqa: RUF012
+    ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -113,7 +113,7 @@ class Sleep(StatefulAction):
 
     __slots__ = ('_deadline',)
 
-    ports = {'msec': input_port(UNSIGNED, description='time to sleep in ms')}  # noqa: RUF012
+    ports = {'msec': input_port(UNSIGNED, description='time to sleep in ms')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Final
 
 from .definition import NodeDefinition
@@ -19,7 +18,7 @@ from .ports import (
     pointer_key,
     port_name_problem,
 )
-from .registry import NOT_YET_SUPPORTED, NodeManifest, NodeRegistry
+from .registry import NOT_YET_SUPPORTED, NodeManifest, NodeRegistry, similar_names
 from .status import NodeKind
 from .xml_parser import Element, Source
 
@@ -173,7 +172,7 @@ class NodeReader:
         port = manifest.ports.get(name)
         if port is None:
             known = ', '.join(manifest.ports) or 'none'
-            similar = difflib.get_close_matches(name, manifest.ports, n=1, cutoff=0.6)
+            similar = similar_names(name, manifest.ports)
             hint = f'did you mean [{similar[0]}]? ' if similar else ''
             self._error(element, f'[{manifest.id}] has no port [{name}]; {hint}its ports are: {known}', name)
             return None

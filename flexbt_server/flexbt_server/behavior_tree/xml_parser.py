@@ -46,7 +46,12 @@ class Source:
 
     def error(self, offset: int, message: str, node: str = '') -> LoadError:
         line, column = self.position(offset)
-        return LoadError(self.file, line, column, node, message)
+        return LoadError(self.file, line, column, _short(node), _short(message))
+
+
+def _short(text: str) -> str:
+    """The text of an error, even when a hostile file puts a megabyte into a name."""
+    return text if len(text) <= 500 else f'{text[:240]} ... {text[-240:]}'
 
 
 class Element:
@@ -142,14 +147,14 @@ class _Parser:
                 elif root is None:
                     root = element
                 # Elements after the root are read, and ignored.
+                if len(opened) >= self._max_open:
+                    raise self._fail(
+                        start,
+                        f'elements are nested more than {self._max_open - 2} deep; move a part into a sub-tree',
+                        str(element),
+                    )
                 if not empty:
                     opened.append(element)
-                    if len(opened) > self._max_open:
-                        raise self._fail(
-                            start,
-                            f'elements are nested more than {self._max_open - 2} deep; move a part into a sub-tree',
-                            str(element),
-                        )
         if opened:
             raise self._fail(opened[-1].offset, f'<{opened[-1].tag}> is never closed', str(opened[-1]))
         if root is None:
