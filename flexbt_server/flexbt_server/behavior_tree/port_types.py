@@ -20,7 +20,7 @@ Category = Literal['integer', 'real', 'bool', 'text', 'object']
 
 # The largest integer up to which every integer has a double of its own.
 _EXACT_IN_DOUBLE = 2**53 - 1
-_INTEGER_PREFIX = re.compile(r'-?[0-9]+')
+_INTEGER_PREFIX = re.compile(r'(?=-?[0-9])(-?)0*([0-9]*)')
 _REAL_PREFIX = re.compile(r'-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?|nan)', re.IGNORECASE)
 _BOOLEANS = {
     '0': False, 'false': False, 'False': False, 'FALSE': False,
@@ -68,10 +68,12 @@ def _integer_type(name: str, bits: int, signed: bool) -> PortType:
 
     def from_text(text: str) -> int:
         match = _INTEGER_PREFIX.match(text)
-        # 20 characters hold every 64-bit integer; it also keeps int() from working on a megabyte of digits.
-        if match is None or len(match.group().lstrip('-0')) > 20:
+        digits = match.group(2) if match is not None else ''
+        # 20 digits hold every 64-bit integer; int() refuses, or takes long for, very many of them.
+        if match is None or len(digits) > 20:
             raise ConversionError(f"can't convert text '{text[:40]}' to {name}")
-        return _bounded(int(match.group()), name, minimum, maximum)
+        value = int(digits or '0')
+        return _bounded(-value if match.group(1) else value, name, minimum, maximum)
 
     return PortType(name, int, 'integer', from_text, minimum, maximum, immutable=True)
 
