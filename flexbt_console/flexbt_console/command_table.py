@@ -24,12 +24,16 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An option; ``value`` is what follows it, None for a switch. A ``repeated`` one may be given again."""
+    """An option; ``value`` is what follows it, None for a switch. A ``repeated`` one may be given again.
+
+    ``in_prompt`` tells whether it means something at the interactive prompt.
+    """
 
     name: str
     help: str
     value: str | None = None
     repeated: bool = False
+    in_prompt: bool = True
 
     @property
     def usage(self) -> str:
@@ -54,8 +58,16 @@ class CommandSpec:
     @property
     def usage(self) -> str:
         """How it is written, without the options that every command has."""
-        options = [f'[{option.usage}]{"..." if option.repeated else ""}' for option in self.options]
-        return ' '.join([self.name, *(argument.usage for argument in self.arguments), *options])
+        return self._usage(self.options)
+
+    @property
+    def prompt_usage(self) -> str:
+        """How it is written at the interactive prompt."""
+        return self._usage(tuple(option for option in self.options if option.in_prompt))
+
+    def _usage(self, options: tuple[Option, ...]) -> str:
+        shown = [f'[{option.usage}]{"..." if option.repeated else ""}' for option in options]
+        return ' '.join([self.name, *(argument.usage for argument in self.arguments), *shown])
 
 
 JSON: Final = Option('--json', 'print JSON for programs: one object, or one a line for watch')
@@ -73,8 +85,8 @@ COMMON_OPTIONS: Final = (JSON, TIMEOUT, OPERATOR, NAMESPACE, PLACES, HELP)
 
 _REASON = Option('--reason', 'why, for the record', 'TEXT')
 _DECISION = Option('--decision', 'the question that is meant; refused when it is not pending any more', 'ID')
-_WAIT = Option('--wait', 'wait until the run has ended')
-_WAIT_TIMEOUT = Option('--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS')
+_WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
+_WAIT_TIMEOUT = Option('--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False)
 
 _VALUE_DETAILS: Final = (
     'VALUE is written as the wanted type: JSON or YAML; a text needs no quotes of its own.',

@@ -95,7 +95,8 @@ def _run_prompt(line: CommandLine) -> ExitCode:
         ) from None
     with _open_runtime(line) as runtime:
         mirror, link, requests = _parts(line, runtime)
-        run_prompt(mirror, link, requests, line.seconds('--timeout') or line_mode.DEFAULT_TIMEOUT)
+        timeout = line.seconds('--timeout') or line_mode.DEFAULT_TIMEOUT
+        run_prompt(mirror, link, requests, timeout, runtime.steady)
         return ExitCode.OK
 
 

@@ -20,10 +20,7 @@ _STACKED_MARKS: Final = 3
 
 def one_line(text: str, width: int | None = None) -> str:
     """``text`` on one line without anything that a terminal interprets, cut to ``width`` characters."""
-    if text.isascii() and text.isprintable():
-        shown = text
-    else:
-        shown = _escaped(text)
+    shown = text if text.isascii() and text.isprintable() else _escaped(text)
     if width is not None and len(shown) > width:
         return shown[: max(0, width - 1)] + '…' if width > 0 else ''
     return shown

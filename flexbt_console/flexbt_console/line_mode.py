@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_console import json_form, rendering
-from flexbt_console.command_line import CommandLine, autonomy_level
-from flexbt_console.errors import ConsoleError, ExitCode, NoAnswerError, NoLinkError, RefusedError, UsageError
+from flexbt_console.building import build, check_command
+from flexbt_console.command_line import CommandLine
+from flexbt_console.errors import ExitCode, NoAnswerError, NoLinkError, RefusedError, UsageError
 from flexbt_console.mirror import CommandState, LinkState, Mirror, TrackedCommand, View
-from flexbt_console.mirror.records import AutonomyLevel, Command, ExecutiveState, Snapshot
-from flexbt_console.operator_values import start_input
+from flexbt_console.mirror.records import ExecutiveState, Snapshot
 from flexbt_console.requests import Requests
 from flexbt_console.watch import watch
 
@@ -52,15 +52,6 @@ class Session:
         """Whether the answer is for a program."""
         return self.line.has('--json')
 
-    @property
-    def reason(self) -> str:
-        """Why the command is given, for the record."""
-        return self.line.value('--reason') or ''
-
-    def word(self, index: int) -> str:
-        """The word at that place, or an empty one."""
-        return self.line.words[index] if index < len(self.line.words) else ''
-
 
 def run(session: Session) -> ExitCode:
     """Run the command of the session and print its result.
@@ -73,7 +64,7 @@ def run(session: Session) -> ExitCode:
     show = SHOW.get(name)
     if show is not None:
         return show(session)
-    return _send(session, name, COMMANDS[name])
+    return _send(session, name)
 
 
 def check(line: CommandLine) -> None:
@@ -85,15 +76,9 @@ def check(line: CommandLine) -> None:
     for option in ('--timeout', '--wait-timeout'):
         line.seconds(option)
     assert line.spec is not None
-    if line.spec.name == 'autonomy':
-        autonomy_level(line.words[0])
-    if line.spec.name == 'start':
-        _arguments(line)
-        _start_autonomy(line)
-    if line.spec.name == 'log' and line.words:
-        _count(line.words[0])
-    if line.spec.name == 'input' and not line.has('--decline') and not line.words:
-        raise UsageError(f'usage: {line.spec.usage}')
+    if line.spec.name == 'log':
+        log_count(line)
+    check_command(line)
 
 
 # Showing
@@ -138,7 +123,7 @@ def _structure(session: Session) -> ExitCode:
 
 def _log(session: Session) -> ExitCode:
     session.link.live_view(session.timeout)
-    count = _count(session.word(0)) if session.word(0) else LOG_COUNT
+    count = log_count(session.line)
     known = session.link.wait_for(lambda _: session.mirror.log(count) or None, LATCHED_SECONDS) or ()
     # The kept lines arrive one after the other: take those that come without a pause.
     while True:
@@ -156,6 +141,20 @@ def _log(session: Session) -> ExitCode:
 
 def _other(now: tuple[Any, ...], before: tuple[Any, ...]) -> tuple[Any, ...] | None:
     return now if now != before else None
+
+
+def log_count(line: CommandLine) -> int:
+    """How many lines of the log are asked for.
+
+    Raises:
+        UsageError: it is no number above 0.
+    """
+    if not line.words:
+        return LOG_COUNT
+    text = line.words[0]
+    if not text.isascii() or not text.isdigit() or int(text) == 0:
+        raise UsageError(f'{text!r}: expected a number of lines above 0')
+    return int(text)
 
 
 def _places(session: Session) -> ExitCode:
@@ -176,75 +175,21 @@ SHOW: Final[Mapping[str, Callable[[Session], ExitCode]]] = {
 # Commanding
 
 
-def _start(session: Session, view: View) -> Command:
-    line = session.line
-    session.link.wait_for(lambda view: view.behaviors, LATCHED_SECONDS)
-    inputs = [start_input(text, session.requests.places) for text in line.values('--input')]
-    return session.requests.start(session.mirror.view(), line.words[0], _arguments(line), _start_autonomy(line), inputs)
+def _prepared(session: Session, view: View, name: str) -> View:
+    """The view with what the command is checked against, as far as that arrives soon."""
+    if name == 'start':
+        found = session.link.wait_for(lambda now: now if now.behaviors is not None else None, LATCHED_SECONDS)
+    elif name == 'force' and view.running:
+        found = session.link.wait_for(lambda now: now if now.structure else None, LATCHED_SECONDS)
+    else:
+        found = None
+    return found or view
 
 
-def _stop(session: Session, view: View) -> Command:
-    return session.requests.stop(view, session.reason)
-
-
-def _autonomy(session: Session, view: View) -> Command:
-    return session.requests.autonomy(view, autonomy_level(session.word(0)))
-
-
-def _confirm(session: Session, view: View) -> Command:
-    return session.requests.confirm(view, session.word(0), session.reason)
-
-
-def _force(session: Session, view: View) -> Command:
-    path, outcome = session.line.words if len(session.line.words) == 2 else ('', session.word(0))
-    if path and view.running and view.structure is None:
-        view = session.link.wait_for(lambda now: now if now.structure else None, LATCHED_SECONDS) or view
-    decision_id = session.line.value('--decision') or ''
-    return session.requests.force(view, path, outcome, decision_id, session.reason)
-
-
-def _input(session: Session, view: View) -> Command:
-    decision_id, words = session.line.value('--decision') or '', session.line.words
-    if not decision_id and words and (session.line.has('--decline') or len(words) > 1):
-        named = view.snapshot.decision(words[0]) if view.snapshot else None
-        if named is not None or session.line.has('--decline'):
-            decision_id, words = words[0], words[1:]
-    if session.line.has('--decline'):
-        return session.requests.decline(view, decision_id, session.reason)
-    return session.requests.answer(view, decision_id, input_text(view, decision_id, words), session.reason)
-
-
-def _decline(session: Session, view: View) -> Command:
-    return session.requests.decline(view, session.word(0), session.reason)
-
-
-def input_text(view: View, decision_id: str, words: tuple[str, ...]) -> str:
-    """The words of a value as one text.
-
-    Raises:
-        RefusedError: several words for a text: the first might be meant as the name of a question that is gone.
-    """
-    asked = [d for d in view.decisions if d.input_type in ('string', 'str') and decision_id in ('', d.id)]
-    if len(words) > 1 and asked and not decision_id:
-        raise RefusedError('a text of several words is one word in quotes, or goes with --decision ID')
-    return ' '.join(words)
-
-
-COMMANDS: Final[Mapping[str, Callable[[Session, View], Command]]] = {
-    'start': _start,
-    'stop': _stop,
-    'autonomy': _autonomy,
-    'confirm': _confirm,
-    'force': _force,
-    'input': _input,
-    'decline': _decline,
-}
-
-
-def _send(session: Session, name: str, make: Callable[[Session, View], Command]) -> ExitCode:
-    view = session.link.live_view(session.timeout)
+def _send(session: Session, name: str) -> ExitCode:
+    view = _prepared(session, session.link.live_view(session.timeout), name)
     run_before = view.snapshot.run_id if view.snapshot else ''
-    command = make(session, view)
+    command = build(session.line, view, session.requests)
     session.link.send(command, session.timeout)
     tracked = session.link.settled(command.id, session.timeout + 1.0) or session.mirror.command(command.id)
     if tracked is None:
@@ -263,22 +208,24 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
         _print(session, None, [rendering.command_result(name, tracked)])
     starting = name == 'start'
     executive_id = tracked.executive_id
+    run: list[str] = [] if starting else [run_before]
 
-    def look(view: View) -> Snapshot | ConsoleError | None:
+    def look(view: View) -> Snapshot | None:
         snapshot = view.snapshot
         if view.link is LinkState.LOST and view.age is not None and view.age > session.timeout:
-            return NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may go on')
+            raise NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may go on')
         if snapshot is None:
             return None
         if snapshot.executive_id != executive_id:
-            return RefusedError('the executive was restarted; the run is gone')
+            raise RefusedError('the executive was restarted; the run is gone')
         if starting and snapshot.run_id == run_before:
             return None
+        run[:] = run or [snapshot.run_id]
+        if snapshot.run_id != run[0]:
+            raise RefusedError('another run was started meanwhile; how this one ended was not seen')
         return snapshot if snapshot.state is ExecutiveState.IDLE else None
 
     ended = session.link.wait_for(look, session.line.seconds('--wait-timeout'), every=0.5)
-    if isinstance(ended, ConsoleError):
-        raise ended
     if ended is None:
         raise NoAnswerError('the run has not ended in the time of --wait-timeout; it goes on')
     by_itself = ended.outcome not in ('', 'preempted', 'error')
@@ -286,27 +233,6 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
     result = json_form.result(name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
     _print(session, result, [rendering.behavior_line(session.mirror.view())])
     return exit_code
-
-
-def _arguments(line: CommandLine) -> list[tuple[str, str]]:
-    pairs = []
-    for word in line.words[1:]:
-        key, equals, value = word.partition('=')
-        if not equals or not key:
-            raise UsageError(f'{word!r}: expected PARAMETER=VALUE')
-        pairs.append((key, value))
-    return pairs
-
-
-def _start_autonomy(line: CommandLine) -> AutonomyLevel:
-    text = line.value('--autonomy')
-    return AutonomyLevel.LOW if text is None else autonomy_level(text)
-
-
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) == 0:
-        raise UsageError(f'{text!r}: expected a number of lines above 0')
-    return int(text)
 
 
 def _print(session: Session, value: object, text: list[str]) -> None:

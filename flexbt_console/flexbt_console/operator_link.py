@@ -159,7 +159,7 @@ def no_link_text(view: View, when: str) -> str:
     return f'no link: the executive was last heard {view.age or 0.0:.1f} s ago, and not again {when}'
 
 
-def _forward(convert: Callable[[Any], T], receive: Callable[[T], object]) -> Callable[[Any], None]:
+def _forward(convert: Callable[[Any], Any], receive: Callable[[Any], object]) -> Callable[[Any], None]:
     def on_message(message: Any) -> None:
         receive(convert(message))
 

@@ -85,9 +85,15 @@ def decision(pending: Decision) -> str:
         form = 'place or x y yaw' if is_pose(pending.input_type) else one_line(pending.input_type)
         return f'[{one_line(pending.id)}] {where} asks for a value ({form}){prompt}'
     if pending.kind is DecisionKind.TRANSITION:
-        needs = f', which needs more than {autonomy(pending.required_autonomy)}'
+        needs = f' ({_required(pending.required_autonomy)})'
         return f'[{one_line(pending.id)}] {where} wants {one_line(pending.outcome)}{needs}{prompt}'
     return f'[{one_line(pending.id)}] {where} asks to choose{prompt}'
+
+
+def _required(level: int) -> str:
+    if level >= AutonomyLevel.FULL:
+        return 'always your decision'
+    return f'requires more than {autonomy(level)}' if level >= 0 else 'your decision'
 
 
 def choice_lines(options: Sequence[str], wanted: str = '') -> str:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from flexbt_console import json_form, rendering
 from flexbt_console.errors import ExitCode, NoLinkError
-from flexbt_console.mirror import LinkState, Mirror, View
+from flexbt_console.escaping import one_line
+from flexbt_console.mirror import LinkState, Mirror, View, choices
 from flexbt_console.mirror.records import LogLine, Structure
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ class Follower:
         events: list[tuple[str, Any, list[str]]] = []
         before, self._before = self._before, view
         if before is None or (before.link, before.problem) != (view.link, view.problem):
-            problem = [rendering.one_line(view.problem)] if view.problem else []
+            problem = [one_line(view.problem)] if view.problem else []
             value = {'link': view.link.value, 'age': view.age, 'problem': view.problem}
             events.append(('link', value, [f'link: {rendering.link_word(view)}', *problem]))
         if view.structure is not None and view.structure != self._structure:
@@ -103,14 +104,18 @@ def _changes(before: View | None, view: View) -> list[str]:
     if old is None or old.autonomy != new.autonomy:
         text.append(f'autonomy: {rendering.autonomy(new.autonomy)}')
     if old is None or [s.path for s in old.active_states] != [s.path for s in new.active_states]:
-        active = '  '.join(rendering.one_line(state.path) for state in new.active_states)
+        active = '  '.join(one_line(state.path) for state in new.active_states)
         text.append(f'active: {active or "none"}')
     asked = {decision.id for decision in old.decisions} if old else set()
-    text += [f'waiting: {rendering.decision(d)}' for d in new.decisions if d.id not in asked]
+    for decision in new.decisions:
+        if decision.id not in asked:
+            text.append(f'waiting: {rendering.decision(decision)}')
+            options = choices(decision)
+            text += [f'    {rendering.choice_lines(options, decision.outcome)}'] if options else []
     answered = asked - {decision.id for decision in new.decisions}
-    text += [f'no longer waiting: {rendering.one_line(id)}' for id in sorted(answered)]
+    text += [f'no longer waiting: {one_line(id)}' for id in sorted(answered)]
     alive = {peer.name: peer.alive for peer in old.peers} if old else {}
     for peer in new.peers:
         if alive.get(peer.name, True) != peer.alive:
-            text.append(f'node {rendering.one_line(peer.name)} is {"there again" if peer.alive else "GONE"}')
+            text.append(f'node {one_line(peer.name)} is {"there again" if peer.alive else "GONE"}')
     return text
