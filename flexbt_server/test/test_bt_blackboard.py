@@ -156,10 +156,13 @@ def test_object_entries_keep_their_class() -> None:
 
 def test_concurrent_writers_lose_nothing() -> None:
     board = Blackboard()
-    threads = [
-        threading.Thread(target=lambda: [Blackboard(board).set('@k', number) for number in range(500)])
-        for _ in range(4)
-    ]
+
+    def write() -> None:
+        child = Blackboard(board)
+        for number in range(500):
+            child.set('@k', number)
+
+    threads = [threading.Thread(target=write) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -370,7 +373,7 @@ def test_bad_registrations_are_refused() -> None:
         ('Number', int, 'no node class'),
     ]:
         with pytest.raises(RegistrationError, match=words):
-            registry.register(id, node_class)  # type: ignore[arg-type]
+            registry.register(id, node_class)
     assert len(registry) == len(builtin_registry())
 
 

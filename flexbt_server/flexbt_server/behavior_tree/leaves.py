@@ -106,11 +106,5 @@ class StatefulAction(LeafNode):
     def halt(self) -> None:
         if self.status is RUNNING:
             self.cancel_wake()
-            try:
-                self.on_halted()
-            except Exception as error:
-                # The other nodes have to be halted all the same; the tree raises it afterwards.
-                fault = self.fault(error)
-                fault.__cause__ = error
-                self.context.halt_errors.append(fault)
+            self.stop_by(self.on_halted)
         self.status = IDLE

@@ -234,10 +234,17 @@ class TreeNode(ABC):
     # -- errors ------------------------------------------------------------------------------------------------------
 
     def fault(self, cause: Exception | str) -> NodeExecutionError:
-        """The error that names this node as the place of ``cause``; errors of nodes further down pass unchanged."""
-        if isinstance(cause, NodeExecutionError):
-            return cause
+        """The error that names this node as the place of ``cause``."""
         return NodeExecutionError(self.path, self.id, cause)
+
+    def stop_by(self, callback: Callable[[], None]) -> None:
+        """Calls what stops the work of a node. Others have to be halted even if it raises; the tree raises it then."""
+        try:
+            callback()
+        except Exception as error:
+            fault = self.fault(error)
+            fault.__cause__ = error
+            self.context.halt_errors.append(fault)
 
     def checked(self, status: object) -> NodeStatus:
         """``status``, when it is what a tick may give; otherwise raises NodeExecutionError."""
@@ -372,6 +379,8 @@ class Decorator(DecoratorNode):
     def execute(self) -> NodeStatus:
         try:
             status = self.tick()
+        except NodeExecutionError:
+            raise
         except Exception as error:
             raise self.fault(error) from error
         if status is not SKIPPED:
@@ -382,7 +391,7 @@ class Decorator(DecoratorNode):
         return status
 
     def halt(self) -> None:
-        self.on_halt()
+        self.stop_by(self.on_halt)
         super().halt()
 
 
@@ -417,6 +426,8 @@ class Control(ControlNode):
             self._failed = None
         try:
             status = self.tick()
+        except NodeExecutionError:
+            raise
         except Exception as error:
             raise self.fault(error) from error
         if status is not SKIPPED:
@@ -424,5 +435,5 @@ class Control(ControlNode):
         return status
 
     def halt(self) -> None:
-        self.on_halt()
+        self.stop_by(self.on_halt)
         super().halt()
