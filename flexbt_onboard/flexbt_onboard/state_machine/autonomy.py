@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Autonomy: what a state machine may do without its operator."""
+
+from __future__ import annotations
+
+from typing import Final
+
+
+class Autonomy:
+    """Levels, both of what an outcome requires and of what the operator allows.
+
+    A transition happens without the operator iff the level that it requires is *lower* than the current one. So at
+    level Off nothing happens alone, and an outcome that requires Full always waits for the operator. (The rule and
+    the names are FlexBE's.)
+    """
+
+    Inherit: Final = 0
+    Off: Final = 0
+    Low: Final = 1
+    High: Final = 2
+    Full: Final = 3
+
+
+UNDECLARED: Final = -1
+"""Level required by an outcome for which none was declared: it passes at every level."""
+
+NAMES: Final = {Autonomy.Off: 'Off', Autonomy.Low: 'Low', Autonomy.High: 'High', Autonomy.Full: 'Full'}
+
+
+def is_autonomous(required: int, current: int) -> bool:
+    """Whether a transition that requires a level happens alone at the current one."""
+    return required < current

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The base of all states.
+
+A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
+once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final
+
+from flexbt_common.clock import Clock
+
+from .errors import StateError
+
+if TYPE_CHECKING:
+    from .leaf import LeafRun
+    from .userdata import UserData
+
+DEFAULT_RATE: Final = 10.0
+"""Rate at which a state is executed while nothing wakes it, Hz (as in FlexBE)."""
+
+
+class ExitReason(Enum):
+    """Why a state is being left."""
+
+    OUTCOME = 'the state returned an outcome'
+    FORCED = 'the operator forced an outcome'
+    PARENT_LEFT = 'a machine around the state was left'
+    PREEMPTED = 'the run was stopped'
+    FAULT = 'the state, or another one, raised an exception'
+
+
+class Severity(Enum):
+    """Weight of a line for the operator; the values are the constants of ExecutiveLog."""
+
+    DEBUG = 1
+    INFO = 2
+    HINT = 3
+    WARN = 4
+    ERROR = 5
+
+
+class EventState:
+    """A state of one's own derives from this, declares outcomes and keys, and implements callbacks.
+
+    ``outcomes`` are the labels by which the state can be left. ``input_keys`` are read from userdata, ``output_keys``
+    written, ``io_keys`` both. ``desired_rate`` is the rate in Hz at which ``execute`` is called while nothing wakes the
+    state; None for a state that calls :meth:`wake` when it has news, and costs nothing meanwhile.
+    """
+
+    def __init__(
+        self,
+        outcomes: Iterable[str] = (),
+        input_keys: Iterable[str] = (),
+        output_keys: Iterable[str] = (),
+        io_keys: Iterable[str] = (),
+        desired_rate: float | None = DEFAULT_RATE,
+    ) -> None:
+        both = tuple(io_keys)
+        self.outcomes: tuple[str, ...] = tuple(dict.fromkeys(outcomes))
+        self.input_keys: tuple[str, ...] = tuple(dict.fromkeys((*input_keys, *both)))
+        self.output_keys: tuple[str, ...] = tuple(dict.fromkeys((*output_keys, *both)))
+        if desired_rate is not None and not desired_rate > 0:
+            raise StateError(f'{type(self).__name__}: desired_rate has to be positive, or None, not {desired_rate}')
+        self.desired_rate = desired_rate
+        self.exit_reason: ExitReason | None = None
+        self._leaf: LeafRun | None = None
+
+    # -- callbacks ---------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Once, before the run begins, for every state."""
+
+    def on_enter(self, userdata: UserData) -> None:
+        """The state becomes active."""
+
+    def execute(self, userdata: UserData) -> str | None:
+        """The outcome by which to leave, or None to stay. Must not block."""
+        return None
+
+    def on_exit(self, userdata: UserData) -> None:
+        """The state is left; ``self.exit_reason`` says why."""
+
+    def on_pause(self) -> None:
+        """The run is paused while the state is active."""
+
+    def on_resume(self, userdata: UserData) -> None:
+        """The run goes on."""
+
+    def on_stop(self) -> None:
+        """Once, after the run has ended, for every state."""
+
+    def settled(self) -> str | None:
+        """After ``on_exit``: what is not at rest yet, such as a goal that is being canceled; None when everything is.
+
+        The engine waits for it before it goes on. Call :meth:`wake` when it changes.
+        """
+        return None
+
+    def activity(self) -> Sequence[str]:
+        """What the state is doing, one line each, for the operator. Called on any thread."""
+        return ()
+
+    # -- services of the engine --------------------------------------------------------------------------------------
+
+    @property
+    def name(self) -> str:
+        """Label of the state in its machine."""
+        return self.path.rpartition('/')[2]
+
+    @property
+    def path(self) -> str:
+        """Path of the state in its run, as in ``/Outer/Inner``."""
+        return self._leaf.path if self._leaf is not None else type(self).__name__
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the run."""
+        return self._bound().clock
+
+    @property
+    def services(self) -> Any:
+        """What the host of the run provides to its states."""
+        return self._bound().services
+
+    def wake(self) -> None:
+        """Have the state executed, or asked whether it is settled, as soon as possible. From any thread."""
+        if self._leaf is not None:
+            self._leaf.wake()
+
+    def wake_at(self, time: float) -> None:
+        """Have the state executed at a time of the clock, too. Holds until the state is executed next."""
+        self._bound().wake_at(time)
+
+    def ask(self, prompt: str, suggestion: str | None = None) -> None:
+        """Let the operator choose the outcome; the state is not executed meanwhile. Call it in on_enter or execute.
+
+        A ``suggestion`` is taken without asking when the autonomy allows that outcome.
+        """
+        if suggestion is not None and suggestion not in self.outcomes:
+            raise StateError(f'{self.path}: suggests {suggestion!r}, which is none of {", ".join(self.outcomes)}')
+        self._bound().ask(prompt, suggestion)
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Tell the operator something."""
+        self._bound().log(severity, text)
+
+    def log_info(self, text: str) -> None:
+        """Tell the operator something."""
+        self.log(Severity.INFO, text)
+
+    def log_hint(self, text: str) -> None:
+        """Advise the operator."""
+        self.log(Severity.HINT, text)
+
+    def log_warn(self, text: str) -> None:
+        """Warn the operator."""
+        self.log(Severity.WARN, text)
+
+    def log_error(self, text: str) -> None:
+        """Tell the operator that something went wrong."""
+        self.log(Severity.ERROR, text)
+
+    def _bound(self) -> LeafRun:
+        if self._leaf is None:
+            raise StateError(f'{type(self).__name__}: is not part of a run; this works only in its callbacks')
+        return self._leaf

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A run of a state machine.
+
+The host calls :meth:`MachineRun.step` on one thread, whenever ``on_wake`` asks for it and at the time ``next_wake``. A
+step takes in the operator's commands, then goes on until nothing more can happen: a chain of instantaneous states is
+one step. While nothing happens, nothing is called.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final, Protocol
+
+from flexbt_common.clock import Clock
+
+from .autonomy import NAMES, Autonomy
+from .container import ContainerRun
+from .decision import Decision, DecisionKind
+from .definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition
+from .event_state import ExitReason, Severity
+from .leaf import LeafRun
+from .userdata import Scope
+
+EXIT_TIMEOUT: Final = 3.0
+"""How long a state that was left may take to come to rest, s."""
+
+MAX_TRANSITIONS: Final = 1000
+"""Transitions in one step, with nothing waited for, that count as a livelock."""
+
+_LOOP_SHOWN: Final = 10
+
+Answer = Callable[['str | None'], None]
+"""Told the fate of a command: None when it was applied, otherwise why it was refused. On the thread of the run."""
+
+
+class RunObserver(Protocol):
+    """Hears of a run, on the thread of the run; lines of states may come from any thread."""
+
+    def changed(self) -> None:
+        """Something that the operator is shown has changed."""
+
+    def log(self, severity: Severity, path: str, text: str) -> None:
+        """A line for the operator."""
+
+    def fault(self, path: str, text: str) -> None:
+        """A state raised, or did not come to rest."""
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+        """A state or machine was left; ``target`` is a path, or ``=OUTCOME`` of the machine around it."""
+
+
+class MachineRun:
+    """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
+
+    ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error' with the reason in ``message``.
+    ``clock`` is what states see, ``steady`` counts the time that they may take to come to rest.
+    """
+
+    def __init__(
+        self,
+        definition: MachineDefinition,
+        clock: Clock,
+        observer: RunObserver,
+        *,
+        autonomy: int = Autonomy.Low,
+        userdata: Mapping[str, Any] | None = None,
+        services: Any = None,
+        steady: Clock | None = None,
+        exit_timeout: float = EXIT_TIMEOUT,
+        on_wake: Callable[[], None] | None = None,
+    ) -> None:
+        self.definition = definition
+        self.clock = clock
+        self.steady = steady if steady is not None else clock
+        self.observer = observer
+        self.services = services
+        self.exit_timeout = exit_timeout
+        self.outcome: str | None = None
+        self.message = ''
+        self._on_wake = on_wake
+        self._autonomy: dict[str, int] = {ROOT_PATH: autonomy}
+        self._root = ContainerRun(self, definition)
+        self._scope = Scope({**definition.defaults, **(userdata or {})})
+        self._commands: deque[tuple[Callable[[], str | None], Answer]] = deque()
+        self._decisions = 0
+        self._transitions = 0
+        self._recent: deque[str] = deque(maxlen=_LOOP_SHOWN)
+        self._end: tuple[str, str] | None = None  # outcome and message of an end that is not the machine's own
+        self._end_reason = ExitReason.PREEMPTED
+        self._preempt_reason: str | None = None
+        self._ending_until: float | None = None
+        self._started = False
+        self._lock = threading.Lock()
+
+    # -- life --------------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Call on_start of every state and enter the first one. Once, on the thread of the run."""
+        self._started = True
+        for leaf in self._root.leaves():
+            leaf.start()
+        self._root.scope = self._scope
+        if self._preempt_reason is None:
+            self._root.begin()
+        self.changed()
+        self.ring()
+
+    def step(self) -> bool:
+        """Do everything that can be done now. True while the run goes on."""
+        if self.outcome is not None:
+            return False
+        self._transitions = 0
+        while True:
+            self._take_commands()
+            self._look_for_end()
+            if self._ending_until is not None:
+                return not self._come_to_rest()
+            if not self._root.advance() and not self._commands:
+                break
+            if self._root.outcome is not None:
+                self._finish(self._root.outcome, '')
+                return False
+        return True
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run has ended and every state was told."""
+        return self.outcome is not None
+
+    @property
+    def next_wake(self) -> float | None:
+        """When a step is due if nothing rings before, on the run's clock; None when nothing is."""
+        return None if self._ending_until is not None else self._root.next_wake()
+
+    # -- what the operator sees --------------------------------------------------------------------------------------
+
+    def active_states(self) -> list[LeafRun]:
+        """The states that are active."""
+        return [node for node in self._root.active() if isinstance(node, LeafRun)]
+
+    @property
+    def decisions(self) -> list[Decision]:
+        """What waits for the operator."""
+        return [machine.decision for machine in self._machines() if machine.decision is not None]
+
+    def autonomy_of(self, path: str) -> int:
+        """The level that holds for a state: that of the smallest sub-tree around it for which one was set."""
+        while path not in self._autonomy:
+            path = path.rpartition('/')[0] or ROOT_PATH
+        return self._autonomy[path]
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether the run was told to stop and is not at rest yet."""
+        return self._preempt_reason is not None or self._ending_until is not None
+
+    # -- commands; from any thread -----------------------------------------------------------------------------------
+
+    def confirm(self, decision_id: str, answer: Answer) -> None:
+        """Let what a decision asks for happen."""
+        self._command(lambda: self._confirm(decision_id), answer)
+
+    def force(self, path: str, outcome: str, decision_id: str, answer: Answer) -> None:
+        """Leave a state or machine by an outcome. ``decision_id`` is the decision that it overrides, or ''."""
+        self._command(lambda: self._force(path, outcome, decision_id), answer)
+
+    def set_autonomy(self, level: int, path: str, answer: Answer) -> None:
+        """Change the level of the run, or of the sub-tree ``path`` ('' or '/' for all, sub-trees included)."""
+        self._command(lambda: self._set_autonomy(level, path), answer)
+
+    def preempt(self, reason: str = '') -> None:
+        """Stop the run, whatever it is doing. It cannot be taken back."""
+        with self._lock:
+            if self._preempt_reason is None:
+                self._preempt_reason = reason
+        self.ring()
+
+    def ring(self) -> None:
+        """Ask the host for a step. From any thread."""
+        if self._on_wake is not None:
+            self._on_wake()
+
+    # -- for the states and machines of the run ----------------------------------------------------------------------
+
+    def changed(self) -> None:
+        """Tell the observer."""
+        self.observer.changed()
+
+    def fault(self, path: str, text: str) -> None:
+        """Tell the observer of a fault."""
+        self.observer.fault(path, text)
+
+    def abort(self, message: str) -> None:
+        """End the run as an error: there is no way to go on."""
+        if self._end is None:
+            self._end = (ERROR, message)
+            self._end_reason = ExitReason.FAULT
+
+    def new_decision(
+        self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
+    ) -> Decision:
+        """A decision with an id of its own."""
+        self._decisions += 1
+        self.changed()
+        return Decision(str(self._decisions), kind, path, outcome, outcomes, required, prompt, self.clock.now())
+
+    def rest_deadline(self) -> float:
+        """Until when what is left now has to be at rest; the run is rung then."""
+        deadline = self.steady.now() + self.exit_timeout
+        self.steady.call_at(deadline, self.ring)
+        return deadline
+
+    def count_transition(self, path: str) -> None:
+        """Watch for livelocks."""
+        self._transitions += 1
+        self._recent.append(path)
+        if self._transitions > MAX_TRANSITIONS:
+            loop = ', '.join(dict.fromkeys(self._recent))
+            self.fault(path, f'{MAX_TRANSITIONS} transitions without waiting for anything')
+            self.abort(f'livelock: {MAX_TRANSITIONS} transitions without waiting for anything, among {loop}')
+
+    # -- commands; on the thread of the run --------------------------------------------------------------------------
+
+    def _command(self, apply: Callable[[], str | None], answer: Answer) -> None:
+        self._commands.append((apply, answer))
+        self.ring()
+
+    def _take_commands(self) -> None:
+        while self._commands:
+            apply, answer = self._commands.popleft()
+            answer('the run is ending' if self.is_ending else apply())
+
+    def _confirm(self, decision_id: str) -> str | None:
+        machine = self._deciding(decision_id)
+        if machine is None:
+            return self._no_decision(decision_id)
+        decision = machine.decision
+        if decision is not None and not decision.outcome:
+            return f'decision {decision_id} suggests nothing: force one of {", ".join(decision.outcomes)}'
+        machine.approve()
+        return None
+
+    def _force(self, path: str, outcome: str, decision_id: str) -> str | None:
+        parent = next((machine for machine in self._machines() if machine.child and machine.child.path == path), None)
+        if parent is None or parent.child is None:
+            if self.definition.find(path) is None:
+                return f'there is no state {path!r}'
+            active = ', '.join(leaf.path for leaf in self.active_states()) or 'none'
+            return f'{path} is not active (active: {active})'
+        if decision_id and (parent.decision is None or parent.decision.id != decision_id):
+            return self._no_decision(decision_id)
+        outcomes = parent.child.definition.outcomes
+        if outcome not in outcomes:
+            return f'{path} has no outcome {outcome!r}; its outcomes are {", ".join(outcomes)}'
+        if parent.is_leaving:
+            return f'{path} is being left already'
+        parent.force(outcome)
+        return None
+
+    def _set_autonomy(self, level: int, path: str) -> str | None:
+        if level not in NAMES:
+            return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
+        if path in ('', ROOT_PATH):
+            self._autonomy = {ROOT_PATH: level}
+        elif self.definition.find(path) is None:
+            return f'there is no state {path!r}'
+        else:
+            self._autonomy[path] = level
+        self.changed()
+        return None
+
+    def _no_decision(self, decision_id: str) -> str:
+        pending = ', '.join(decision.id for decision in self.decisions) or 'none'
+        return f'decision {decision_id!r} is not pending any more (pending: {pending})'
+
+    def _deciding(self, decision_id: str) -> ContainerRun | None:
+        return next((one for one in self._machines() if one.decision and one.decision.id == decision_id), None)
+
+    def _machines(self) -> Iterator[ContainerRun]:
+        yield self._root
+        yield from (node for node in self._root.active() if isinstance(node, ContainerRun))
+
+    # -- the end -----------------------------------------------------------------------------------------------------
+
+    def _look_for_end(self) -> None:
+        if self._ending_until is not None:
+            return
+        if self._end is None and self._preempt_reason is not None:
+            self._end = (PREEMPTED, self._preempt_reason)
+        if self._end is not None:
+            self._root.leave(self._end_reason)
+            self._ending_until = self.rest_deadline()
+            self.changed()
+
+    def _come_to_rest(self) -> bool:
+        assert self._end is not None and self._ending_until is not None  # set together
+        outcome, message = self._end
+        unsettled = self._root.unsettled()
+        if unsettled is not None:
+            if self.steady.now() < self._ending_until:
+                return False
+            path = next((leaf.path for leaf in self.active_states()), ROOT_PATH)
+            text = f'not confirmed to be at rest {self.exit_timeout:g} s after the stop: {unsettled}'
+            self.fault(path, text)
+            message = f'{message}; {path} is {text}' if message else f'{path} is {text}'
+        self._finish(outcome, message)
+        return True
+
+    def _finish(self, outcome: str, message: str) -> None:
+        self._root.child = None
+        for leaf in self._root.leaves():
+            leaf.stop()
+        self.message = message
+        self.outcome = outcome
+        self._take_commands()
+        self.changed()
+
+    def userdata(self) -> dict[str, Any]:
+        """The root machine's userdata."""
+        return self._scope.values()

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Userdata: what the states of a machine hand to each other.
+
+Each machine has a scope of its own. A state sees, through a :class:`UserData` view, only the keys that it declares;
+remapping says under which names its machine has them. What a state reads and does not also write is a copy, so that a
+value can only be changed by whoever declares to. (FlexBE hashes the text of such values in every tick instead, which
+is slow and misses changes.)
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from .errors import UserDataError
+
+_IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
+
+
+class Scope:
+    """The data of one machine while it is active.
+
+    ``inputs`` and ``outputs`` map keys of this scope to those of the parent's: an input that was not written here is
+    read there, and an output is written there as well.
+    """
+
+    __slots__ = ('_data', '_inputs', '_outputs', '_parent')
+
+    def __init__(
+        self,
+        data: Mapping[str, Any],
+        parent: Scope | None = None,
+        inputs: Mapping[str, str] | None = None,
+        outputs: Mapping[str, str] | None = None,
+    ) -> None:
+        self._data = dict(data)
+        self._parent = parent
+        self._inputs = dict(inputs or {})
+        self._outputs = dict(outputs or {})
+        for key, parent_key in self._inputs.items():
+            # A default of the machine yields to what its parent has.
+            if parent is not None and parent_key in parent:
+                self._data.pop(key, None)
+
+    def __contains__(self, key: object) -> bool:
+        if key in self._data:
+            return True
+        return self._parent is not None and key in self._inputs and self._inputs[str(key)] in self._parent
+
+    def get(self, key: str) -> Any:
+        """The value of a key. Raises KeyError when nobody has written it."""
+        if key in self._data:
+            return self._data[key]
+        if self._parent is not None and key in self._inputs:
+            return self._parent.get(self._inputs[key])
+        raise KeyError(key)
+
+    def set(self, key: str, value: Any) -> None:
+        """Write a key."""
+        self._data[key] = value
+        if self._parent is not None and key in self._outputs:
+            self._parent.set(self._outputs[key], value)
+
+    def values(self) -> dict[str, Any]:
+        """Keys and values of this scope itself."""
+        return dict(self._data)
+
+
+class UserData:
+    """What a state sees of its machine's userdata: ``userdata.key`` or ``userdata['key']``."""
+
+    __slots__ = ('_copies', '_inputs', '_outputs', '_owner', '_remap', '_scope')
+
+    def __init__(
+        self,
+        scope: Scope,
+        input_keys: frozenset[str],
+        output_keys: frozenset[str],
+        remap: Mapping[str, str],
+        owner: str,
+    ) -> None:
+        set_slot = object.__setattr__
+        set_slot(self, '_scope', scope)
+        set_slot(self, '_inputs', input_keys)
+        set_slot(self, '_outputs', output_keys)
+        set_slot(self, '_remap', remap)
+        set_slot(self, '_owner', owner)
+        set_slot(self, '_copies', {})
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in self._inputs and key not in self._outputs:
+            raise UserDataError(f"{self._owner}: cannot read userdata key '{key}'; declare it in input_keys")
+        if key in self._copies:
+            return self._copies[key]
+        name = self._remap.get(key, key)
+        try:
+            value = self._scope.get(name)
+        except KeyError:
+            shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
+            raise UserDataError(f'{self._owner}: userdata key {shown} has no value; nobody has written it') from None
+        if key not in self._outputs and not isinstance(value, _IMMUTABLE):
+            value = self._copies[key] = copy.deepcopy(value)
+        return value
+
+    def __setitem__(self, key: str, value: Any) -> None:
+        if key not in self._outputs:
+            raise UserDataError(f"{self._owner}: cannot write userdata key '{key}'; declare it in output_keys")
+        self._copies.pop(key, None)
+        self._scope.set(self._remap.get(key, key), value)
+
+    def __getattr__(self, key: str) -> Any:
+        if key.startswith('_'):
+            raise AttributeError(key)
+        return self[key]
+
+    def __setattr__(self, key: str, value: Any) -> None:
+        if key.startswith('_'):
+            raise AttributeError(f'{key}: userdata keys do not begin with an underscore')
+        self[key] = value
+
+    def __contains__(self, key: object) -> bool:
+        declared = key in self._inputs or key in self._outputs
+        return declared and self._remap.get(str(key), str(key)) in self._scope
+
+    def __iter__(self) -> Iterator[str]:
+        return (key for key in sorted(self._inputs | self._outputs) if key in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __repr__(self) -> str:
+        return f'UserData({", ".join(f"{key}={self[key]!r:.40}" for key in self)})'
+
+
+class DefaultUserData:
+    """The defaults of a machine, written while it is built: ``machine.userdata.key = value``."""
+
+    def __init__(self) -> None:
+        object.__setattr__(self, '_data', {})
+
+    def __getattr__(self, key: str) -> Any:
+        if key.startswith('_') or key not in self._data:
+            raise AttributeError(f"the machine has no default for userdata key '{key}'")
+        return self._data[key]
+
+    def __setattr__(self, key: str, value: Any) -> None:
+        self[key] = value
+
+    def __getitem__(self, key: str) -> Any:
+        return self._data[key]
+
+    def __setitem__(self, key: str, value: Any) -> None:
+        if not key or key.startswith('_'):
+            raise UserDataError(f"'{key}' cannot be a userdata key: it is empty or begins with an underscore")
+        self._data[key] = value
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._data
+
+    def values(self) -> dict[str, Any]:
+        """Keys and default values."""
+        return dict(self._data)
