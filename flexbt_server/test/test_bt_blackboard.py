@@ -407,3 +407,18 @@ def test_sub_tree_ports_constants_models_and_autoremap() -> None:
     assert '_private' not in tree.blackboard
     with pytest.raises(TreeLoadError, match=r'declares the port \[number\]'):
         TreeLibrary([load_xml(text.replace('number="{n}"', ''), 'f', registry)])
+
+
+def test_a_converter_of_the_host_that_raises_is_a_load_error() -> None:
+    class Posed(SyncAction):
+        ports = {'pose': input_port(PortType('Pose', tuple, from_text=lambda text: (float(text),)))}
+
+        def tick(self) -> NodeStatus:
+            return NodeStatus.SUCCESS
+
+    registry = builtin_registry()
+    registry.register('Posed', Posed)
+    with pytest.raises(TreeLoadError, match=r"f:1:52: <Posed>: port \[pose\] of type Pose: can't convert text 'here'"):
+        load_xml(
+            '<root BTCPP_format="4"><BehaviorTree ID="M"><Posed pose="here"/></BehaviorTree></root>', 'f', registry
+        )

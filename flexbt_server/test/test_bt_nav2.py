@@ -176,7 +176,7 @@ def test_rate_controller_begins_its_child_once_a_period_and_asks_for_the_wake_up
     assert calls[3:] == ['0S', '1R']
     assert tree.next_wake == 11.0
     tree.halt()
-    assert tree.next_wake is None
+    assert [tree.next_wake] == [None]
     tree.tick_once()
     assert calls[-2:] == ['0S', '1R']
 

@@ -67,7 +67,7 @@ class Returns(SyncAction):
     """Returns whatever the host provides."""
 
     def tick(self) -> NodeStatus:
-        return self.services['return']  # type: ignore[no-any-return]
+        return self.services['return']
 
 
 class Check(Condition):
@@ -96,7 +96,15 @@ class All(Control):
         return FAILURE if FAILURE in results else SUCCESS
 
 
-NODES = (Work, Returns, Check, Pass, All)
+class Stubborn(Decorator):
+    def tick(self) -> NodeStatus:
+        return self.tick_child()
+
+    def on_halt(self) -> None:
+        raise ValueError('no')
+
+
+NODES = (Stubborn, Work, Returns, Check, Pass, All)
 
 
 def library(*bodies: str, **trees: str) -> TreeLibrary:
@@ -231,6 +239,15 @@ def test_a_leaf_that_cannot_be_halted_does_not_keep_the_others_from_it() -> None
     running.halt()
 
 
+def test_a_decorator_that_raises_while_halting_does_not_keep_its_child_from_it() -> None:
+    running = tree('<Stubborn name="s"><Work name="a"/></Stubborn>')
+    running.tick_once()
+    with pytest.raises(NodeExecutionError, match=r'\[s\] \(Stubborn\): ValueError: no'):
+        running.halt()
+    assert [node.halts for node in running.nodes if isinstance(node, Work)] == [1]
+    assert running.active_nodes() == []
+
+
 def test_an_error_while_halting_within_a_tick_is_raised_by_the_tick() -> None:
     services = {'halt error': 'a', 'b': [FAILURE]}
     running = tree('<Parallel><Work name="a"/><Work name="b"/></Parallel>', services=services)
@@ -245,16 +262,16 @@ def test_unfinished_work_outlives_the_halt() -> None:
     first = running.root.context.add_unfinished('canceling goal of spin')
     second = running.root.context.add_unfinished('canceling goal of spin')
     running.halt()
-    assert running.unfinished == ('canceling goal of spin',) * 2
+    assert list(running.unfinished) == ['canceling goal of spin'] * 2
     thread = threading.Thread(target=first.done)
     thread.start()
     thread.join()
-    assert len(running.unfinished) == 1
+    assert list(running.unfinished) == ['canceling goal of spin']
     assert len(wakes) == 1
     first.done()
     assert len(wakes) == 1
     second.done()
-    assert running.unfinished == ()
+    assert list(running.unfinished) == []
     assert isinstance(second, UnfinishedWork)
 
 

@@ -85,7 +85,7 @@ class SetBlackboard(SyncAction):
             if kind.from_text is None:
                 raise BlackboardError(f'entry [{key}] of type {kind.name} cannot be written as text')
             try:
-                entry.write(kind.from_text(text))
+                entry.write(kind.parse(text))
             except ConversionError as error:
                 raise BlackboardError(f'entry [{key}]: {error}') from error
 

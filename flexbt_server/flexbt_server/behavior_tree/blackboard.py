@@ -198,7 +198,7 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
             if declared.from_text is None:
                 raise _type_clash(key, declared, kind)
             try:
-                return declared.from_text(value)
+                return declared.parse(value)
             except ConversionError as error:
                 raise BlackboardError(f'entry [{key}]: {error}') from error
         # A bool entry takes no number, and an entry of text or objects takes nothing else.

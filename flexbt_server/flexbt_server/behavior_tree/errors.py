@@ -38,7 +38,7 @@ class BlackboardError(BehaviorTreeError):
 class LoadError:
     """One reason why a document is refused (or, among the warnings of a document, one oddity).
 
-    ``line`` and ``column`` count from 1 in the text as the user wrote it; 0 when the file as a whole is meant.
+    ``line`` and ``column`` count from 1 in the text as the user wrote it.
     ``node`` is the element: its tag, with its ``name`` when it has one; '' when there is none.
     """
 
@@ -49,7 +49,7 @@ class LoadError:
     message: str
 
     def __str__(self) -> str:
-        where = f'{self.file}:{self.line}:{self.column}' if self.line else self.file
+        where = f'{self.file}:{self.line}:{self.column}'
         return f'{where}: {self.node}: {self.message}' if self.node else f'{where}: {self.message}'
 
 

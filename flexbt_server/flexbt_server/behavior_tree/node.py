@@ -130,7 +130,7 @@ class TreeNode(ABC):
             if kind is None or kind.from_text is None:
                 return value.text
             try:
-                return kind.from_text(value.text)
+                return kind.parse(value.text)
             except ConversionError as error:
                 raise self._port_error(port, str(error)) from error
         entry = self._entry(port, value.key)

@@ -46,6 +46,15 @@ class PortType:
     # Values that cannot be changed may be converted once, at load, and shared by all reads.
     immutable: bool = field(default=False)
 
+    def parse(self, text: str) -> Any:
+        """The value that ``text`` means. Raises ConversionError, whatever ``from_text`` raises."""
+        if self.from_text is None:
+            raise ConversionError(f'{self.name} cannot be written as text')
+        try:
+            return self.from_text(text)
+        except (ValueError, TypeError, ArithmeticError, LookupError) as error:
+            raise ConversionError(f"can't convert text '{text[:40]}' to {self.name}: {error}") from error
+
     def same(self, other: PortType) -> bool:
         """Whether both are one type: equal names, or objects of the same Python class."""
         if self is other or self.name == other.name:
@@ -111,9 +120,9 @@ UINT64 = _integer_type('uint64_t', 64, signed=False)
 
 def list_of(element: PortType) -> PortType:
     """A list whose text form is its elements separated by ``;``. One empty piece at the end is dropped."""
-    convert = element.from_text
+    convert = element.parse
     name = f'std::vector<{element.name}>'
-    if convert is None:
+    if element.from_text is None:
         return PortType(name, list)
 
     def from_text(text: str) -> list[Any]:
@@ -155,7 +164,7 @@ def cast(value: Any, wanted: PortType) -> Any:
         if isinstance(value, wanted.python_type):
             return value
         if isinstance(value, str) and wanted.from_text is not None:
-            return wanted.from_text(value)
+            return wanted.parse(value)
     elif category == 'text':
         if isinstance(value, str):
             return value
@@ -164,8 +173,7 @@ def cast(value: Any, wanted: PortType) -> Any:
         if isinstance(value, float):
             return f'{value:f}'
     elif isinstance(value, str):
-        assert wanted.from_text is not None
-        return wanted.from_text(value)
+        return wanted.parse(value)
     elif isinstance(value, int | float):
         return _cast_number(value, wanted)
     raise ConversionError(f'no safe conversion from {type(value).__name__} to {wanted.name}')

@@ -156,7 +156,7 @@ def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
     return (1, 1) if issubclass(node_class, DecoratorNode) else (0, 0)
 
 
-def _port_problem(name: str, port: Port) -> str:
+def _port_problem(name: str, port: object) -> str:
     problem = port_name_problem(name)
     if problem:
         return problem
@@ -170,7 +170,7 @@ def _port_problem(name: str, port: Port) -> str:
     kind = port.type
     if isinstance(port.default, str) and not pointer and kind is not None and kind.from_text is not None:
         try:
-            kind.from_text(port.default)
+            kind.parse(port.default)
         except ConversionError as error:
             return f'the default does not fit the type: {error}'
     return ''

@@ -200,7 +200,7 @@ class NodeReader:
             )
             return None
         try:
-            value = kind.from_text(text)
+            value = kind.parse(text)
         except ConversionError as error:
             self._error(element, f'port [{name}] of type {kind.name}: {error}', name)
             return None

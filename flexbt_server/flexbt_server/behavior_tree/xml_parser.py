@@ -100,7 +100,7 @@ def parse(source: Source, *, max_bytes: int = MAX_BYTES, max_depth: int = MAX_DE
 def _check_size(size: int, file: str, max_bytes: int) -> None:
     if size > max_bytes:
         message = f'the document has more than {max_bytes} bytes, which is the limit; split it, or raise the limit'
-        raise TreeLoadError([LoadError(file, 0, 0, '', message)])
+        raise TreeLoadError([LoadError(file, 1, 1, '', message)])
 
 
 class _Parser:
