@@ -19,7 +19,9 @@ setup(
     description='System tests of FlexBT across processes.',
     license='BSD-3-Clause',
     entry_points={
-        'console_scripts': [
+        'console_scripts': [],
+        'flexbt.behaviors': [
+            'latency_probe = flexbt_system_tests.latency_probe:LatencyProbe',
         ],
     },
 )

@@ -54,7 +54,7 @@ class RunObserver(Protocol):
 class MachineRun:
     """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
 
-    ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error' with the reason in ``message``.
+    ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
     ``clock`` is what states see, ``steady`` counts the time that they may take to come to rest.
     """
 
