@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
-from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
 from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
 from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
+from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
+from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
 
 ENTRY_POINT_GROUP: Final = 'flexbt.behaviors'
 """Entry point group under which packages list their behaviors."""

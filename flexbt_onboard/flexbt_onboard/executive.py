@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The onboard behavior executive: runs one behavior at a time, under an operator's supervision.
+
+Everything here happens on the executor thread, except where it says otherwise. A run has its own thread
+(:mod:`flexbt_onboard.behavior_run`) and posts here what becomes of it, so that the operator is answered whatever a
+behavior does.
+"""
+
+from __future__ import annotations
+
+import uuid
+from typing import Final
+
+from flexbt_common.action_call import ActionLinks
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.service_call import ServiceLinks
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_onboard.behavior_library import BehaviorLibrary
+from flexbt_onboard.behavior_run import BehaviorRun, RunPhase, RunRequest
+from flexbt_onboard.command_table import CommandTable
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.executive_commands import CommandHandlers
+from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.operator_link import OperatorLink
+from flexbt_onboard.operator_questions import OperatorQuestions
+from flexbt_onboard.peers import PeersWatch
+from flexbt_onboard.robot_pose import RobotPose
+from flexbt_onboard.state_services import StateServices
+from flexbt_onboard.status_publisher import StatusPublisher
+
+SHUTDOWN_SECONDS: Final = 1.2
+"""How long the end of the process waits for a running behavior to be at rest."""
+
+_STATE_OF_PHASE: Final = {
+    RunPhase.STARTING: ExecutiveStatus.STARTING,
+    RunPhase.RUNNING: ExecutiveStatus.RUNNING,
+    RunPhase.STOPPING: ExecutiveStatus.STOPPING,
+}
+
+
+class Executive:
+    """The executive on one node. Made and closed by its host; see :func:`flexbt_onboard.onboard_executive.main`.
+
+    ``run`` is the run that goes on, or None; ``autonomy`` the operator's current level.
+    """
+
+    def __init__(self, runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary) -> None:
+        """Must be called on the executor thread."""
+        self.runtime = runtime
+        self.library = library
+        self.executive_id = uuid.uuid4().hex
+        self.autonomy = parameters.autonomy
+        self.run: BehaviorRun | None = None
+        self._last = ExecutiveStatus()  # run_id, behavior, outcome and message of the last run
+        self._start_commands: dict[str, str] = {}  # run_id of a starting run: the command to answer
+        self._is_closing = False
+        self._table = CommandTable()
+        self._handlers = CommandHandlers(self)
+        self.link = OperatorLink(runtime, self.executive_id, parameters.heartbeat_period, self._on_command)
+        self.questions = OperatorQuestions(runtime, self.changed)
+        self._pose = RobotPose(runtime, parameters.pose_topic)
+        self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
+        self._services = StateServices(
+            runtime=runtime,
+            actions=ActionLinks(runtime),
+            services=ServiceLinks(runtime),
+            node_name=runtime.node.get_fully_qualified_name(),
+            changed=self.changed,
+        )
+        self._token = LivelinessToken(runtime)
+        self._peers = PeersWatch(runtime, parameters.peers, self._on_peer)
+        runtime.on_fault(self._on_fault)
+        self._announce()
+
+    @property
+    def shown_run_id(self) -> str:
+        """The run that the status names: the one that goes on, or the last one."""
+        return self.run.run_id if self.run is not None else str(self._last.run_id)
+
+    def changed(self) -> None:
+        """Something that the operator is shown has changed; from any thread."""
+        self._status.changed()
+
+    def start(self, request: RunRequest, command_id: str) -> None:
+        """Begin a run; the command is answered when the behavior is built, or refused because it cannot be.
+
+        Raises:
+            CommandRefusedError: a run goes on.
+        """
+        if self._is_closing:
+            raise CommandRefusedError('the executive is shutting down')
+        if self.run is not None:
+            raise CommandRefusedError(
+                f'behavior {self.run.behavior!r} is {self.run.phase.name.lower()} (run {self.run.run_id}); stop it first'
+            )
+        self.autonomy = request.autonomy
+        self.run = BehaviorRun(request, uuid.uuid4().hex, self._services, self)
+        self._start_commands[self.run.run_id] = command_id
+        self.run.start()
+        self.changed()
+
+    def settle(self, command_id: str, reason: str | None) -> None:
+        """Answer a command: applied, or refused for ``reason``; from any thread."""
+        self.runtime.post(lambda: self._settle(command_id, reason))
+
+    # What a run tells; on the thread of the run.
+
+    def run_built(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        """The behavior is built and begins to run."""
+
+        def publish() -> None:
+            # The structure first: a status that names its run can be drawn at once.
+            self.link.publish_structure(structure)
+            run.announce()
+            self._settle(self._start_commands.pop(run.run_id), None)
+            self._status.flush()
+            self.link.log(ExecutiveLog.INFO, f'behavior {run.behavior!r} started', run_id=run.run_id)
+
+        self.runtime.post(publish)
+
+    def run_refused(self, run: BehaviorRun, reason: str) -> None:
+        """The behavior could not be built; the run has ended."""
+
+        def refuse() -> None:
+            self._end(run, 'error', reason)
+            self.link.log(ExecutiveLog.ERROR, f'behavior {run.behavior!r} cannot start: {reason}', run_id=run.run_id)
+            self._settle(self._start_commands.pop(run.run_id), reason)
+
+        self.runtime.post(refuse)
+
+    def run_log(self, run: BehaviorRun, severity: int, path: str, text: str) -> None:
+        """A state or the engine has something to say."""
+        self.link.log(severity, text, path, run.run_id)
+
+    def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
+        """The run has ended and everything is at rest, or as far at rest as ``message`` says."""
+
+        def end() -> None:
+            self._end(run, outcome, message)
+            severity = ExecutiveLog.ERROR if outcome == 'error' else ExecutiveLog.INFO
+            text = f'behavior {run.behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
+            self.link.log(severity, text, run_id=run.run_id)
+
+        self.runtime.post(end)
+
+    def close(self) -> None:
+        """Stop the run, and wait for it for a limited time; on the closing thread, while callbacks still run."""
+        run = self.runtime.call(self._begin_to_close)
+        if run is not None and not run.join(SHUTDOWN_SECONDS):
+            self.link.log(
+                ExecutiveLog.ERROR,
+                f'behavior {run.behavior!r} was not at rest {SHUTDOWN_SECONDS} s after the stop; leaving it',
+                run_id=run.run_id,
+            )
+        self.runtime.call(self._say_goodbye)
+
+    def _begin_to_close(self) -> BehaviorRun | None:
+        self._is_closing = True
+        if self.run is not None:
+            self.run.stop('the executive is shutting down')
+        return self.run
+
+    def _say_goodbye(self) -> None:
+        self.questions.close()
+        self._status.flush()
+
+    def _announce(self) -> None:
+        entries = self.library.entries.values()
+        self.link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
+        for entry in entries:
+            if entry.error:
+                self.link.log(ExecutiveLog.WARN, f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}')
+        self.changed()
+
+    def _on_command(self, command: ExecutiveCommand) -> None:
+        if not command.id:
+            self.link.log(ExecutiveLog.WARN, f'a command of {command.operator_id!r} has no id; it was ignored')
+            return
+        if not self._table.admit(command.id):
+            self.changed()  # a resend: answered again, applied once
+            return
+        try:
+            is_applied = self._handlers.handle(command)
+        except CommandRefusedError as error:
+            self._settle(command.id, str(error))
+            return
+        if is_applied:
+            self._settle(command.id, None)
+
+    def _settle(self, command_id: str, reason: str | None) -> None:
+        self._table.settle(command_id, reason)
+        self.changed()
+
+    def _end(self, run: BehaviorRun, outcome: str, message: str) -> None:
+        self._last = ExecutiveStatus(run_id=run.run_id, behavior=run.behavior, outcome=outcome, message=message)
+        self.run = None
+        self.changed()
+
+    def _publish_status(self) -> None:
+        status = ExecutiveStatus(
+            autonomy=self.autonomy,
+            decisions=self.questions.decisions(),
+            results=self._table.latest(),
+            peers=self._peers.statuses(),
+            robot_pose=self._pose.latest(),
+        )
+        run = self.run
+        if run is None:
+            status.state = ExecutiveStatus.IDLE
+            status.run_id, status.behavior = self._last.run_id, self._last.behavior
+            status.outcome, status.message = self._last.outcome, self._last.message
+        else:
+            status.state = _STATE_OF_PHASE[run.phase]
+            status.run_id, status.behavior = run.run_id, run.behavior
+            status.active_states = run.active_states()
+            decisions = [*run.decisions(), *status.decisions]
+            status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
+        self.link.publish_status(status)
+
+    def _on_peer(self, name: str, alive: bool, seen_before: bool) -> None:
+        run_id = self.run.run_id if self.run is not None else ''
+        if alive:
+            self.link.log(
+                ExecutiveLog.INFO, f'{name} is alive {"again" if seen_before else ""}'.rstrip(), run_id=run_id
+            )
+        else:
+            self.link.log(ExecutiveLog.ERROR, f'{name} is not alive any more', run_id=run_id)
+        self.changed()
+
+    def _on_fault(self, error: BaseException) -> None:
+        self.link.log(ExecutiveLog.ERROR, f'fault in the executive, which goes on: {type(error).__name__}: {error}')
+
+
+def open_executive(
+    runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary | None = None
+) -> Executive:
+    """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
+    found = BehaviorLibrary.discover() if library is None else library
+    executive = runtime.call(lambda: Executive(runtime, parameters, found))
+    runtime.on_close(executive.close)
+    return executive

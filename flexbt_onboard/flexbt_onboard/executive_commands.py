@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What each command of an operator does, and when it is refused (flexbt_msgs/msg/ExecutiveCommand)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_onboard.behavior_run import BehaviorRun, RunPhase, RunRequest
+from flexbt_onboard.errors import BehaviorError, CommandRefusedError
+
+if TYPE_CHECKING:
+    from flexbt_onboard.executive import Executive
+
+_HIGHEST_AUTONOMY: Final = 3
+_APPLIED: Final = True
+_ANSWERED_LATER: Final = False
+
+_LATER: Final = {
+    ExecutiveCommand.PAUSE: 'PAUSE',
+    ExecutiveCommand.RESUME: 'RESUME',
+    ExecutiveCommand.REPEAT: 'REPEAT',
+    ExecutiveCommand.LOCK: 'LOCK',
+    ExecutiveCommand.UNLOCK: 'UNLOCK',
+    ExecutiveCommand.SWITCH: 'SWITCH',
+    ExecutiveCommand.BREAKPOINT: 'BREAKPOINT',
+    ExecutiveCommand.CLEAR_BREAKPOINT: 'CLEAR_BREAKPOINT',
+    ExecutiveCommand.CLAIM_AUTHORITY: 'CLAIM_AUTHORITY',
+    ExecutiveCommand.RELEASE_AUTHORITY: 'RELEASE_AUTHORITY',
+    ExecutiveCommand.RESUME_RUN: 'RESUME_RUN',
+    ExecutiveCommand.ABORT_RUN: 'ABORT_RUN',
+}
+
+
+class CommandHandlers:
+    """Applies commands that were not seen before. On the executor thread."""
+
+    def __init__(self, executive: Executive) -> None:
+        self._executive = executive
+        self._handlers: dict[int, Callable[[ExecutiveCommand], bool]] = {
+            ExecutiveCommand.START: self._start,
+            ExecutiveCommand.STOP: self._stop,
+            ExecutiveCommand.AUTONOMY: self._autonomy,
+            ExecutiveCommand.CONFIRM: self._confirm,
+            ExecutiveCommand.FORCE: self._force,
+            ExecutiveCommand.ANSWER: self._answer,
+            ExecutiveCommand.DECLINE: self._decline,
+        }
+
+    def handle(self, command: ExecutiveCommand) -> bool:
+        """Apply a command; True when it has had its effect, False when it is answered later.
+
+        Raises:
+            CommandRefusedError: it has no effect; the text is the reason.
+        """
+        handler = self._handlers.get(command.kind)
+        if handler is None:
+            kind = _LATER.get(command.kind, f'kind {command.kind}')
+            raise CommandRefusedError(f'{kind} is not supported by this version')
+        return handler(command)
+
+    def _start(self, command: ExecutiveCommand) -> bool:
+        try:
+            entry = self._executive.library.find(command.behavior)
+        except BehaviorError as error:
+            raise CommandRefusedError(str(error)) from error
+        if entry.error:
+            raise CommandRefusedError(f'behavior {entry.name!r} is broken: {entry.error}')
+        request = RunRequest(
+            entry=entry,
+            arguments=tuple((argument.name, argument.value) for argument in command.arguments),
+            inputs=tuple(command.inputs),
+            autonomy=_checked_autonomy(command.autonomy),
+        )
+        self._executive.start(request, command.id)
+        return _ANSWERED_LATER
+
+    def _stop(self, command: ExecutiveCommand) -> bool:
+        by = f'operator {command.operator_id}' if command.operator_id else 'the operator'
+        self._run_of(command).stop(f'stopped by {by}' + (f': {command.reason}' if command.reason else ''))
+        return _APPLIED
+
+    def _autonomy(self, command: ExecutiveCommand) -> bool:
+        level = _checked_autonomy(command.autonomy)
+        executive = self._executive
+        if executive.run is None:
+            if command.path:
+                raise CommandRefusedError(f'no behavior is running, so there is no state {command.path!r}')
+            executive.autonomy = level
+            return _APPLIED
+        run = self._run_of(command)
+        if command.path:
+            run.set_autonomy(level, command.path, self._answer_of(command))
+            return _ANSWERED_LATER
+
+        def settle(reason: str | None) -> None:
+            if reason is None:
+                executive.autonomy = level
+            executive.settle(command.id, reason)
+
+        run.set_autonomy(level, '', lambda reason: executive.runtime.post(lambda: settle(reason)))
+        return _ANSWERED_LATER
+
+    def _confirm(self, command: ExecutiveCommand) -> bool:
+        if not command.decision_id:
+            raise CommandRefusedError('CONFIRM must name the decision that it answers in decision_id')
+        run = self._running(command)
+        if self._executive.questions.is_open(command.decision_id):
+            raise CommandRefusedError(f'decision {command.decision_id!r} asks for a value: answer it, or decline')
+        run.confirm(command.decision_id, self._answer_of(command))
+        return _ANSWERED_LATER
+
+    def _force(self, command: ExecutiveCommand) -> bool:
+        if not command.path or not command.outcome:
+            raise CommandRefusedError('FORCE must name path and outcome')
+        run = self._running(command)
+        run.force(command.path, command.outcome, command.decision_id, self._answer_of(command))
+        return _ANSWERED_LATER
+
+    def _answer(self, command: ExecutiveCommand) -> bool:
+        self._refuse_other_run(command)
+        if len(command.inputs) != 1:
+            raise CommandRefusedError(f'ANSWER must carry one value in inputs, not {len(command.inputs)}')
+        self._executive.questions.answer(command.decision_id, command.inputs[0], command.operator_id)
+        return _APPLIED
+
+    def _decline(self, command: ExecutiveCommand) -> bool:
+        self._refuse_other_run(command)
+        self._executive.questions.decline(command.decision_id, command.operator_id, command.reason)
+        return _APPLIED
+
+    def _answer_of(self, command: ExecutiveCommand) -> Callable[[str | None], None]:
+        command_id = command.id
+        return lambda reason: self._executive.settle(command_id, reason)
+
+    def _run_of(self, command: ExecutiveCommand) -> BehaviorRun:
+        """The run that the command is meant for, when it is the one that goes on."""
+        run = self._executive.run
+        if not command.run_id:
+            raise CommandRefusedError('the command must name the run that it is meant for in run_id')
+        if run is None:
+            raise CommandRefusedError(f'no behavior is running; run {command.run_id} is not active')
+        if run.run_id != command.run_id:
+            raise CommandRefusedError(f'meant for run {command.run_id}, but run {run.run_id} is active now')
+        return run
+
+    def _running(self, command: ExecutiveCommand) -> BehaviorRun:
+        run = self._run_of(command)
+        if run.phase is not RunPhase.RUNNING:
+            raise CommandRefusedError(f'behavior {run.behavior!r} is {run.phase.name.lower()}')
+        return run
+
+    def _refuse_other_run(self, command: ExecutiveCommand) -> None:
+        # A question may also come from a node of its own, while no behavior runs: then the shown run counts.
+        shown = self._executive.shown_run_id
+        if command.run_id != shown:
+            raise CommandRefusedError(
+                f'meant for run {command.run_id or "none"}, but run {shown or "none"} is shown now'
+            )
+
+
+def _checked_autonomy(level: int) -> int:
+    if level > _HIGHEST_AUTONOMY:
+        raise CommandRefusedError(f'autonomy {level} is none of 0 Off, 1 Low, 2 High, 3 Full')
+    return level

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The parameters of the executive node: declared, described and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterValueException, InvalidTopicNameException, ParameterException
+from rclpy.node import Node
+from rclpy.validate_topic_name import validate_topic_name
+
+from flexbt_common import names
+from flexbt_onboard.errors import OnboardError
+
+
+@dataclass(frozen=True)
+class ExecutiveParameters:
+    """Values of the parameters; see :func:`declare_parameters` for what each means."""
+
+    peers: tuple[str, ...] = (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR)
+    pose_topic: str = names.POSE
+    heartbeat_period: float = 0.5
+    autonomy: int = 1
+
+
+def declare_parameters(node: Node) -> ExecutiveParameters:
+    """Declare the parameters on the node and read them once; they cannot be changed while it runs.
+
+    Raises:
+        OnboardError: a value is not acceptable; names parameter and value.
+    """
+    defaults = ExecutiveParameters()
+    peers = _declare(
+        node,
+        'peers',
+        list(defaults.peers),
+        ParameterDescriptor(
+            description='Names of the nodes that the missions depend on; the operator is shown whether they are alive.'
+        ),
+    )
+    pose_topic = _declare(
+        node,
+        'pose_topic',
+        defaults.pose_topic,
+        ParameterDescriptor(description='Topic of the robot pose (geometry_msgs/msg/PoseStamped) for the status.'),
+    )
+    heartbeat_period = _declare(
+        node,
+        'heartbeat_period',
+        defaults.heartbeat_period,
+        ParameterDescriptor(
+            description='Seconds of wall time between two status messages while nothing changes.',
+            floating_point_range=[FloatingPointRange(from_value=0.05, to_value=10.0)],
+        ),
+    )
+    autonomy = _declare(
+        node,
+        'autonomy',
+        defaults.autonomy,
+        ParameterDescriptor(
+            description='Autonomy level before the first run: 0 Off, 1 Low, 2 High, 3 Full.',
+            integer_range=[IntegerRange(from_value=0, to_value=3, step=1)],
+        ),
+    )
+    try:
+        validate_topic_name(pose_topic)
+    except InvalidTopicNameException as error:
+        raise OnboardError(f'parameter pose_topic: {pose_topic!r} is not a topic: {error}') from None
+    wanted = tuple(dict.fromkeys(name for name in peers if name))
+    for name in wanted:
+        try:
+            validate_topic_name(name)
+        except InvalidTopicNameException as error:
+            raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
+    return ExecutiveParameters(wanted, str(pose_topic), float(heartbeat_period), int(autonomy))
+
+
+def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
+    descriptor.read_only = True
+    try:
+        return node.declare_parameter(name, default, descriptor).value
+    except (ParameterException, InvalidParameterValueException) as error:
+        raise OnboardError(f'parameter {name}: {error}; {descriptor.description}') from None

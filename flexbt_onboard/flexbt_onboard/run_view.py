@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the operator is shown of a running machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+
+from flexbt_common.ros_clock import RosClock
+from flexbt_msgs.msg import ActiveState, PendingDecision
+from flexbt_onboard.state_machine import EventState, MachineRun
+
+_NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class _ActiveLeaf:
+    path: str
+    entered: Time
+    state: EventState
+
+
+class RunView:
+    """The picture of a machine: taken on the thread of the run with each change, read on any other."""
+
+    def __init__(self, clock: RosClock, run_id: str) -> None:
+        self._clock = clock
+        # Decisions are numbered by the run; with this they are unique in the executive.
+        self._prefix = f'{run_id[:8]}-'
+        self._leaves: tuple[_ActiveLeaf, ...] = ()
+        self._decisions: tuple[PendingDecision, ...] = ()
+        self._entered_at: dict[str, float] = {}
+
+    def update(self, machine: MachineRun) -> None:
+        """Take the picture; on the thread of the run. What has not changed keeps its time stamp."""
+        known = {leaf.path: leaf for leaf in self._leaves}
+        leaves, times = [], {}
+        for active in machine.active_states():
+            leaf = known.get(active.path)
+            if leaf is None or self._entered_at.get(active.path) != active.entered_at:
+                leaf = _ActiveLeaf(active.path, self._stamp(active.entered_at), active.state)
+            leaves.append(leaf)
+            times[active.path] = active.entered_at
+        shown = {decision.id: decision for decision in self._decisions}
+        decisions = []
+        for decision in machine.decisions:
+            own_id = self._prefix + decision.id
+            decisions.append(
+                shown.get(own_id)
+                or PendingDecision(
+                    id=own_id,
+                    kind=decision.kind.value,
+                    path=decision.path,
+                    outcome=decision.outcome,
+                    outcomes=list(decision.outcomes),
+                    required_autonomy=decision.required,
+                    prompt=decision.prompt,
+                    since=self._stamp(decision.since),
+                )
+            )
+        self._entered_at = times
+        self._leaves, self._decisions = tuple(leaves), tuple(decisions)
+
+    def active_states(self) -> list[ActiveState]:
+        """The active leaves with what they are doing now."""
+        return [
+            ActiveState(path=leaf.path, entered=leaf.entered, activity=_activity(leaf.state)) for leaf in self._leaves
+        ]
+
+    def decisions(self) -> list[PendingDecision]:
+        """What waits for the operator."""
+        return list(self._decisions)
+
+    def own_decision(self, decision_id: str) -> str | None:
+        """The number that the run gave to a decision; None when it is no decision of this run."""
+        own = decision_id.removeprefix(self._prefix)
+        return own if own != decision_id else None
+
+    def _stamp(self, when: float) -> Time:
+        """ROS time of a time of the run's clock, which may be ahead of ROS time by jumps that were taken out."""
+        now = self._clock.stamp()
+        nanoseconds = now.sec * _NANOSECONDS + now.nanosec - int((self._clock.now() - when) * _NANOSECONDS)
+        seconds, rest = divmod(max(nanoseconds, 0), _NANOSECONDS)
+        return Time(sec=seconds, nanosec=rest)
+
+
+def _activity(state: EventState) -> list[str]:
+    try:
+        return [str(line) for line in state.activity()]
+    except Exception as error:  # code of the state; a fault in it must not hide everything else
+        return [f'activity() raised {type(error).__name__}: {error}']

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the host of a state machine gives to its states: their way to ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from flexbt_common.action_call import ActionLinks
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.service_call import ServiceLinks
+
+if TYPE_CHECKING:
+    from flexbt_onboard.state_machine import EventState
+
+
+def _nothing() -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class StateServices:
+    """The services of a run; a state gets it with :func:`state_services`.
+
+    ``runtime`` owns the node and the thread on which everything of rclpy happens, ``actions`` and ``services`` are
+    the shared clients, and ``node_name`` is the fully qualified name of the node that runs the states: what
+    happens on its behalf elsewhere ends when it dies. ``changed`` tells the host, from any thread, that something
+    that the operator is shown has changed: the state's activity.
+    """
+
+    runtime: NodeRuntime
+    actions: ActionLinks
+    services: ServiceLinks
+    node_name: str
+    changed: Callable[[], None] = field(default=_nothing)
+
+
+def state_services(state: EventState) -> StateServices:
+    """The services that a state was given by its host.
+
+    Raises:
+        TypeError: the state machine runs without ROS.
+    """
+    services = state.services
+    if not isinstance(services, StateServices):
+        raise TypeError(
+            f'{type(state).__name__} {state.path}: needs ROS; run its machine with StateServices as services, '
+            f'not {services!r:.60}'
+        )
+    return services

@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs of behaviors as an operator sees them over the link."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
+
+import pytest
+from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
+
+from flexbt_common.values import to_entry
+from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
+from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
+IDLE, STARTING, RUNNING, STOPPING = (
+    ExecutiveStatus.IDLE,
+    ExecutiveStatus.STARTING,
+    ExecutiveStatus.RUNNING,
+    ExecutiveStatus.STOPPING,
+)
+
+
+class Step(EventState):
+    """A state that does what it is given."""
+
+    def __init__(
+        self,
+        outcomes: tuple[str, ...] = ('done',),
+        execute: Callable[[Any], str | None] = lambda userdata: None,
+        **keys: Any,
+    ) -> None:
+        super().__init__(outcomes=outcomes, desired_rate=None, **keys)
+        self._execute = execute
+
+    def execute(self, userdata: Any) -> str | None:
+        return self._execute(userdata)
+
+
+def single(state: Callable[[], EventState], **add: Any) -> Callable[[], OperatableStateMachine]:
+    """A machine of one state, whose outcomes it has."""
+
+    def make() -> OperatableStateMachine:
+        one = state()
+        machine = OperatableStateMachine(outcomes=one.outcomes)
+        with machine:
+            OperatableStateMachine.add('One', one, {name: name for name in one.outcomes}, **add)
+        return machine
+
+    return make
+
+
+def two_steps() -> OperatableStateMachine:
+    """The first is done at once, the second waits for ever; low autonomy on the way in between."""
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        OperatableStateMachine.add(
+            'First', Step(execute=lambda _: 'done'), {'done': 'Second'}, autonomy={'done': Autonomy.Low}
+        )
+        OperatableStateMachine.add('Second', Step(('done', 'bad')), {'done': 'finished', 'bad': 'failed'})
+    return machine
+
+
+class Typed(Behavior):
+    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+        'Typed', parameters=[BehaviorParameter('speed', 1.0), BehaviorParameter('label', 'a', choices=['a', 'b'])]
+    )
+    speed: float
+    label: str
+
+    def create(self) -> OperatableStateMachine:
+        def finish(userdata: Any) -> str:
+            seen.append((self.speed, self.label, userdata['x'], userdata['y']))
+            return 'done'
+
+        seen = TYPED_SEEN
+        machine = OperatableStateMachine(outcomes=['done'], input_keys=['x'])
+        machine.userdata.y = 7
+        with machine:
+            OperatableStateMachine.add('One', Step(execute=finish, input_keys=['x', 'y']), {'done': 'done'})
+        return machine
+
+
+TYPED_SEEN: list[Any] = []
+
+
+@pytest.fixture
+def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
+    """Makes benches, and closes them."""
+    benches: list[ExecutiveBench] = []
+
+    def make(*behaviors: Any, **options: Any) -> ExecutiveBench:
+        made = [one if isinstance(one, type) else behavior_of(one) for one in behaviors]
+        benches.append(ExecutiveBench(*made, **options))
+        return benches[-1]
+
+    yield make
+    for bench in benches:
+        bench.close()
+
+
+Make = Callable[..., ExecutiveBench]
+
+
+def test_a_behavior_of_two_states_is_run_confirmed_and_forced(make_bench: Make) -> None:
+    bench = make_bench(two_steps)
+    assert bench.status.state == IDLE
+    run_id = bench.start(autonomy=1)
+    bench.wait_for(lambda status: status.decisions, 'decision')
+    (structure,) = bench.structures
+    assert (structure.run_id, structure.behavior) == (run_id, 'Test')
+    assert [(state.path, state.kind) for state in structure.states] == [
+        ('/', StateStructure.MACHINE),
+        ('/First', StateStructure.STATE),
+        ('/Second', StateStructure.STATE),
+    ]
+    assert (bench.status.state, bench.status.behavior, bench.status.autonomy) == (RUNNING, 'Test', 1)
+    (decision,) = bench.status.decisions
+    assert (decision.kind, decision.path, decision.outcome, decision.required_autonomy) == (1, '/First', 'done', 1)
+    bench.applied(ExecutiveCommand.CONFIRM, decision_id=decision.id)
+    bench.wait_active('/Second')
+    assert list(bench.status.decisions) == []
+    bench.applied(ExecutiveCommand.FORCE, path='/Second', outcome='bad')
+    assert bench.wait_idle() == 'failed'
+    assert bench.run_id == run_id
+    assert list(bench.status.active_states) == []
+    assert len(bench.structures) == 1
+
+
+def test_every_status_is_numbered_and_names_its_run_after_the_structure(make_bench: Make) -> None:
+    bench = make_bench(two_steps)
+    for _ in range(3):
+        bench.start(autonomy=3)
+        bench.wait_active('/Second')
+        bench.applied(STOP)
+        assert bench.wait_idle() == 'preempted'
+    assert [status.sequence for status in bench.statuses] == list(
+        range(bench.statuses[0].sequence, bench.statuses[-1].sequence + 1)
+    )
+    assert len({status.executive_id for status in bench.statuses}) == 1
+    runs = [structure.run_id for structure in bench.structures]
+    assert len(set(runs)) == 3
+    assert {status.run_id for status in bench.statuses if status.state == RUNNING} <= set(runs)
+
+
+def test_the_level_that_is_raised_lets_a_waiting_transition_happen(make_bench: Make) -> None:
+    bench = make_bench(two_steps)
+    bench.start(autonomy=0)
+    bench.wait_for(lambda status: status.decisions, 'decision')
+    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=2)
+    bench.wait_active('/Second')
+    assert bench.status.autonomy == 2
+    assert 'no state' in bench.refused(ExecutiveCommand.AUTONOMY, autonomy=2, path='/Nowhere')
+    assert '4 is none of' in bench.refused(ExecutiveCommand.AUTONOMY, autonomy=4)
+    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=0, path='/Second')
+    assert bench.status.autonomy == 2, 'the level of a sub-tree is not that of the run'
+
+
+def test_arguments_and_inputs_reach_the_behavior_with_their_types(make_bench: Make) -> None:
+    TYPED_SEEN.clear()
+    bench = make_bench(Typed)
+    bench.start('Typed', arguments={'speed': '2', 'label': 'b'}, inputs=[to_entry('x', [1, 2])])
+    assert bench.wait_idle() == 'done'
+    bench.start('Typed', inputs=[to_entry('x', 's'), to_entry('y', 8)])
+    assert bench.wait_idle() == 'done'
+    assert TYPED_SEEN == [(2.0, 'b', [1, 2], 7), (1.0, 'a', 's', 8)]
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({'behavior': 'Typt'}, ["'Typt'", "did you mean 'Typed'"]),
+        ({'arguments': [BehaviorArgument(name='speed', value='fast')]}, ['speed', 'float', "'fast'"]),
+        ({'arguments': [BehaviorArgument(name='label', value='c')]}, ['label', "'c'", 'a, b']),
+        ({'arguments': [BehaviorArgument(name='size', value='1')]}, ['size', 'speed, label']),
+        ({'arguments': [BehaviorArgument(name='speed', value='1')] * 2}, ['speed', 'twice']),
+        ({'inputs': []}, ["'x'", 'needed']),
+        ({'inputs': [to_entry('x', 1), to_entry('z', 1)]}, ["'z'", 'x, y']),
+        ({'inputs': [to_entry('x', 1), to_entry('x', 1)]}, ["'x'", 'twice']),
+        ({'autonomy': 9}, ['autonomy 9']),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused_with_the_reason(
+    make_bench: Make, fields: dict[str, Any], words: list[str]
+) -> None:
+    bench = make_bench(Typed)
+    reason = bench.refused(START, **{'behavior': 'Typed', 'inputs': [to_entry('x', 1)], **fields})
+    assert all(word in reason for word in words), reason
+    assert bench.status.state == IDLE
+    assert bench.structures == []
+    bench.start('Typed', inputs=[to_entry('x', 1)])
+    assert bench.wait_idle() == 'done'
+
+
+def no_target() -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('One', Step(), {'done': 'Nowhere'})
+        OperatableStateMachine.add('Two', Step(input_keys=['k']), {'done': 'done'})
+    return machine
+
+
+def raises(error: BaseException) -> Callable[[], OperatableStateMachine]:
+    def make() -> OperatableStateMachine:
+        raise error
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (no_target, ["'Nowhere'", "'k'"]),
+        (raises(ValueError('no such map')), ['ValueError: no such map']),
+        (raises(SystemExit(3)), ['SystemExit']),
+        (lambda: None, ['OperatableStateMachine']),
+        (lambda: OperatableStateMachine(), ['no states']),
+    ],
+)
+def test_a_behavior_that_cannot_be_built_is_refused_with_everything_that_is_wrong(
+    make_bench: Make, make: Any, words: list[str]
+) -> None:
+    bench = make_bench(make, behavior_of(two_steps, 'Other'))
+    reason = bench.refused(START, behavior='Test')
+    assert all(word in reason for word in words), reason
+    assert (bench.status.state, bench.status.outcome) == (IDLE, 'error')
+    assert bench.status.message == reason
+    bench.start('Other')
+
+
+def test_a_behavior_that_is_built_slowly_blocks_nobody_and_can_be_stopped(make_bench: Make) -> None:
+    go = threading.Event()
+
+    def make() -> OperatableStateMachine:
+        go.wait(DEADLINE)
+        return two_steps()
+
+    bench = make_bench(make)
+    started = bench.send(START, behavior='Test')
+    bench.wait_for(lambda status: status.state == STARTING, 'starting')
+    assert 'starting' in bench.refused(ExecutiveCommand.FORCE, path='/First', outcome='done')
+    assert 'starting' in bench.refused(START, behavior='Test')
+    bench.applied(STOP)
+    assert bench.status.state == STOPPING
+    go.set()
+    assert 'stopped before it began' in bench.result(started).reason
+    bench.wait_idle()
+
+
+def test_one_run_at_a_time(make_bench: Make) -> None:
+    bench = make_bench(two_steps)
+    run_id = bench.start()
+    reason = bench.refused(START, behavior='Test')
+    assert 'running' in reason
+    assert run_id in reason
+    assert bench.status.state == RUNNING
+
+
+def test_an_exception_of_a_state_reaches_the_operator_with_its_trace(make_bench: Make) -> None:
+    def fail(_userdata: Any) -> str:
+        raise ZeroDivisionError('wheels have no radius')
+
+    bench = make_bench(single(lambda: Step(execute=fail)))
+    run_id = bench.start()
+    assert bench.wait_idle() == 'error'
+    line = bench.logged('wheels have no radius')
+    assert (line.severity, line.path, line.run_id) == (ExecutiveLog.ERROR, '/One', run_id)
+    assert 'test_executive_runs.py' in line.text, 'where it was raised'
+    assert '/One' in bench.status.message
+
+
+class SlowStop(EventState):
+    """Is not at rest before it is told."""
+
+    def __init__(self, at_rest: threading.Event) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self.at_rest = at_rest
+        self.exits: list[Any] = []
+
+    def on_exit(self, userdata: Any) -> None:
+        self.exits.append(self.exit_reason)
+
+    def settled(self) -> str | None:
+        return None if self.at_rest.is_set() else 'braking'
+
+
+def test_a_stopped_run_is_stopping_until_everything_is_at_rest(make_bench: Make) -> None:
+    state = SlowStop(threading.Event())
+    bench = make_bench(single(lambda: state))
+    bench.start()
+    bench.wait_active('/One')
+    bench.applied(STOP, reason='lunch')
+    assert bench.status.state == STOPPING
+    assert 'stopping' in bench.refused(START, behavior='Test')
+    bench.applied(STOP)
+    assert len(state.exits) == 1
+    state.at_rest.set()
+    state.wake()
+    assert bench.wait_idle() == 'preempted'
+    assert 'tester' in bench.status.message
+    assert 'lunch' in bench.status.message
+
+
+def test_a_state_that_blocks_blocks_only_its_run(make_bench: Make) -> None:
+    go = threading.Event()
+
+    def block(_userdata: Any) -> str:
+        go.wait(DEADLINE)
+        return 'done'
+
+    bench = make_bench(single(lambda: Step(execute=block)))
+    bench.start()
+    bench.wait_active('/One')
+    before = bench.status.sequence
+    bench.wait_for(lambda status: status.sequence > before + 1, 'heartbeats')
+    bench.applied(STOP)
+    assert bench.status.state == STOPPING
+    go.set()
+    bench.wait_idle()
+
+
+def test_closing_the_executive_stops_the_run_first_and_says_so(make_bench: Make) -> None:
+    class Watched(Step):
+        def on_exit(self, userdata: Any) -> None:
+            exits.append(self.exit_reason)
+
+    exits: list[Any] = []
+    bench = make_bench(single(Watched))
+    bench.start()
+    bench.wait_active('/One')
+    bench.runtime.close()
+    assert len(exits) == 1
+    assert bench.executive.run is None
+    bench.wait_for(lambda status: status.state == IDLE, 'last status')
+    assert 'shutting down' in bench.status.message
+
+
+def test_a_run_that_does_not_stop_does_not_hold_up_the_end(make_bench: Make) -> None:
+    go = threading.Event()
+
+    def block(_userdata: Any) -> str:
+        go.wait(DEADLINE)
+        return 'done'
+
+    bench = make_bench(single(lambda: Step(execute=block)))
+    bench.start()
+    bench.wait_active('/One')
+    closing = threading.Thread(target=bench.runtime.close)
+    closing.start()
+    closing.join(4.0)
+    assert not closing.is_alive()
+    go.set()
+    wait_until(lambda: not bench.executive.run or bench.executive.run.join(0.0), 'thread of the run')
+    bench.logged('was not at rest')
+
+
+def test_an_activity_that_raises_hides_nothing_else(make_bench: Make) -> None:
+    class Bad(Step):
+        def activity(self) -> list[str]:
+            raise KeyError('node')
+
+    bench = make_bench(single(Bad))
+    bench.start()
+    bench.wait_active('/One')
+    assert 'KeyError' in bench.status.active_states[0].activity[0]
