@@ -9,11 +9,15 @@ import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 from flexbt_console import command_table
 from flexbt_console.command_table import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, Option
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror.records import AutonomyLevel
+
+WIDTH: Final = 79
+"""Columns of a help text."""
 
 _NUMBER = re.compile(r'-(\d|\.\d|inf|nan)', re.IGNORECASE)
 
@@ -92,7 +96,8 @@ def overview() -> str:
     lines = [
         'usage: console [COMMAND] [ARGUMENT ...] [OPTION ...] [--ros-args ...]',
         '',
-        "The operator's console of a FlexBT executive. Without a command, in a terminal: the interactive prompt.",
+        "The operator's console of a FlexBT executive.",
+        'Without a command, in a terminal: the interactive prompt.',
         '',
         'commands:',
     ]
@@ -107,8 +112,10 @@ def overview() -> str:
 
 def command_help(spec: CommandSpec) -> str:
     """The help of one command."""
-    lines = [f'usage: console {spec.usage}', '', spec.summary]
-    lines += [*([''] if spec.details else []), *spec.details]
+    lines = textwrap.wrap(f'usage: console {spec.usage}', WIDTH, subsequent_indent=' ' * 8)
+    lines += ['', *textwrap.wrap(spec.summary, WIDTH)]
+    for paragraph in spec.details:
+        lines += ['', *textwrap.wrap(paragraph, WIDTH)]
     if spec.options:
         lines += ['', 'options:', *_table([(option.usage, option.help) for option in spec.options])]
     lines += ['', 'options of every command:']
@@ -191,7 +198,7 @@ def _table(rows: list[tuple[str, str]]) -> list[str]:
     width = min(24, max(len(left) for left, _ in rows))
     lines = []
     for left, right in rows:
-        first, *more = textwrap.wrap(right, 78 - width - 4) or ['']
+        first, *more = textwrap.wrap(right, WIDTH - width - 4) or ['']
         if len(left) > width:
             lines.append(f'  {left}')
             lines.append(f'  {"":{width}}  {first}')

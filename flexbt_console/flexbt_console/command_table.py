@@ -43,7 +43,7 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class CommandSpec:
-    """A command: how it is written, and what it does. ``details`` are lines of help.
+    """A command: how it is written, and what it does. ``details`` are paragraphs of help.
 
     ``in_prompt`` tells whether the interactive prompt has it too.
     """
@@ -89,10 +89,9 @@ _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option('--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False)
 
 _VALUE_DETAILS: Final = (
-    'VALUE is written as the wanted type: JSON or YAML; a text needs no quotes of its own.',
-    'A pose is a named place, or "x y yaw" in metres and radians in the frame "map"; several poses are',
-    'separated by ";". A pose has the stamp 0, which means now. Words that begin with "-" and are no numbers',
-    'go after "--".',
+    'VALUE is written as the wanted type: JSON or YAML; a text needs no quotes of its own. A pose is a named place, '
+    'or "x y yaw" in metres and radians in the frame "map"; several poses are separated by ";". Its stamp is 0, '
+    'which means now. Words that begin with "-" and are no numbers go after "--".',
 )
 
 COMMANDS: Final = (
@@ -101,8 +100,8 @@ COMMANDS: Final = (
         'watch',
         'print every change until it is interrupted, or for --timeout seconds',
         details=(
-            'With --json each line is an object with "event": status, structure, behaviors, log or link.',
-            'It goes on when the link is lost, and says so.',
+            'It goes on when the link is lost, and says so. With --json each line is an object with "event": status, '
+            'structure, behaviors, log or link.',
         ),
         in_prompt=False,
     ),
@@ -125,8 +124,8 @@ COMMANDS: Final = (
             _WAIT_TIMEOUT,
         ),
         details=(
-            'With --wait the exit code is 0 when the run ended by an outcome of its own, and 3 when it was stopped',
-            'or failed.',
+            'With --wait the exit code is 0 when the run ended by an outcome of its own, and 3 when it was stopped '
+            'or ended by a fault.',
         ),
     ),
     CommandSpec('stop', 'stop the run and bring the robot to rest', options=(_REASON, _WAIT, _WAIT_TIMEOUT)),
@@ -135,7 +134,7 @@ COMMANDS: Final = (
         'set how much the robot decides alone',
         (Argument('LEVEL'),),
         details=(
-            'LEVEL is off, low, high, full or 0 to 3. A transition happens without the operator when it requires',
+            'LEVEL is off, low, high, full or 0 to 3. A transition happens without the operator when it requires '
             'less than LEVEL.',
         ),
     ),
@@ -152,7 +151,7 @@ COMMANDS: Final = (
         (Argument('PATH', required=False), Argument('OUTCOME')),
         (_DECISION, _REASON),
         details=(
-            'PATH is a state or container, in full or its last labels when they are unique. Without PATH: the state',
+            'PATH is a state or container, in full or its last labels when they are unique. Without PATH: the state '
             'that waits for the operator, or else the only active state.',
         ),
     ),

@@ -96,7 +96,7 @@ def _run_prompt(line: CommandLine) -> ExitCode:
     with _open_runtime(line) as runtime:
         mirror, link, requests = _parts(line, runtime)
         timeout = line.seconds('--timeout') or line_mode.DEFAULT_TIMEOUT
-        run_prompt(mirror, link, requests, timeout, runtime.steady)
+        run_prompt(mirror, link.send, requests, timeout, runtime.steady)
         return ExitCode.OK
 
 

@@ -78,6 +78,10 @@ class Freshness:
         """Seconds since the picture was true, as far as one can know; None before the first message."""
         return None if self._arrived is None else max(0.0, now - self._arrived) + self._age_on_arrival
 
+    def silent(self, now: float) -> bool:
+        """Whether the sender should have been heard again by now."""
+        return self._arrived is None or self._gone or now - self._arrived > LIVE_PERIODS * self._period
+
     def state(self, now: float) -> LinkState:
         """What may be claimed at ``now``."""
         age = self.age(now)

@@ -13,7 +13,7 @@ from typing import Final
 
 from flexbt_common.clock import Clock
 from flexbt_console.mirror.command_tracker import CommandTracker, TrackedCommand
-from flexbt_console.mirror.freshness import Freshness, LinkState
+from flexbt_console.mirror.freshness import Freshness
 from flexbt_console.mirror.records import (
     Behavior,
     BehaviorList,
@@ -220,10 +220,10 @@ class Mirror:
         current = self._snapshot
         if current is None or current.executive_id == snapshot.executive_id:
             return True
-        # A straggler of the executive before: only the times of sending can tell. When the picture is not live,
-        # a message that arrives is the better knowledge, whatever the clocks say.
+        # A straggler of the executive before: only the times of sending can tell. Once the executive is silent, a
+        # message that arrives is the better knowledge, whatever the clocks say.
         older = transit is not None and self._sent is not None and transit.sent < self._sent
-        return not (older and self._freshness.state(now) is LinkState.LIVE)
+        return not older or self._freshness.silent(now)
 
     def _tell(self, change: Change) -> None:
         with self._lock:

@@ -8,7 +8,7 @@ import contextlib
 import os
 import signal
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from prompt_toolkit import PromptSession
@@ -29,13 +29,16 @@ from flexbt_console.errors import ConsoleError
 from flexbt_console.escaping import lines, one_line
 from flexbt_console.line_mode import log_count
 from flexbt_console.mirror import CommandState, Mirror, View
-from flexbt_console.operator_link import OperatorLink
+from flexbt_console.mirror.records import Command
 from flexbt_console.prompt.completion import candidates
 from flexbt_console.prompt.short_form import Bound, Local, Meaning, interpret
 from flexbt_console.prompt.shown_question import ShownQuestion
 from flexbt_console.prompt.toolbar import toolbar
 from flexbt_console.requests import Requests
 from flexbt_console.watch import Follower
+
+Send = Callable[[Command, float], object]
+"""Sends a command that is to be answered within so many seconds; the mirror follows its fate."""
 
 AGE_SECONDS: Final = 0.5
 """How often the age of the picture is drawn anew while nothing else happens."""
@@ -59,9 +62,9 @@ STYLE: Final = Style.from_dict(
 GREETING: Final = '"help" lists the commands. "stop" stops the robot; "quit" leaves it going on.'
 
 
-def run_prompt(mirror: Mirror, link: OperatorLink, requests: Requests, timeout: float, clock: Clock) -> None:
+def run_prompt(mirror: Mirror, send: Send, requests: Requests, timeout: float, clock: Clock) -> None:
     """Run the prompt in this terminal until the operator quits, or SIGINT, SIGTERM or SIGHUP comes."""
-    asyncio.run(Prompt(mirror, link, requests, timeout, clock).run())
+    asyncio.run(Prompt(mirror, send, requests, timeout, clock).run())
 
 
 class Prompt:
@@ -70,7 +73,7 @@ class Prompt:
     def __init__(
         self,
         mirror: Mirror,
-        link: OperatorLink,
+        send: Send,
         requests: Requests,
         timeout: float,
         clock: Clock,
@@ -79,7 +82,7 @@ class Prompt:
         output: Output | None = None,
     ) -> None:
         self._mirror = mirror
-        self._link = link
+        self._send = send
         self._requests = requests
         self._timeout = timeout
         self._shown = ShownQuestion(clock)
@@ -103,6 +106,11 @@ class Prompt:
         )
         self._session.app.min_redraw_interval = REDRAW_SECONDS
         self._session.default_buffer.on_text_changed += lambda buffer: self._shown.typed(buffer.text)
+
+    @property
+    def shown_question(self) -> str | None:
+        """Identifier of the question that is on the screen."""
+        return self._shown.shown
 
     async def run(self) -> None:
         """Read and do lines until the operator quits."""
@@ -144,7 +152,7 @@ class Prompt:
             return True
         if meaning.command is not None:
             self._pending[meaning.command.id] = meaning.label
-            self._link.send(meaning.command, self._timeout)
+            self._send(meaning.command, self._timeout)
         return True
 
     def _show(self, meaning: Meaning, view: View) -> list[str]:

@@ -22,6 +22,11 @@ class ShownQuestion:
         self._typing = False
         self._hasty = False
 
+    @property
+    def shown(self) -> str | None:
+        """Identifier of the question on the screen."""
+        return self._shown
+
     def drawn(self, decision_id: str | None) -> None:
         """The screen shows this question now."""
         if decision_id == self._shown:

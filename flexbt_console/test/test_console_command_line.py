@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Command lines: parsing and help come from one table."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_console import command_table
+from flexbt_console.building import BUILDERS
+from flexbt_console.command_line import autonomy_level, command_help, overview, parse
+from flexbt_console.command_table import COMMANDS
+from flexbt_console.errors import ConsoleError, ExitCode, UsageError
+from flexbt_console.line_mode import SHOW, check
+from flexbt_console.mirror.records import AutonomyLevel
+
+
+def test_every_command_of_the_table_is_implemented_once() -> None:
+    names = [spec.name for spec in COMMANDS]
+    assert len(names) == len(set(names))
+    assert sorted(names) == sorted([*BUILDERS, *SHOW, 'prompt'])
+
+
+def test_the_help_has_every_command_option_and_exit_code_in_80_columns() -> None:
+    text = overview()
+    for spec in COMMANDS:
+        assert f'  {spec.name} ' in text
+        helped = command_help(spec)
+        assert all(option.name in helped for option in spec.options)
+    for code in ExitCode:
+        assert f'  {code.value} ' in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+@pytest.mark.parametrize(
+    ('words', 'positional', 'options'),
+    [
+        ('input 1 -2.5 -1e-3', ('1', '-2.5', '-1e-3'), {}),
+        ('start Drive a=1 --autonomy 2 b=x --json', ('Drive', 'a=1', 'b=x'), {'--autonomy': ['2'], '--json': []}),
+        ('--json --timeout=2 confirm d1', ('d1',), {'--json': [], '--timeout': ['2']}),
+        ('input -- --odd', ('--odd',), {}),
+        ('start D --input a=int:1 --input b=int:2', ('D',), {'--input': ['a=int:1', 'b=int:2']}),
+    ],
+)
+def test_parsing(words: str, positional: tuple[str, ...], options: dict[str, list[str]]) -> None:
+    line = parse(words.split())
+    assert line.words == positional
+    assert line.options == options
+
+
+def test_ros_arguments_are_set_aside() -> None:
+    line = parse(['status', '--ros-args', '-r', '__ns:=/robot1', '--', '--json'])
+    assert line.ros_arguments == ('--ros-args', '-r', '__ns:=/robot1')
+    assert line.has('--json')
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'statsu', 'start', 'confirm a b', 'autonomy', 'autonomy 4', 'autonomy 1 2', 'status --nope', 'force a b c',
+        'status --timeout', 'status --timeout 0', 'status --timeout nan', 'status --timeout x', 'status --json=1',
+        'start D x', 'start D =1', 'start D --autonomy most', 'input', 'log 0', 'log x', 'stop --json --json',
+    ],
+)  # fmt: skip
+def test_wrong_usage_is_found_before_anything_is_started(words: str) -> None:
+    with pytest.raises(UsageError):
+        check(parse(words.split()))
+
+
+def test_a_near_name_is_suggested() -> None:
+    with pytest.raises(UsageError, match="did you mean 'status'"):
+        parse(['statsu'])
+    with pytest.raises(UsageError, match='did you mean --autonomy'):
+        parse(['start', 'D', '--autonomie', '1'])
+
+
+@given(st.lists(st.text(max_size=8), max_size=6))
+def test_any_words_are_parsed_or_refused(words: list[str]) -> None:
+    try:
+        line = parse(words)
+        if line.spec is not None and not line.has('--help'):
+            check(line)
+    except ConsoleError as error:
+        assert isinstance(error, UsageError)
+        assert str(error)
+
+
+def test_levels_by_name_and_number() -> None:
+    assert [autonomy_level(text) for text in ('off', 'LOW', '2', 'Full')] == list(AutonomyLevel)
+    assert command_table.find('nothing') is None

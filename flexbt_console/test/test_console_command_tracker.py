@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The fate of commands."""
+
+from __future__ import annotations
+
+import random
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_common.clock import ManualClock
+from flexbt_console.mirror import CommandState, Mirror, Transit
+from flexbt_console.mirror.records import AnswerCode, Command, CommandAnswer, CommandKind, Snapshot
+
+
+def command(id: str) -> Command:
+    return Command(id, CommandKind.STOP, 'ann')
+
+
+def answers(sequence: int, *codes: tuple[str, AnswerCode, str], executive: str = 'e') -> Snapshot:
+    return Snapshot(executive, sequence, results=tuple(CommandAnswer(*code) for code in codes))
+
+
+def linked() -> tuple[ManualClock, Mirror]:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    mirror.receive_snapshot(Snapshot('e', 1), Transit(0.0, 0.0))
+    return clock, mirror
+
+
+def state(mirror: Mirror, id: str) -> CommandState:
+    tracked = mirror.command(id)
+    assert tracked is not None
+    return tracked.state
+
+
+def test_it_is_sent_again_with_the_same_id_until_it_is_answered() -> None:
+    clock, mirror = linked()
+    mirror.give(command('a'), 5.0)
+    sent = []
+    while clock.now() < 3.0:
+        sent += mirror.due_commands(True)
+        due = mirror.next_command_time(True)
+        assert due is not None and due > clock.now()
+        clock.set(due)
+    assert {entry.id for entry in sent} == {'a'}
+    assert 4 <= len(sent) <= 6
+    mirror.receive_snapshot(answers(2, ('a', AnswerCode.APPLIED, '')))
+    assert state(mirror, 'a') is CommandState.APPLIED
+    assert mirror.due_commands(True) == []
+    assert mirror.next_command_time(True) is None
+
+
+def test_the_reason_of_a_refusal_is_kept() -> None:
+    _, mirror = linked()
+    mirror.give(command('a'), 5.0)
+    mirror.receive_snapshot(answers(2, ('a', AnswerCode.REFUSED, 'stale')))
+    tracked = mirror.command('a')
+    assert tracked is not None and (tracked.state, tracked.reason) == (CommandState.REFUSED, 'stale')
+
+
+def test_a_late_answer_corrects_the_timeout() -> None:
+    clock, mirror = linked()
+    mirror.give(command('a'), 1.0)
+    mirror.due_commands(True)
+    clock.advance(1.0)
+    assert mirror.due_commands(True) == []
+    assert state(mirror, 'a') is CommandState.TIMEOUT
+    mirror.receive_snapshot(answers(2, ('a', AnswerCode.APPLIED, '')))
+    assert state(mirror, 'a') is CommandState.APPLIED
+
+
+def test_an_answer_is_final() -> None:
+    _, mirror = linked()
+    mirror.give(command('a'), 1.0)
+    mirror.receive_snapshot(answers(2, ('a', AnswerCode.APPLIED, '')))
+    mirror.receive_snapshot(answers(3, ('a', AnswerCode.REFUSED, 'no')))
+    assert state(mirror, 'a') is CommandState.APPLIED
+
+
+def test_a_restarted_executive_does_not_get_the_old_command() -> None:
+    """The executive that was killed may have applied it: another start must not repeat it."""
+    clock, mirror = linked()
+    mirror.give(command('a'), 60.0)
+    assert mirror.due_commands(True)
+    clock.advance(5.0)
+    mirror.receive_snapshot(Snapshot('f', 1))
+    assert state(mirror, 'a') is CommandState.TIMEOUT
+    assert mirror.due_commands(True) == []
+
+
+def test_nothing_is_sent_to_nobody() -> None:
+    clock, mirror = linked()
+    mirror.give(command('a'), 1.0)
+    assert mirror.due_commands(False) == []
+    assert mirror.next_command_time(False) == 1.0
+    clock.advance(1.0)
+    mirror.due_commands(False)
+    tracked = mirror.command('a')
+    assert tracked is not None and 'nothing was sent' in tracked.reason
+
+
+@given(seed=st.integers(0, 2**32), loss=st.sampled_from([0.0, 0.3, 0.7]))
+def test_each_command_has_one_effect_and_an_answer_over_a_lossy_link(seed: int, loss: float) -> None:
+    """Both ways lose, double and delay; the executive applies an identifier once."""
+    rng = random.Random(seed)
+    clock, mirror = linked()
+    effects: list[str] = []
+    results: list[CommandAnswer] = []
+    sequence = 1
+    on_the_way: list[tuple[float, Command]] = []
+    ids = [f'c{number}' for number in range(6)]
+    for id in ids:
+        mirror.give(command(id), 1000.0)
+    while any(state(mirror, id) is CommandState.PENDING for id in ids):
+        clock.advance(0.1)
+        for entry in mirror.due_commands(True):
+            for _ in range(rng.choice([1, 2])):
+                if rng.random() >= loss:
+                    on_the_way.append((clock.now() + rng.random(), entry))
+        for arrival, entry in list(on_the_way):
+            if arrival <= clock.now():
+                on_the_way.remove((arrival, entry))
+                if entry.id not in effects:
+                    effects.append(entry.id)
+                    results.append(CommandAnswer(entry.id, AnswerCode.APPLIED))
+        sequence += 1
+        if rng.random() >= loss:
+            mirror.receive_snapshot(Snapshot('e', sequence, results=tuple(results)))
+    assert sorted(effects) == ids
+    assert all(state(mirror, id) is CommandState.APPLIED for id in ids)

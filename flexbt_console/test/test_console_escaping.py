@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nothing that comes over the network acts on the terminal."""
+
+from __future__ import annotations
+
+import json
+import unicodedata
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_console import json_form, rendering
+from flexbt_console.escaping import lines, one_line
+from flexbt_console.mirror import LinkState, View
+from flexbt_console.mirror.records import (
+    ActiveState,
+    Behavior,
+    BehaviorParameter,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    LogLine,
+    Peer,
+    Pose,
+    Snapshot,
+    StateStructure,
+    Structure,
+)
+from flexbt_console.prompt.toolbar import cut, toolbar
+
+HOSTILE = st.one_of(
+    st.text(max_size=30),
+    st.text(st.characters(categories=['Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp', 'Zs', 'Mn']), max_size=10),
+    st.binary(max_size=30).map(lambda data: data.decode('latin-1')),
+    st.sampled_from(['\x1b]0;pwned\x07', '\x1b[2J', '\x9b31m', 'a\rb', '‮evil', '\x1b[6n', '[bold]x[/]', '<b>x</b>']),
+)
+
+
+def harmless(text: str) -> bool:
+    """Whether a terminal shows exactly these characters."""
+    return all(unicodedata.category(character) not in ('Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp') for character in text)
+
+
+@given(HOSTILE)
+def test_one_line_is_harmless_and_keeps_plain_text(text: str) -> None:
+    shown = one_line(text)
+    assert harmless(shown)
+    if text.isascii() and text.isprintable():
+        assert shown == text
+
+
+@given(HOSTILE, st.integers(0, 20))
+def test_width_is_kept(text: str, width: int) -> None:
+    assert len(one_line(text, width)) <= width
+
+
+@pytest.mark.parametrize('code', range(256))
+def test_every_byte(code: int) -> None:
+    assert harmless(one_line(chr(code)))
+
+
+def test_stacked_marks_are_cut_off() -> None:
+    shown = one_line('a' + '̀' * 50)
+    assert sum(unicodedata.category(character) == 'Mn' for character in shown) == 3
+
+
+def test_many_lines_are_cut() -> None:
+    assert len(lines('x\n' * 1000)) == 51
+
+
+def hostile_view(text: str) -> View:
+    decisions = (
+        Decision(text, DecisionKind.TRANSITION, text, text, (text, 'x'), 2, text),
+        Decision(text, DecisionKind.INPUT, text, prompt=text, input_type=text, input_choices=(text,)),
+        Decision(text, DecisionKind.CHOICE, text, '', (text,)),
+    )
+    snapshot = Snapshot(
+        text,
+        1,
+        state=ExecutiveState.RUNNING,
+        run_id=text,
+        behavior=text,
+        outcome=text,
+        message=text,
+        active_states=(ActiveState(text, 0.0, (text, text)),),
+        decisions=decisions,
+        peers=(Peer(text, False),),
+        robot_pose=Pose(text, float('nan'), float('inf'), 0.0),
+        authority=text,
+    )
+    structure = Structure(
+        text, text, (StateStructure(text, type=text, outcomes=(text,), targets=(text,), autonomy=(1,)),)
+    )
+    return View(LinkState.LIVE, 0.1, text, snapshot, structure)
+
+
+@given(HOSTILE)
+def test_every_view_is_harmless(text: str) -> None:
+    view = hostile_view(text)
+    assert view.structure is not None
+    shown = rendering.status(view)
+    shown += rendering.structure(view.structure, view)
+    shown += rendering.behaviors([Behavior(text, text, text, text, (BehaviorParameter(text, text, text),), text)])
+    shown += rendering.log_line(LogLine('e', 1, text=text, path=text))
+    shown += [line for _, line in toolbar(view, 80, 20)]
+    shown.append(json_form.encode(json_form.status(view)))
+    for line in shown:
+        assert harmless(line), line
+    json.loads(shown[-1])
+
+
+@given(st.text(), st.integers(1, 200), st.integers(1, 30))
+def test_the_toolbar_fits_into_any_terminal(text: str, width: int, height: int) -> None:
+    shown = toolbar(hostile_view(text), width, height)
+    assert 1 <= len(shown) <= height
+    for _, line in shown:
+        assert sum(2 if unicodedata.east_asian_width(c) in 'WF' else 1 for c in line if c not in '̀') <= 2 * width
+        assert cut(line, width) == line

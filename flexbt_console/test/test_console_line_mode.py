@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The line mode as scripts use it: processes, their output, their exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from console_test_executive import Faults, ScriptedExecutive
+
+COMMAND = [sys.executable, '-m', 'flexbt_console']
+NAMESPACE = 'lines'
+
+
+def console(*words: str, namespace: str = NAMESPACE, timeout: str = '15') -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, *words, '--namespace', namespace, '--operator', 'ann', '--timeout', timeout]
+    return subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
+
+
+@pytest.fixture
+def executive(executives: Any) -> ScriptedExecutive:
+    started = executives(NAMESPACE)
+    assert isinstance(started, ScriptedExecutive)
+    return started
+
+
+def test_a_whole_mission_by_script(executive: ScriptedExecutive, tmp_path: Path) -> None:
+    places = tmp_path / 'places.yaml'
+    places.write_text('kitchen: {x: 1.0, y: 2.0, yaw: 0.5}\n')
+    listed = console('behaviors')
+    assert listed.returncode == 0 and 'Drive' in listed.stdout and 'no such tree' in listed.stdout
+    # Whoever waits for the end is told how it ended, while others command.
+    waiting: list[subprocess.CompletedProcess[str]] = []
+    waiter = threading.Thread(
+        target=lambda: waiting.append(
+            console('start', 'Drive', '--autonomy', 'low', '--wait', '--wait-timeout', '60', '--json')
+        )
+    )
+    waiter.start()
+    executive_running(executive)
+    status = json.loads(console('status', '--json').stdout)
+    assert (status['link'], status['state'], status['autonomy']) == ('live', 'running', 1)
+    assert status['age'] < 5.0 and status['decisions'][0]['input_type'] == 'geometry_msgs/msg/PoseStamped'
+    assert console('input', 'kitchen', '--places', str(places)).returncode == 0
+    assert executive.values[-1].pose.position.y == 2.0
+    confirmed = json.loads(console('confirm', '--json', '--reason', 'looks good').stdout)
+    assert (confirmed['command'], confirmed['result'], confirmed['exit_code']) == ('confirm', 'applied', 0)
+    assert (executive.applied[-1].operator_id, executive.applied[-1].reason) == ('ann', 'looks good')
+    assert console('force', 'done').returncode == 0
+    waiter.join(60)
+    assert waiting[0].returncode == 0, waiting[0]
+    assert json.loads(waiting[0].stdout)['outcome'] == 'finished'
+
+
+def executive_running(executive: ScriptedExecutive) -> None:
+    """Wait until the scripted executive runs something."""
+    done = threading.Event()
+    for _ in range(2000):
+        if executive.do(lambda: executive.status.run_id):
+            return
+        done.wait(0.01)
+    raise AssertionError('nothing was started')
+
+
+def test_exit_code_0_and_3_and_what_is_said(executive: ScriptedExecutive) -> None:
+    refused = console('stop')
+    assert refused.returncode == 3 and 'nothing runs' in refused.stdout
+    local = console('start', 'Dive', '--json')
+    assert local.returncode == 3
+    assert json.loads(local.stdout) == {
+        'command': 'start', 'result': 'refused', 'exit_code': 3,
+        'reason': "there is no behavior 'Dive'; did you mean 'Drive'?",
+    }  # fmt: skip
+    assert console('autonomy', 'full').returncode == 0
+    assert executive.status.autonomy == 3
+
+
+def test_exit_code_3_when_a_run_that_is_waited_for_is_stopped(executive: ScriptedExecutive) -> None:
+    command = [*COMMAND, 'start', 'Drive', '--wait', '--namespace', NAMESPACE, '--timeout', '15']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as waiting:
+        executive_running(executive)
+        assert console('stop').returncode == 0
+        output, _ = waiting.communicate(timeout=30)
+    assert waiting.returncode == 3 and 'preempted' in output
+
+
+def test_exit_code_2_needs_no_executive() -> None:
+    for words in (['statsu'], ['start'], ['autonomy', '7'], []):
+        done = subprocess.run(
+            [*COMMAND, *words], capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=30, check=False
+        )
+        assert done.returncode == 2, done
+        assert done.stdout == '' and done.stderr
+
+
+def test_exit_code_4_when_nobody_answers(executives: Any) -> None:
+    executives('deaf', faults=Faults(swallow_commands=True))
+    done = console('autonomy', '1', namespace='deaf', timeout='2')
+    assert done.returncode == 4 and 'may have been applied' in done.stdout
+
+
+def test_exit_code_5_without_an_executive(domain: int) -> None:
+    done = console('status', '--json', namespace='nobody', timeout='0.5')
+    assert done.returncode == 5
+    assert json.loads(done.stdout)['result'] == 'no_link'
+
+
+def test_watch_prints_json_lines_and_ends_cleanly(executive: ScriptedExecutive) -> None:
+    command = [*COMMAND, 'watch', '--json', '--namespace', NAMESPACE]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
+        assert watching.stdout is not None and watching.stderr is not None
+        deadline = threading.Timer(30.0, watching.kill)
+        deadline.start()
+        first = json.loads(watching.stdout.readline())
+        assert first['event'] == 'link'
+        hostile = '\x1b]0;title\x07two\nlines'
+        executive.do(lambda: executive.log(hostile))
+        for line in watching.stdout:
+            assert line.isascii()
+            event = json.loads(line)
+            if event['event'] == 'log':
+                break
+        assert event['line']['text'] == hostile
+        watching.send_signal(signal.SIGINT)
+        assert watching.wait(timeout=5) == 0
+        assert watching.stderr.read() == ''
+        deadline.cancel()
+
+
+def test_watch_survives_that_nobody_reads(executive: ScriptedExecutive) -> None:
+    command = [*COMMAND, 'watch', '--namespace', NAMESPACE]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
+        assert watching.stdout is not None and watching.stderr is not None
+        watching.stdout.readline()
+        watching.stdout.close()
+        for number in range(400):
+            executive.do(lambda n=number: executive.log(f'line {n}'))  # type: ignore[misc]
+            if watching.poll() is not None:
+                break
+            threading.Event().wait(0.05)
+        assert watching.returncode == 0
+        assert watching.stderr.read() == ''
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_is_interrupted_does_not_say_applied(executives: Any, number: signal.Signals) -> None:
+    executive = executives(f'wait{number}', faults=Faults(swallow_commands=True))
+    command = [*COMMAND, 'stop', '--namespace', f'wait{number}', '--timeout', '60']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as waiting:
+        assert waiting.stderr is not None
+        for _ in range(2000):
+            if executive.do(lambda: len(executive.received)):
+                break
+            threading.Event().wait(0.01)
+        waiting.send_signal(number)
+        assert waiting.wait(timeout=5) == 130
+        assert waiting.stderr.read() == ''
+
+
+def test_terminal_injection_does_not_pass(executive: ScriptedExecutive) -> None:
+    executive.do(lambda: executive.log('\x1b[2Jgone\x07', path='/\x1b[31m'))
+    done = console('log')
+    assert done.returncode == 0 and 'gone' in done.stdout
+    assert '\x1b' not in done.stdout and '\x07' not in done.stdout
+
+
+def test_output_that_is_not_utf_8(executive: ScriptedExecutive) -> None:
+    executive.do(lambda: executive.log('Küche → Flur'))
+    environment = {**os.environ, 'PYTHONIOENCODING': 'ascii', 'LC_ALL': 'C'}
+    done = subprocess.run(
+        [*COMMAND, 'log', '--namespace', NAMESPACE],
+        capture_output=True,
+        env=environment,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 0, done
+    assert b'K' in done.stdout

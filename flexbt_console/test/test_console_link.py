@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The operator link on real topics: late join, loss, restart, and what is said when there is nobody."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from console_test_executive import Faults, ScriptedExecutive
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_console.errors import NoLinkError
+from flexbt_console.interface_check import interface_problem
+from flexbt_console.mirror import CommandState, LinkState, Mirror
+from flexbt_console.mirror.records import AutonomyLevel, Command
+from flexbt_console.operator_link import OperatorLink
+from flexbt_console.requests import Requests
+
+DEADLINE = 20.0
+
+
+class Station:
+    """A console without a user interface."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.mirror = Mirror(runtime.steady)
+        self.link = OperatorLink(runtime, self.mirror)
+        self.requests = Requests('ann', {})
+
+    def state_of(self, command: Command) -> CommandState:
+        """Send a command, and wait for what becomes of it."""
+        self.link.send(command, DEADLINE)
+        tracked = self.link.settled(command.id, DEADLINE)
+        assert tracked is not None
+        return tracked.state
+
+    def wait(self, condition: Any) -> None:
+        """Wait until a condition on the view holds."""
+        assert self.link.wait_for(lambda view: condition(view) or None, DEADLINE), self.mirror.view()
+
+
+@contextmanager
+def station(namespace: str) -> Iterator[Station]:
+    with NodeRuntime.open('console', namespace=namespace) as runtime:
+        yield Station(runtime)
+
+
+def test_a_late_console_sees_everything_and_commands_at_once(executives: Any) -> None:
+    executive = executives('late')
+    with station('late') as first:
+        view = first.link.live_view(DEADLINE)
+        assert first.state_of(first.requests.start(view, 'Drive')) is CommandState.APPLIED
+    started = time.monotonic()
+    with station('late') as second:
+        second.link.live_view(DEADLINE)
+        second.wait(lambda view: view.structure and view.behaviors and second.mirror.log())
+        joined = time.monotonic() - started
+        view = second.mirror.view()
+        assert view.active_paths == ('/AskGoal',)
+        assert view.structure is not None and view.structure.state('/Accept') is not None
+        assert second.state_of(second.requests.answer(view, '', '1 2 0')) is CommandState.APPLIED
+    assert executive.values[0].pose.position.x == 1.0
+    assert joined < 5.0  # typically 0.2 s; the machine may be busy
+
+
+def test_commands_have_one_effect_each_over_a_lossy_link(executives: Any) -> None:
+    faults = Faults(seed=1, lose_commands=0.4, lose_status=0.4, double=0.3)
+    executive = executives('lossy', faults=faults, heartbeat=0.1)
+    with station('lossy') as operator:
+        operator.link.wait_for(lambda view: view.snapshot, DEADLINE)
+        for level in list(AutonomyLevel) * 3:
+            command = operator.requests.autonomy(operator.mirror.view(), level)
+            assert operator.state_of(command) is CommandState.APPLIED
+    assert [command.autonomy for command in executive.applied] == [0, 1, 2, 3] * 3
+    assert len(executive.received) > len(executive.applied)
+
+
+def test_a_stale_answer_is_refused_by_the_executive(executives: Any) -> None:
+    executives('stale')
+    with station('stale') as operator:
+        view = operator.link.live_view(DEADLINE)
+        assert operator.state_of(operator.requests.start(view, 'Drive')) is CommandState.APPLIED
+        operator.wait(lambda view: view.decision)
+        view = operator.mirror.view()
+        assert operator.state_of(operator.requests.answer(view, '', '1 2')) is CommandState.APPLIED
+        assert operator.state_of(operator.requests.answer(view, '', '3 4')) is CommandState.REFUSED
+
+
+def test_the_end_and_the_return_of_the_executive_are_seen(domain: int) -> None:
+    with station('restart') as operator:
+        with NodeRuntime.open('onboard_executive', namespace='restart') as runtime:
+            executive = ScriptedExecutive(runtime, faults=Faults(swallow_commands=True))
+            first = operator.link.live_view(DEADLINE)
+            command = operator.requests.autonomy(first, AutonomyLevel.FULL)
+            operator.link.send(command, DEADLINE)
+            deadline = time.monotonic() + DEADLINE
+            while not executive.received and time.monotonic() < deadline:
+                time.sleep(0.01)
+        operator.wait(lambda view: view.link is LinkState.LOST)
+        with NodeRuntime.open('onboard_executive', namespace='restart') as runtime:
+            again = ScriptedExecutive(runtime)
+            operator.wait(lambda view: view.live and view.snapshot.executive_id == again.status.executive_id)
+            tracked = operator.link.settled(command.id, DEADLINE)
+            assert tracked is not None and tracked.state is CommandState.TIMEOUT
+            level = operator.requests.autonomy(operator.mirror.view(), AutonomyLevel.LOW)
+            assert operator.state_of(level) is CommandState.APPLIED
+            assert [entry.id for entry in again.received] == [level.id]
+
+
+def test_two_executives_at_one_link_are_reported(executives: Any) -> None:
+    executives('double')
+    executives('double')
+    with station('double') as operator:
+        operator.wait(lambda view: '2 executives' in view.problem)
+
+
+def test_nobody_there(domain: int) -> None:
+    with station('nobody') as operator, pytest.raises(NoLinkError, match='ROS_DOMAIN_ID'):
+        operator.link.live_view(0.2)
+
+
+class Endpoint:
+    """What the graph says of a publisher or subscription."""
+
+    def __init__(self, name: str, type_hash: str) -> None:
+        self.node_name, self.node_namespace, self.topic_type_hash = name, '/', type_hash
+
+
+class Graph:
+    """A node that sees its own subscription and one publisher."""
+
+    def __init__(self, own: str, other: str) -> None:
+        self._own, self._other = own, other
+
+    def resolve_topic_name(self, topic: str) -> str:
+        return f'/{topic}'
+
+    def get_name(self) -> str:
+        return 'console'
+
+    def get_namespace(self) -> str:
+        return '/'
+
+    def get_subscriptions_info_by_topic(self, topic: str) -> list[Endpoint]:
+        return [Endpoint('console', self._own), Endpoint('another', 'RIHS01_cc')]
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[Endpoint]:
+        return [Endpoint('onboard_executive', self._other)]
+
+
+@pytest.mark.parametrize(
+    ('own', 'other', 'problem'),
+    [
+        ('RIHS01_aa', 'RIHS01_aa', ''),
+        ('RIHS01_aa', 'RIHS01_bb', 'different versions of flexbt_msgs'),
+        ('RIHS01_aa', 'INVALID', ''),
+        ('INVALID', 'RIHS01_bb', ''),
+    ],
+)
+def test_different_interfaces_are_told(own: str, other: str, problem: str) -> None:
+    told = interface_problem(Graph(own, other), 'executive/status')
+    assert (problem in told) if problem else told == ''
+
+
+def test_the_graph_tells_the_hash_of_both_sides(executives: Any) -> None:
+    """What the check relies on: the middleware carries the hashes."""
+    executives('hash')
+    with NodeRuntime.open('console', namespace='hash') as runtime:
+        operator = Station(runtime)
+        operator.link.live_view(DEADLINE)
+        node = runtime.node
+        topic = '/hash/executive/status'
+        hashes = {str(e.topic_type_hash) for e in node.get_publishers_info_by_topic(topic)}
+        hashes |= {str(e.topic_type_hash) for e in node.get_subscriptions_info_by_topic(topic)}
+        assert len(hashes) == 1 and next(iter(hashes)).startswith('RIHS01_')
+        assert operator.mirror.view().problem == ''

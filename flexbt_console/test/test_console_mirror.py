@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The mirror, whatever happens to the messages on their way."""
+
+from __future__ import annotations
+
+import random
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_common.clock import ManualClock
+from flexbt_console.mirror import Change, LinkState, Mirror, Transit
+from flexbt_console.mirror.records import (
+    ActiveState,
+    Behavior,
+    BehaviorList,
+    LogLine,
+    Snapshot,
+    Structure,
+)
+
+
+def snapshot(executive: str, sequence: int, period: float = 1.0) -> Snapshot:
+    return Snapshot(executive, sequence, heartbeat_period=period, run_id=f'{executive}-{sequence}')
+
+
+@given(
+    lengths=st.lists(st.integers(1, 12), min_size=1, max_size=4),
+    seed=st.integers(0, 2**32),
+    loss=st.sampled_from([0.0, 0.3, 0.8]),
+    skew=st.floats(-1e5, 1e5),
+)
+def test_the_mirror_equals_the_newest_message_that_came(
+    lengths: list[int], seed: int, loss: float, skew: float
+) -> None:
+    """Executives that follow each other; their messages are lost, doubled and shuffled by up to a second."""
+    rng = random.Random(seed)
+    deliveries: list[tuple[float, float, Snapshot]] = []
+    sent = 0.0
+    for number, length in enumerate(lengths):
+        for sequence in range(1, length + 1):
+            sent += 0.1
+            for _ in range(rng.choice([1, 1, 2])):
+                if rng.random() >= loss:
+                    deliveries.append((sent + rng.random(), sent, snapshot(f'e{number}', sequence)))
+    deliveries.sort(key=lambda delivery: delivery[0])
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    newest = (-1.0, snapshot('nobody', 0))
+    heard = 0.0
+    for arrival, sent, message in deliveries:
+        clock.set(arrival)
+        newest = max(newest, (sent, message), key=lambda entry: entry[0])
+        was_silent = mirror.view().snapshot is not None and arrival - heard > 1.5
+        taken = mirror.receive_snapshot(message, Transit(sent + skew, arrival))
+        heard = arrival if taken else heard
+        if was_silent:
+            return  # from here on, a straggler of an executive that has ended may have been taken
+        assert mirror.view().snapshot == newest[1]
+
+
+@given(st.permutations(range(1, 9)))
+def test_without_times_of_sending_the_sequence_decides(order: list[int]) -> None:
+    mirror = Mirror(ManualClock())
+    seen = 0
+    for sequence in order:
+        taken = mirror.receive_snapshot(snapshot('e', sequence))
+        assert taken == (sequence > seen)
+        seen = max(seen, sequence)
+        view = mirror.view()
+        assert view.snapshot is not None and view.snapshot.sequence == seen
+
+
+def test_repeated_messages_do_not_keep_a_picture_alive() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
+    for _ in range(20):
+        clock.advance(0.5)
+        mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
+    assert mirror.view().link is LinkState.LOST
+    assert mirror.view().age == 10.0
+
+
+def test_the_age_is_told_and_nothing_old_is_called_live() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    assert (mirror.view().link, mirror.view().age) == (LinkState.LOST, None)
+    mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.01))
+    assert mirror.view().link is LinkState.LIVE
+    for advance, state in ((1.4, LinkState.LIVE), (0.2, LinkState.STALE), (1.0, LinkState.LOST)):
+        clock.advance(advance)
+        assert mirror.view().link is state
+    mirror.receive_snapshot(snapshot('e', 2), Transit(2.6, 2.61))
+    assert mirror.view().link is LinkState.LIVE
+
+
+@given(
+    period=st.one_of(st.floats(), st.sampled_from([0.0, -1.0, float('nan'), float('inf')])),
+    transit=st.one_of(st.none(), st.floats(-1e9, 1e9)),
+    wait=st.floats(0.0, 100.0),
+)
+def test_no_heartbeat_period_keeps_a_picture_live_for_long(period: float, transit: float | None, wait: float) -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    sent = None if transit is None else Transit(0.0, transit)
+    mirror.receive_snapshot(snapshot('e', 1, period), sent)
+    mirror.receive_snapshot(snapshot('e', 2, period), sent)
+    clock.advance(wait)
+    view = mirror.view()
+    assert view.age is not None and view.age >= wait
+    assert view.live == (mirror.view().link is LinkState.LIVE)
+    if wait > 15.0:
+        assert not view.live
+    if wait > 25.0:
+        assert view.link is LinkState.LOST
+
+
+def test_a_kept_message_of_a_silent_executive_is_not_live() -> None:
+    """A late subscriber gets the last message, however old: only the next one shows that somebody is there."""
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    mirror.receive_snapshot(snapshot('e', 7), Transit(sent=0.0, received=600.0))
+    view = mirror.view()
+    assert view.link is LinkState.LOST and view.age == 600.0
+    mirror.receive_snapshot(snapshot('e', 8), Transit(sent=600.5, received=600.5))
+    assert mirror.view().link is LinkState.LIVE
+
+
+def test_clocks_that_differ_delay_the_live_picture_by_one_message_only() -> None:
+    for skew in (-3600.0, 3600.0):
+        clock = ManualClock()
+        mirror = Mirror(clock)
+        mirror.receive_snapshot(snapshot('e', 1), Transit(sent=0.0, received=skew))
+        assert not mirror.view().live
+        clock.advance(1.0)
+        mirror.receive_snapshot(snapshot('e', 2), Transit(sent=1.0, received=skew + 1.0))
+        assert mirror.view().live
+
+
+def test_an_executive_on_another_computer_is_measured_anew() -> None:
+    mirror = Mirror(ManualClock())
+    for sequence in (1, 2):
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(float(sequence), float(sequence)))
+    for sequence in (1, 2):
+        mirror.receive_snapshot(snapshot('f', sequence), Transit(10.0 + sequence, 110.0 + sequence))
+    assert mirror.view().live
+
+
+def test_what_a_message_was_late_counts_as_age() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    for sequence, delay in ((1, 0.01), (2, 0.01), (3, 1.01)):
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(sent=float(sequence), received=sequence + delay))
+    age = mirror.view().age
+    assert age is not None and abs(age - 1.0) < 1e-6
+
+
+def test_a_step_of_the_clock_of_the_robot_is_survived() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    for sequence in range(1, 40):
+        clock.advance(1.0)
+        step = -500.0 if sequence > 10 else 0.0
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(clock.now() + step, clock.now()))
+    assert mirror.view().live
+
+
+def test_the_end_of_the_sender_is_seen_at_once() -> None:
+    mirror = Mirror(ManualClock())
+    mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
+    mirror.sender_gone()
+    assert mirror.view().link is LinkState.LOST
+    mirror.receive_snapshot(snapshot('f', 1), Transit(1.0, 1.0))
+    assert mirror.view().link is LinkState.LIVE
+
+
+def test_next_link_change_is_when_the_state_changes() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    assert mirror.next_link_change() is None
+    mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
+    seen = []
+    while (change := mirror.next_link_change()) is not None:
+        clock.set(change)
+        seen.append(mirror.view().link)
+    assert seen == [LinkState.STALE, LinkState.LOST]
+
+
+def test_structure_and_behaviors_belong_to_what_is_shown() -> None:
+    mirror = Mirror(ManualClock())
+    mirror.receive_structure(Structure('e-1', 'One'))
+    mirror.receive_structure(Structure('e-2', 'Two'))
+    mirror.receive_behaviors(BehaviorList('e', (Behavior('One'),)))
+    mirror.receive_snapshot(snapshot('e', 2))
+    view = mirror.view()
+    assert view.structure is not None and view.structure.behavior == 'Two'
+    assert view.behaviors == (Behavior('One'),)
+    mirror.receive_snapshot(snapshot('f', 1))
+    assert mirror.view().structure is None
+    assert mirror.view().behaviors is None
+
+
+@given(st.lists(st.integers(1, 30), max_size=60), st.lists(st.integers(1, 30), max_size=10))
+def test_the_log_has_each_line_once_and_in_order(first: list[int], second: list[int]) -> None:
+    mirror = Mirror(ManualClock())
+    for sequence in first:
+        mirror.receive_log(LogLine('e', sequence))
+    for sequence in second:
+        mirror.receive_log(LogLine('f', sequence))
+    expected = [('e', n) for n in sorted(set(first))] + [('f', n) for n in sorted(set(second))]
+    assert [(line.executive_id, line.sequence) for line in mirror.log()] == expected
+
+
+def test_the_log_is_bounded() -> None:
+    mirror = Mirror(ManualClock())
+    for executive in range(10):
+        for sequence in range(1, 2000):
+            mirror.receive_log(LogLine(f'e{executive}', sequence))
+    assert len(mirror.log(10**6)) <= 1500
+    assert mirror.log(3)[-1].sequence == 1999
+    assert mirror.log(0) == ()
+
+
+def test_listeners_hear_of_changes_only() -> None:
+    mirror = Mirror(ManualClock())
+    heard: list[Change] = []
+    mirror.add_listener(heard.append)
+    mirror.receive_snapshot(snapshot('e', 2))
+    mirror.receive_snapshot(snapshot('e', 1))
+    mirror.set_problem('x')
+    mirror.set_problem('x')
+    mirror.receive_log(LogLine('e', 1))
+    mirror.receive_log(LogLine('e', 1))
+    assert heard == [Change.STATUS, Change.LINK, Change.LOG]
+
+
+def test_active_levels_from_the_outside_in() -> None:
+    mirror = Mirror(ManualClock())
+    states = (ActiveState('/A/B/C'), ActiveState('/A/D'))
+    mirror.receive_snapshot(Snapshot('e', 1, active_states=states))
+    assert mirror.view().active_levels == ('/', '/A', '/A/B', '/A/B/C', '/A/D')

@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The interactive prompt: what a line means, which question it answers, and what is drawn."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+from collections.abc import Callable
+
+import pytest
+from prompt_toolkit.application import create_app_session
+from prompt_toolkit.input import create_pipe_input
+from prompt_toolkit.output import DummyOutput
+
+from flexbt_common.clock import ManualClock
+from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.mirror import LinkState, Mirror, TrackedCommand, Transit, View
+from flexbt_console.mirror.records import (
+    ActiveState,
+    AnswerCode,
+    Command,
+    CommandAnswer,
+    CommandKind,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Pose,
+    Snapshot,
+)
+from flexbt_console.operator_values import Place
+from flexbt_console.prompt.completion import candidates
+from flexbt_console.prompt.session import Prompt
+from flexbt_console.prompt.short_form import Bound, Local, interpret
+from flexbt_console.prompt.shown_question import ShownQuestion
+from flexbt_console.prompt.toolbar import toolbar
+from flexbt_console.requests import Requests
+
+TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
+ANOTHER = dataclasses.replace(TRANSITION, id='t2', path='/Other')
+INPUT = Decision('i1', DecisionKind.INPUT, '/Ask', input_type='geometry_msgs/msg/PoseStamped', prompt='Where to?')
+TEXT = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string')
+NUMBERS = Decision('i3', DecisionKind.INPUT, '/Ask', input_type='int32', input_choices=('20', '10', '1'))
+REQUESTS = Requests('ann', {'kitchen': Place(1.0, 2.0)})
+
+
+def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
+    active = (ActiveState(decisions[0].path if decisions else '/Drive', 0.0, ('FollowPath', 'RateController')),)
+    snapshot = Snapshot(
+        'e',
+        1,
+        state=ExecutiveState.RUNNING,
+        run_id='r1',
+        behavior='Patrol',
+        autonomy=2,
+        active_states=active,
+        decisions=decisions,
+        robot_pose=Pose('map', 1.0, 2.0, 0.5),
+    )
+    return View(link, 0.4, '', snapshot)
+
+
+def command(text: str, now: View, bound: str | None) -> Command:
+    meaning = interpret(text, now, REQUESTS, Bound(bound))
+    assert meaning.command is not None
+    return meaning.command
+
+
+@pytest.mark.parametrize('text', ['1', 'done', 'confirm', 'confirm t1'])
+def test_confirming(text: str) -> None:
+    sent = command(text, view(TRANSITION), 't1')
+    assert (sent.kind, sent.decision_id, sent.run_id) == (CommandKind.CONFIRM, 't1', 'r1')
+
+
+@pytest.mark.parametrize('text', ['3', 'failed', 'force failed'])
+def test_forcing(text: str) -> None:
+    sent = command(text, view(TRANSITION), 't1')
+    assert (sent.kind, sent.decision_id, sent.outcome) == (CommandKind.FORCE, 't1', 'failed')
+
+
+@pytest.mark.parametrize('text', ['kitchen', '1 2 0', 'input kitchen', 'input i1 kitchen', '1.0 2.0'])
+def test_answering(text: str) -> None:
+    sent = command(text, view(INPUT), 'i1')
+    assert (sent.kind, sent.decision_id) == (CommandKind.ANSWER, 'i1')
+    assert '"x": 1.0, "y": 2.0' in sent.inputs[0].text
+
+
+def test_a_number_picks_a_choice_unless_it_is_one() -> None:
+    assert command('10', view(NUMBERS), 'i3').inputs[0].text == '10'
+    assert command('1', view(NUMBERS), 'i3').inputs[0].text == '1'
+    assert command('2', view(NUMBERS), 'i3').inputs[0].text == '10'
+    with pytest.raises(RefusedError, match='1 to 3'):
+        command('4', view(NUMBERS), 'i3')
+
+
+def test_a_mistyped_command_is_not_the_answer_to_a_question_for_text() -> None:
+    with pytest.raises(RefusedError, match='input'):
+        command('stpo', view(TEXT), 'i2')
+    assert command('input stpo', view(TEXT), 'i2').inputs[0].text == '"stpo"'
+    assert command('stop', view(TEXT), 'i2').kind is CommandKind.STOP
+
+
+@pytest.mark.parametrize('text', ['1', 'done', 'confirm', 'force failed', 'failed'])
+@pytest.mark.parametrize('bound', ['t1', None])
+def test_an_answer_never_reaches_another_question(text: str, bound: str | None) -> None:
+    with pytest.raises(RefusedError, match='changed while you were typing'):
+        command(text, view(ANOTHER), bound)
+
+
+@pytest.mark.parametrize('text', ['kitchen', 'input kitchen', 'decline', '1 2 0'])
+def test_a_value_never_reaches_another_question(text: str) -> None:
+    with pytest.raises(RefusedError, match='changed while you were typing'):
+        command(text, view(INPUT), 'i0')
+
+
+def test_the_question_that_was_shown_is_answered_also_when_it_is_not_the_first_any_more() -> None:
+    assert command('done', view(ANOTHER, TRANSITION), 't1').decision_id == 't1'
+
+
+def test_a_hasty_key_is_not_taken() -> None:
+    with pytest.raises(RefusedError, match='had just come up'):
+        interpret('1', view(TRANSITION), REQUESTS, Bound('t1', hasty=True))
+    assert interpret('stop', view(TRANSITION), REQUESTS, Bound('t1', hasty=True)).command is not None
+
+
+@pytest.mark.parametrize('link', [LinkState.STALE, LinkState.LOST])
+def test_without_a_live_link_only_stop_is_sent(link: LinkState) -> None:
+    for text in ('1', 'confirm', 'autonomy 1', 'force done', 'start Patrol'):
+        with pytest.raises(RefusedError, match='no live link'):
+            command(text, view(TRANSITION, link=link), 't1')
+    assert command('stop', view(TRANSITION, link=link), 't1').kind is CommandKind.STOP
+
+
+def test_local_lines() -> None:
+    for text, local in (
+        ('', Local.NOTHING), ('  ', Local.NOTHING), ('quit', Local.QUIT), ('exit', Local.QUIT),
+        ('help', Local.HELP), ('?', Local.HELP), ('help force', Local.HELP), ('status', Local.SHOW),
+    ):  # fmt: skip
+        assert interpret(text, view(), REQUESTS, Bound(None)).local is local
+    with pytest.raises(UsageError, match="did you mean 'stop'"):
+        interpret('stpo', view(), REQUESTS, Bound(None))
+    with pytest.raises(UsageError, match='means nothing at the prompt'):
+        interpret('stop --wait', view(), REQUESTS, Bound(None))
+    with pytest.raises(RefusedError, match='nothing waits'):
+        interpret('1', view(), REQUESTS, Bound(None))
+
+
+def test_the_question_is_bound_at_the_first_key() -> None:
+    clock = ManualClock()
+    shown = ShownQuestion(clock)
+    shown.drawn('a')
+    shown.typed('d')
+    shown.drawn('b')
+    shown.typed('do')
+    assert shown.take() == ('a', False)
+    # Emptied and begun again: bound to what is shown then.
+    clock.advance(1.0)
+    shown.typed('x')
+    shown.typed('')
+    shown.typed('y')
+    assert shown.take() == ('b', False)
+    # A key right after the question was replaced by another.
+    shown.drawn('c')
+    clock.advance(0.3)
+    shown.typed('1')
+    assert shown.take() == ('c', True)
+    clock.advance(0.2)
+    shown.typed('1')
+    assert shown.take() == ('c', False)
+    # The first question after a quiet time may be answered at once.
+    shown.drawn(None)
+    shown.drawn('d')
+    shown.typed('1')
+    assert shown.take() == ('d', False)
+
+
+def text_of(now: View, width: int = 80, height: int = 12) -> str:
+    return '\n'.join(line for _, line in toolbar(now, width, height))
+
+
+def test_the_toolbar_shows_state_nodes_pose_and_question() -> None:
+    text = text_of(view(TRANSITION))
+    for part in ('LIVE 0.4 s', 'Patrol', '2 High', '> /Plan', 'FollowPath', 'x 1.00', '/Plan wants done', '1 done*'):
+        assert part in text
+    assert '(place or x y yaw): Where to?' in text_of(view(INPUT))
+    assert 'NOT LIVE' in text_of(view(link=LinkState.STALE))
+    assert 'STALE 0.4 s' in text_of(view(link=LinkState.STALE))
+    assert text_of(View(LinkState.LOST, None)) == 'NO EXECUTIVE'
+
+
+def test_the_question_stays_in_a_small_terminal() -> None:
+    small = text_of(view(TRANSITION), 40, 4)
+    assert 'LIVE' in small and 'wants done' in small and 'FollowPath' not in small
+
+
+def test_completion() -> None:
+    def complete(text: str, now: View) -> list[str]:
+        return candidates(text, now, REQUESTS.places)
+
+    assert complete('k', view(INPUT)) == ['kitchen']
+    assert complete('f', view(TRANSITION)) == ['failed', 'force']
+    assert complete('autonomy h', view()) == ['high']
+    assert complete('force c', view(TRANSITION)) == ['canceled']
+    assert complete('confirm ', view(TRANSITION)) == ['t1']
+    hostile = dataclasses.replace(TRANSITION, outcomes=('a\rstop', 'a\x1b'))
+    assert complete('a', view(hostile)) == ['autonomy']
+
+
+class Loopback:
+    """Answers each command at once: the link and the executive in one."""
+
+    def __init__(self, mirror: Mirror, answer: Callable[[Command], Snapshot]) -> None:
+        self.sent: list[Command] = []
+        self._mirror = mirror
+        self._answer = answer
+
+    def send(self, command: Command, timeout: float) -> TrackedCommand:
+        tracked = self._mirror.give(command, timeout)
+        self.sent.append(command)
+        self._mirror.receive_snapshot(self._answer(command), Transit(0.0, 0.0))
+        return tracked
+
+
+def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    sequence = 1
+
+    def snapshot(*decisions: Decision, results: tuple[CommandAnswer, ...] = ()) -> Snapshot:
+        shown = view(*decisions).snapshot
+        assert shown is not None
+        return dataclasses.replace(shown, sequence=sequence, results=results)
+
+    def answer(command: Command) -> Snapshot:
+        nonlocal sequence
+        sequence += 1
+        result = CommandAnswer(command.id, AnswerCode.APPLIED)
+        return snapshot(*([TRANSITION] if command.kind is CommandKind.ANSWER else []), results=(result,))
+
+    mirror.receive_snapshot(snapshot(INPUT), Transit(0.0, 0.0))
+    link = Loopback(mirror, answer)
+
+    async def operate() -> None:
+        with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
+            prompt = Prompt(mirror, link.send, REQUESTS, 5.0, clock, input=keys, output=DummyOutput())
+            running = asyncio.create_task(prompt.run())
+
+            async def until(count: int) -> None:
+                while len(link.sent) < count:
+                    await asyncio.sleep(0.01)
+
+            await asyncio.sleep(0)
+            while prompt.shown_question is None:
+                await asyncio.sleep(0.01)
+            keys.send_text('kitchen\r')
+            await until(1)
+            while prompt.shown_question != 't1':
+                await asyncio.sleep(0.01)
+            keys.send_text('done\r')  # too soon after the question took the place of the other
+            await asyncio.sleep(0.2)
+            assert len(link.sent) == 1
+            clock.advance(1.0)
+            keys.send_text('done\r')
+            await until(2)
+            keys.send_text('stop\r')
+            await until(3)
+            keys.send_text('\x03')
+            await running
+
+    asyncio.run(asyncio.wait_for(operate(), 20.0))
+    assert [entry.kind for entry in link.sent] == [CommandKind.ANSWER, CommandKind.CONFIRM, CommandKind.STOP]
+    assert [entry.decision_id for entry in link.sent] == ['i1', 't1', '']
+
+
+@pytest.mark.parametrize('keys_to_quit', ['\x04', '\x03', 'quit\r'])
+def test_quitting_sends_nothing(keys_to_quit: str) -> None:
+    mirror = Mirror(ManualClock())
+    link = Loopback(mirror, lambda command: Snapshot('e', 1))
+
+    async def operate() -> None:
+        with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
+            prompt = Prompt(
+                mirror,
+                link.send,
+                REQUESTS,
+                5.0,
+                ManualClock(),
+                input=keys,
+                output=DummyOutput(),
+            )
+            keys.send_text(keys_to_quit)
+            await prompt.run()
+
+    asyncio.run(asyncio.wait_for(operate(), 20.0))
+    assert link.sent == []

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From what the operator wants and sees to the command, and what is refused before it is sent."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.mirror import LinkState, View
+from flexbt_console.mirror.records import (
+    ActiveState,
+    AutonomyLevel,
+    Behavior,
+    BehaviorParameter,
+    CommandKind,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Snapshot,
+    StateStructure,
+    Structure,
+)
+from flexbt_console.operator_values import Place, load_places, start_input, value_text
+from flexbt_console.requests import Requests
+
+POSE = 'geometry_msgs/msg/PoseStamped'
+TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Nav/Plan', 'done', ('done', 'failed'), 2)
+INPUT = Decision('i1', DecisionKind.INPUT, '/Ask', input_type=POSE)
+CHOICE = Decision('c1', DecisionKind.CHOICE, '/Choose', '', ('left', 'right'))
+STRUCTURE = Structure(
+    'r1',
+    'Drive',
+    (
+        StateStructure('/', outcomes=('finished',)),
+        StateStructure('/Nav', outcomes=('done', 'failed')),
+        StateStructure('/Nav/Plan', outcomes=('done', 'failed')),
+    ),
+)
+BEHAVIORS = (
+    Behavior('Drive', parameters=(BehaviorParameter('speed', choices=('slow', 'fast')), BehaviorParameter('n'))),
+    Behavior('Broken', error='no tree'),
+)
+
+
+def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',)) -> View:
+    states = tuple(ActiveState(path) for path in active)
+    snapshot = Snapshot('e', 1, state=ExecutiveState.RUNNING, run_id='r1', active_states=states, decisions=decisions)
+    return View(LinkState.LIVE, 0.1, '', snapshot, STRUCTURE, BEHAVIORS)
+
+
+@pytest.fixture
+def requests() -> Requests:
+    return Requests('ann', {'kitchen': Place(1.0, 2.0, 0.5), 'hall': Place(3.0, 4.0)})
+
+
+def test_every_command_names_operator_run_and_a_new_id(requests: Requests) -> None:
+    commands = [
+        requests.stop(view()),
+        requests.confirm(view(TRANSITION)),
+        requests.force(view(), '', 'failed'),
+        requests.answer(view(INPUT), '', 'kitchen'),
+        requests.decline(view(INPUT)),
+        requests.autonomy(view(), AutonomyLevel.FULL),
+    ]
+    assert {(command.operator, command.run_id) for command in commands} == {('ann', 'r1')}
+    assert len({command.id for command in commands}) == len(commands)
+
+
+def test_confirm_takes_the_only_question_and_lists_several(requests: Requests) -> None:
+    assert requests.confirm(view(TRANSITION)).decision_id == 't1'
+    with pytest.raises(RefusedError, match=r't1 \(/Nav/Plan: done\), c1'):
+        requests.confirm(view(TRANSITION, CHOICE))
+    with pytest.raises(RefusedError, match='no question is pending'):
+        requests.confirm(view())
+    with pytest.raises(RefusedError, match='input VALUE'):
+        requests.confirm(view(INPUT))
+    with pytest.raises(RefusedError, match='left, right'):
+        requests.confirm(view(CHOICE))
+    # One that is not known here is for the executive to refuse.
+    assert requests.confirm(view(TRANSITION), 'old').decision_id == 'old'
+
+
+def test_choosing_the_wanted_outcome_confirms_and_another_forces(requests: Requests) -> None:
+    confirmed = requests.choose(view(TRANSITION), TRANSITION, 'done')
+    assert (confirmed.kind, confirmed.decision_id) == (CommandKind.CONFIRM, 't1')
+    forced = requests.choose(view(TRANSITION), TRANSITION, 'failed')
+    assert (forced.kind, forced.path, forced.outcome, forced.decision_id) == (
+        CommandKind.FORCE, '/Nav/Plan', 'failed', 't1',
+    )  # fmt: skip
+    with pytest.raises(RefusedError, match='done, failed'):
+        requests.choose(view(TRANSITION), TRANSITION, 'x')
+
+
+def test_force_finds_the_state(requests: Requests) -> None:
+    assert requests.force(view(), '', 'done').path == '/Nav/Plan'
+    assert requests.force(view(), 'Plan', 'done').path == '/Nav/Plan'
+    assert requests.force(view(), 'Nav', 'done').path == '/Nav'
+    assert requests.force(view(TRANSITION), '', 'failed').decision_id == 't1'
+    assert requests.force(view(TRANSITION), '/Nav', 'failed').decision_id == ''
+    with pytest.raises(RefusedError, match='not active; active: /Nav/Plan'):
+        requests.force(view(), '/Other', 'done')
+    with pytest.raises(RefusedError, match="no outcome 'gone'; choose one of done, failed"):
+        requests.force(view(), '', 'gone')
+    with pytest.raises(RefusedError, match='/A, /B'):
+        requests.force(view(active=('/A', '/B')), '', 'done')
+    with pytest.raises(RefusedError, match='not unique'):
+        requests.force(view(active=('/A/X', '/B/X')), 'X', 'done')
+    with pytest.raises(RefusedError, match='not pending'):
+        requests.force(view(), '', 'done', 'old')
+
+
+def test_start_is_checked_against_the_list_of_behaviors(requests: Requests) -> None:
+    command = requests.start(view(), 'Drive', [('speed', 'slow')], AutonomyLevel.HIGH)
+    assert (command.behavior, command.arguments, command.autonomy) == ('Drive', (('speed', 'slow'),), 2)
+    for name, arguments, message in (
+        ('Driv', [], "did you mean 'Drive'"),
+        ('Broken', [], 'no tree'),
+        ('Drive', [('sped', 'slow')], 'its parameters: speed, n'),
+        ('Drive', [('speed', 'mad')], 'slow, fast'),
+    ):
+        with pytest.raises(RefusedError, match=message):
+            requests.start(view(), name, arguments)
+
+
+def test_answers(requests: Requests) -> None:
+    value = requests.answer(view(INPUT), '', 'kitchen').inputs[0]
+    assert value.type == POSE
+    assert json.loads(value.text)['pose']['position'] == {'x': 1.0, 'y': 2.0}
+    for text in ('cellar', '1', '1 2 3 4', '1 2 nan', '1 x', '', '1 2; 3 4'):
+        with pytest.raises(RefusedError):
+            requests.answer(view(INPUT), '', text)
+    with pytest.raises(RefusedError, match='not pending'):
+        requests.answer(view(INPUT), 'old', 'kitchen')
+    with pytest.raises(RefusedError, match='does not ask for a value'):
+        requests.answer(view(TRANSITION), 't1', 'kitchen')
+    limited = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string', input_choices=('a b', 'c'))
+    assert requests.answer(view(limited), '', 'a b').inputs[0].text == '"a b"'
+    with pytest.raises(RefusedError, match='a b, c'):
+        requests.answer(view(limited), '', 'd')
+
+
+@given(*[st.floats(-1e6, 1e6, allow_nan=False)] * 2, st.floats(-math.pi, math.pi))
+def test_a_pose_arrives_as_it_was_written(x: float, y: float, yaw: float) -> None:
+    from flexbt_common.values import text_to_value
+
+    pose = text_to_value(value_text(f'{x!r} {y!r} {yaw!r}', POSE, {}), POSE)
+    assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ('map', x, y)
+    q = pose.pose.orientation
+    assert math.isclose(q.z**2 + q.w**2, 1.0, rel_tol=1e-9)
+    assert abs(math.remainder(2.0 * math.atan2(q.z, q.w) - yaw, 2.0 * math.pi)) < 1e-9
+
+
+def test_values_of_other_types() -> None:
+    places = {'kitchen': Place(1.0, 2.0)}
+    assert len(json.loads(value_text('kitchen; 3 4', POSE + '[]', places))) == 2
+    assert json.loads(value_text('[]', 'geometry_msgs/PoseStamped[]', places)) == []
+    assert json.loads(value_text('kitchen', 'geometry_msgs/Pose2D', places)) == {'x': 1.0, 'y': 2.0, 'theta': 0.0}
+    assert value_text('kitchen', 'string', places) == '"kitchen"'
+    assert value_text('{x: 1.5}', 'geometry_msgs/Point', {}).startswith('{"x": 1.5')
+    assert json.loads(value_text('[1, 2]', 'int32[]', {})) == [1, 2]
+    assert value_text('anything', 'not_here_msgs/msg/Thing', {}) == 'anything'
+    for text, type in (('x', 'int32'), ('{z: 1, q: 2}', 'geometry_msgs/Point'), ('300', 'uint8')):
+        with pytest.raises(RefusedError, match=type):
+            value_text(text, type, {})
+
+
+def test_inputs_of_a_start() -> None:
+    value = start_input('goal=geometry_msgs/PoseStamped:1 2', {})
+    assert (value.key, value.type) == ('goal', 'geometry_msgs/PoseStamped')
+    for text in ('goal', 'goal=1', '=int:1', 'goal=:1'):
+        with pytest.raises(UsageError):
+            start_input(text, {})
+
+
+def test_places_file(tmp_path: Path) -> None:
+    file = tmp_path / 'places.yaml'
+    file.write_text('kitchen: {x: 1, y: 2.5, yaw: 0.1}\nhall: {x: 0, y: 0, frame: odom}\n')
+    assert load_places(file) == {'kitchen': Place(1.0, 2.5, 0.1), 'hall': Place(0.0, 0.0, 0.0, 'odom')}
+    for text, message in (
+        ('a: [1, 2]', "place 'a'"),
+        ('a: {x: 1}', "place 'a'"),
+        ('a: {x: 1, y: yes}', 'y is True'),
+        ('a: {x: .nan, y: 1}', 'x is nan'),
+        ('a b: {x: 1, y: 1}', 'one word'),
+        ('- a', 'expected'),
+        ('a: {', 'places.yaml'),
+        ('a: !!python/object/apply:os.getcwd []', 'places.yaml'),
+    ):
+        file.write_text(text)
+        with pytest.raises(UsageError, match=message):
+            load_places(file)
+    with pytest.raises(UsageError, match='No such file'):
+        load_places(tmp_path / 'none.yaml')
