@@ -26,8 +26,10 @@ class ShowPathState(EventState):
         super().__init__(outcomes=['done', 'empty'], input_keys=['path'])
 
     def execute(self, userdata: UserData) -> str:
-        """Describe the path."""
-        path: Path = userdata.path
+        return self.describe(userdata.path)
+
+    def describe(self, path: Path) -> str:
+        """Tell the operator what the path is like, and give the outcome."""
         if not path.poses:
             self.log_warn('The path has no poses.')
             return 'empty'
