@@ -19,7 +19,6 @@ setup(
     description='States for FlexBT behaviors: behavior trees, operator input and generic ones.',
     license='BSD-3-Clause',
     entry_points={
-        'console_scripts': [
-        ],
+        'console_scripts': [],
     },
 )

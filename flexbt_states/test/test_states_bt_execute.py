@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The states that run behavior trees, against servers that do what servers do at their worst."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.action import CancelResponse
+from state_bench import ScriptedServer, StateBench, ends, wait_until
+
+from flexbt_common.values import from_entry, to_entry
+from flexbt_msgs.action import BtExecute
+from flexbt_states import BtExecuteGoalState, BtExecuteState
+from flexbt_states.errors import StateParameterError
+
+RESULT = BtExecute.Result
+
+
+def pose(x: float, y: float = 0.0) -> PoseStamped:
+    message = PoseStamped()
+    message.header.frame_id = 'map'
+    message.pose.position.x, message.pose.position.y = x, y
+    return message
+
+
+def execute(**options: Any) -> BtExecuteState:
+    return BtExecuteState(bt_file='navigate', **options)
+
+
+def test_a_tree_that_succeeds_gives_done_and_its_outputs(bench: StateBench) -> None:
+    path = Path(poses=[pose(1.0), pose(2.0)])
+    server = bench.serve(
+        BtExecute,
+        'bt_executor',
+        ends(RESULT(code=RESULT.SUCCESS, outputs=[to_entry('path', path), to_entry('tries', 3)])),
+    )
+    read: dict[str, Any] = {}
+    run = bench.run_state(
+        lambda: execute(
+            inputs={'speed': 'float64'}, outputs={'path': 'nav_msgs/Path', 'tries': 'int32'}, blackboard='b'
+        ),
+        {'speed': 0.25, 'path': None, 'tries': None},
+        outputs=['path', 'tries'],
+        read=read,
+    )
+    assert run.wait() == 'done', run.lines
+    assert read == {'path': path, 'tries': 3}
+    (goal,) = server.goals
+    assert (goal.behavior_tree, goal.blackboard, goal.owner) == ('navigate', 'b', '/bench_executive')
+    assert [(entry.key, from_entry(entry)) for entry in goal.inputs] == [('speed', 0.25)]
+    assert (list(goal.outputs), goal.output_encoding) == (['path', 'tries'], BtExecute.Goal.BINARY)
+
+
+@pytest.mark.parametrize(
+    ('result', 'how', 'outcome', 'words'),
+    [
+        (RESULT(), 'succeed', 'failed', 'without filling in the result'),
+        (RESULT(), 'abort', 'failed', 'navigate'),
+        (RESULT(code=RESULT.SUCCESS), 'abort', 'failed', 'although its result says success'),
+        (RESULT(code=RESULT.FAILURE, message='no way', failed_node='Root/Plan'), 'abort', 'failed', 'no way (node Root/Plan)'),
+        (RESULT(code=RESULT.FAILURE, message='no way'), 'succeed', 'failed', 'no way'),
+        (RESULT(code=RESULT.ERROR, message='node raised'), 'abort', 'failed', 'node raised'),
+        (RESULT(code=RESULT.ERROR, message='node raised'), 'succeed', 'failed', 'node raised'),
+        (RESULT(code=RESULT.CANCELED, message='replaced'), 'abort', 'canceled', 'replaced'),
+        (RESULT(code=RESULT.CANCELED, message='replaced'), 'succeed', 'canceled', 'replaced'),
+        (RESULT(code=RESULT.SUCCESS, missing_outputs=['path']), 'succeed', 'failed', "did not write 'path'"),
+        (RESULT(code=RESULT.SUCCESS), 'succeed', 'failed', "did not send 'path'"),
+        (RESULT(code=RESULT.SUCCESS, outputs=[to_entry('path', pose(1.0))]), 'succeed', 'failed', 'geometry_msgs/msg/PoseStamped'),
+        (RESULT(code=77), 'succeed', 'failed', 'navigate'),
+    ],
+)  # fmt: skip
+def test_nothing_but_success_counts_as_done(bench: StateBench, result: Any, how: str, outcome: str, words: str) -> None:
+    bench.serve(BtExecute, 'bt_executor', ends(result, how))
+    run = bench.run_state(lambda: execute(outputs={'path': 'nav_msgs/Path'}), {'path': None})
+    assert run.wait() == outcome
+    assert words in run.errors()
+
+
+def test_without_a_server_the_state_fails_soon_and_says_so(bench: StateBench) -> None:
+    run = bench.run_state(execute)
+    assert run.wait() == 'failed'
+    assert 'bt_executor' in run.errors()
+
+
+def test_a_rejected_goal_is_failed(bench: StateBench) -> None:
+    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)), accept=False)
+    run = bench.run_state(execute)
+    assert run.wait() == 'failed'
+    assert 'reject' in run.errors()
+    assert server.goals == []
+
+
+def test_a_script_that_raises_is_failed(bench: StateBench) -> None:
+    async def script(goal_handle: Any) -> Any:
+        raise RuntimeError('crash inside the server')
+
+    bench.serve(BtExecute, 'bt_executor', script)
+    run = bench.run_state(execute)
+    assert run.wait() == 'failed'
+
+
+def test_a_server_that_dies_is_noticed(bench: StateBench) -> None:
+    server = hanging(bench)
+    run = bench.run_state(execute)
+    wait_until(lambda: server.active, 'goal active')
+    server.close()
+    assert run.wait() == 'failed'
+    assert 'bt_executor' in run.errors()
+
+
+def test_a_value_that_does_not_fit_is_refused_before_anything_runs(bench: StateBench) -> None:
+    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)))
+    run = bench.run_state(lambda: execute(inputs={'speed': 'float64'}), {'speed': 'fast'})
+    assert run.wait() == 'failed'
+    assert 'speed' in run.errors()
+    assert 'fast' in run.errors()
+    assert server.goals == []
+
+
+def test_the_stop_of_the_run_cancels_the_tree_and_waits_for_it(bench: StateBench) -> None:
+    server = hanging(bench)
+    run = bench.run_state(execute)
+    wait_until(lambda: server.active, 'goal active')
+    assert run.stop() == 'preempted'
+    assert (server.active, server.cancels) == (0, 1)
+
+
+def test_a_stop_while_the_cancel_takes_long_waits_for_the_confirmation(bench: StateBench) -> None:
+    async def script(goal_handle: Any) -> Any:
+        await released
+        goal_handle.canceled()
+        return RESULT(code=RESULT.CANCELED)
+
+    server = bench.serve(BtExecute, 'bt_executor', script)
+    released = server.future()
+    run = bench.run_state(execute)
+    wait_until(lambda: server.active, 'goal active')
+    run.behavior_run.stop('test')
+    wait_until(lambda: server.cancels, 'cancel has arrived')
+    assert run.outcome is None, 'the run has ended although the tree still runs'
+    server.resolve(released)
+    assert run.wait() == 'preempted'
+    assert server.active == 0
+
+
+def test_a_tree_that_takes_too_long_is_canceled_and_failed(bench: StateBench) -> None:
+    server = hanging(bench)
+    run = bench.run_state(lambda: execute(timeout=0.1))
+    assert run.wait() == 'failed'
+    assert '0.1 s' in run.errors()
+    assert (server.active, server.cancels) == (0, 1)
+
+
+def test_a_server_that_refuses_to_cancel_does_not_hold_the_run_for_ever(bench: StateBench) -> None:
+    server = hanging(bench, on_cancel=lambda _goal_handle: CancelResponse.REJECT)
+    run = bench.run_state(execute)
+    wait_until(lambda: server.active, 'goal active')
+    assert run.stop() == 'preempted'
+    assert 'bt_executor' in run.errors() + run.message
+
+
+def test_the_running_nodes_are_the_activity_of_the_state(bench: StateBench) -> None:
+    async def script(goal_handle: Any) -> Any:
+        goal_handle.publish_feedback(BtExecute.Feedback(active_nodes=['Root', 'Root/Follow']))
+        await future
+        goal_handle.canceled()
+        return RESULT(code=RESULT.CANCELED)
+
+    server = bench.serve(BtExecute, 'bt_executor', script, on_cancel=lambda _goal: resolve())
+    future = server.future()
+
+    def resolve() -> CancelResponse:
+        future.set_result(None)
+        return CancelResponse.ACCEPT
+
+    run = bench.run_state(execute)
+
+    def activity() -> list[str]:
+        return [line for state in run.behavior_run.active_states() for line in state.activity]
+
+    wait_until(lambda: activity() == ['Root', 'Root/Follow'], 'activity shown')
+    assert bench.changes >= 1
+    run.stop()
+
+
+@pytest.mark.parametrize(
+    ('goal', 'options', 'poses', 'entries'),
+    [
+        (pose(1.0), {}, [pose(1.0)], []),
+        ([pose(1.0), pose(2.0)], {}, [pose(1.0), pose(2.0)], []),
+        ([pose(1.0)], {'goal_id': 'goals'}, [], [('goals', [pose(1.0)])]),
+        (pose(1.0), {'goal_id': 'dock'}, [], [('dock', pose(1.0))]),
+        (pose(1.0), {'goal_msg_type': 'geometry_msgs/msg/PoseStamped[]'}, [pose(1.0)], []),
+        ('blue', {'goal_id': 'color', 'goal_msg_type': 'string'}, [], [('color', 'blue')]),
+        (Path(), {'goal_id': 'path', 'goal_msg_type': 'nav_msgs/Path'}, [], [('path', Path())]),
+    ],
+)
+def test_goals_of_all_kinds_arrive(
+    bench: StateBench, goal: Any, options: dict[str, Any], poses: list[Any], entries: list[Any]
+) -> None:
+    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)))
+    run = bench.run_state(lambda: BtExecuteGoalState(**options), {'goal': goal})
+    assert run.wait() == 'done', run.lines
+    (sent,) = server.goals
+    assert list(sent.goals) == poses
+    assert [(entry.key, from_entry(entry)) for entry in sent.inputs] == entries
+
+
+@pytest.mark.parametrize(
+    ('goal', 'words'), [([], 'empty'), (7, 'PoseStamped'), ([pose(1.0), 'x'], 'PoseStamped'), (None, 'PoseStamped')]
+)
+def test_what_is_no_goal_pose_is_refused(bench: StateBench, goal: Any, words: str) -> None:
+    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)))
+    run = bench.run_state(BtExecuteGoalState, {'goal': goal})
+    assert run.wait() == 'failed'
+    assert words in run.errors()
+    assert server.goals == []
+
+
+def test_the_requested_value_comes_under_the_key_data(bench: StateBench) -> None:
+    bench.serve(
+        BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS, outputs=[to_entry('path', Path(poses=[pose(3.0)]))]))
+    )
+    read: dict[str, Any] = {}
+    run = bench.run_state(
+        lambda: BtExecuteGoalState(request_id='path', request_msg_pkg='nav_msgs', request_msg_type='Path'),
+        {'goal': pose(1.0), 'data': None},
+        outputs=['data'],
+        read=read,
+    )
+    run.wait()
+    assert read['data'].poses == [pose(3.0)]
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda: BtExecuteState(bt_file='flexbt_msgs/trees/none.xml'), 'bt_file'),
+        (lambda: BtExecuteState(bt_file='no_such_package/tree.xml'), 'no_such_package'),
+        (lambda: BtExecuteState(bt_topic='not a name'), 'bt_topic'),
+        (lambda: BtExecuteState(outputs={'path': 'nav_msgs/msg/Paht'}), 'nav_msgs/msg/Path'),
+        (lambda: BtExecuteState(inputs={'': 'string'}), 'inputs'),
+        (lambda: BtExecuteState(timeout=0.0), 'timeout'),
+        (lambda: BtExecuteGoalState(goal_msg_type='PoseStamped'), 'goal_msg_type'),
+        (lambda: BtExecuteGoalState(goal_id=''), 'goal_id'),
+        (lambda: BtExecuteGoalState(request_id='path'), 'request_msg_type'),
+        (lambda: BtExecuteGoalState(inputs={'goal': 'string'}), "'goal'"),
+    ],
+)
+def test_what_cannot_work_is_refused_when_the_state_is_made(make: Any, words: str) -> None:
+    with pytest.raises(StateParameterError, match='BtExecute') as refusal:
+        make()
+    assert words in str(refusal.value)
+
+
+def hanging(bench: StateBench, **options: Any) -> ScriptedServer:
+    """A server whose goals run until they are canceled."""
+
+    async def script(goal_handle: Any) -> Any:
+        await future
+        if goal_handle.is_cancel_requested:
+            goal_handle.canceled()
+        return RESULT(code=RESULT.CANCELED)
+
+    def cancel(_goal_handle: Any) -> CancelResponse:
+        future.set_result(None)
+        return CancelResponse.ACCEPT
+
+    server = bench.serve(BtExecute, 'bt_executor', script, **{'on_cancel': cancel, **options})
+    future = server.future()
+    return server

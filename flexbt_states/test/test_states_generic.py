@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The states that need nothing but the machine."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+from state_bench import DEADLINE, StateBench, wait_until
+
+from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine, Severity
+from flexbt_states import CalculationState, CheckConditionState, LogKeyState, LogState, OperatorDecisionState, WaitState
+from flexbt_states.errors import StateParameterError
+
+
+def test_wait_waits_for_its_time_on_the_clock_of_the_node(bench: StateBench) -> None:
+    clock = bench.runtime.clock
+    begin = clock.now()
+    assert bench.run_state(lambda: WaitState(0.2)).wait() == 'done'
+    assert clock.now() - begin >= 0.2
+
+
+def test_wait_can_be_stopped_at_any_moment(bench: StateBench) -> None:
+    run = bench.run_state(lambda: WaitState(3600))
+    wait_until(run.behavior_run.active_states, 'active')
+    assert run.stop() == 'preempted'
+
+
+@pytest.mark.parametrize('severity', list(Severity))
+def test_log_tells_the_operator_at_its_severity(bench: StateBench, severity: Severity) -> None:
+    run = bench.run_state(lambda: LogState('hello', severity))
+    assert run.wait() == 'done'
+    assert run.lines == [(severity.value, '/State', 'hello')]
+
+
+def test_log_key_tells_the_value(bench: StateBench) -> None:
+    run = bench.run_state(lambda: LogKeyState('speed {:.1f} m/s', Severity.HINT), {'data': 0.25})
+    assert run.wait() == 'done'
+    assert run.lines == [(Severity.HINT.value, '/State', 'speed 0.2 m/s')]
+
+
+def test_calculation_computes(bench: StateBench) -> None:
+    read: dict[str, Any] = {}
+    run = bench.run_state(
+        lambda: CalculationState(sum),
+        {'input_value': [1, 2], 'output_value': None},
+        outputs=['output_value'],
+        read=read,
+    )
+    assert run.wait() == 'done'
+    assert read == {'output_value': 3}
+
+
+@pytest.mark.parametrize(('value', 'outcome'), [(3, 'true'), (-3, 'false')])
+def test_check_condition_branches(bench: StateBench, value: int, outcome: str) -> None:
+    assert bench.run_state(lambda: CheckConditionState(lambda x: x > 0), {'input_value': value}).wait() == outcome
+
+
+@pytest.mark.parametrize(
+    'make', [lambda: CalculationState(lambda x: 1 / x), lambda: CheckConditionState(lambda x: 1 / x)]
+)
+def test_an_exception_is_neither_a_result_nor_an_answer(bench: StateBench, make: Any) -> None:
+    run = bench.run_state(make, {'input_value': 0, 'output_value': 5})
+    assert run.wait() == 'error'
+    assert 'ZeroDivisionError' in run.errors()
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: WaitState(-1.0),
+        lambda: WaitState('2'),  # type: ignore[arg-type]
+        lambda: WaitState(float('nan')),
+        lambda: LogKeyState('no place'),
+        lambda: LogKeyState('{} {}'),
+        lambda: LogKeyState('{name}'),
+        lambda: LogKeyState('{'),
+        lambda: CalculationState('x + 1'),  # type: ignore[arg-type]
+        lambda: CheckConditionState('x > 1'),  # type: ignore[arg-type]
+        lambda: OperatorDecisionState([]),
+        lambda: OperatorDecisionState('done'),
+        lambda: OperatorDecisionState(['a', 'a']),
+        lambda: OperatorDecisionState(['a', 'b'], suggestion='c'),
+    ],
+)
+def test_what_cannot_work_is_refused_when_the_state_is_made(make: Any) -> None:
+    with pytest.raises(StateParameterError):
+        make()
+
+
+def decision(suggestion: str | None, required: int = Autonomy.High) -> Any:
+    def machine() -> OperatableStateMachine:
+        root = OperatableStateMachine(outcomes=['left', 'right'])
+        with root:
+            OperatableStateMachine.add(
+                'Choose',
+                OperatorDecisionState(['go_left', 'go_right'], 'which way?', suggestion),
+                {'go_left': 'left', 'go_right': 'right'},
+                autonomy={'go_left': required, 'go_right': Autonomy.Full},
+            )
+        return root
+
+    return machine
+
+
+def answered(command: Any, *arguments: str) -> str | None:
+    """The fate of a command."""
+    done = threading.Event()
+    reasons: list[str | None] = []
+
+    def answer(reason: str | None) -> None:
+        reasons.append(reason)
+        done.set()
+
+    command(*arguments, answer)
+    assert done.wait(DEADLINE)
+    return reasons[0]
+
+
+def test_the_suggestion_is_taken_where_the_autonomy_allows_it(bench: StateBench) -> None:
+    assert bench.run(decision('go_left'), autonomy=3).wait() == 'left'
+
+
+@pytest.mark.parametrize('suggestion', [None, 'go_left'])
+def test_otherwise_the_operator_chooses(bench: StateBench, suggestion: str | None) -> None:
+    run = bench.run(decision(suggestion), autonomy=2)
+    (asked,) = wait_until(run.behavior_run.decisions, 'decision')
+    assert (asked.kind, asked.prompt, asked.outcome) == (asked.CHOICE, 'which way?', suggestion or '')
+    assert list(asked.outcomes) == ['go_left', 'go_right']
+    assert answered(run.behavior_run.force, '/Choose', 'up', asked.id) is not None
+    assert answered(run.behavior_run.force, '/Choose', 'go_right', asked.id) is None
+    assert run.wait() == 'right'
+
+
+def test_the_suggestion_can_be_confirmed(bench: StateBench) -> None:
+    run = bench.run(decision('go_left'), autonomy=0)
+    (asked,) = wait_until(run.behavior_run.decisions, 'decision')
+    assert answered(run.behavior_run.confirm, 'other') is not None
+    assert answered(run.behavior_run.confirm, asked.id) is None
+    assert run.wait() == 'left'

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The state that asks the operator for a value, with the executive's own server and with bad ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import CancelResponse
+from state_bench import StateBench, ends, wait_until
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.values import to_entry
+from flexbt_msgs.action import OperatorInput
+from flexbt_msgs.msg import BlackboardEntry
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.operator_questions import OperatorQuestions
+from flexbt_states import OperatorInputState
+from flexbt_states.errors import StateParameterError
+
+POSE = 'geometry_msgs/msg/PoseStamped'
+RESULT = OperatorInput.Result
+
+
+class Desk:
+    """The executive's side of the questions, as an operator uses it."""
+
+    def __init__(self, bench: StateBench) -> None:
+        self.runtime = NodeRuntime('desk', args=())
+        self.changes = 0
+        self.questions = self.runtime.call(lambda: OperatorQuestions(self.runtime, self._count))
+        link = bench.services.actions.link(OperatorInput, 'operator_input')
+        wait_until(lambda: bench.runtime.call(link.is_ready), 'discovered')
+
+    def pending(self) -> Any:
+        (question,) = wait_until(lambda: self.runtime.call(self.questions.decisions), 'question')
+        return question
+
+    def none_pending(self) -> None:
+        wait_until(lambda: not self.runtime.call(self.questions.decisions), 'question gone')
+
+    def answer(self, **fields: Any) -> None:
+        question = self.pending()
+        self.runtime.call(lambda: self.questions.answer(question.id, BlackboardEntry(**fields), 'eva'))
+
+    def _count(self) -> None:
+        self.changes += 1
+
+
+@pytest.fixture
+def desk(bench: StateBench) -> Iterator[Desk]:
+    desk = Desk(bench)
+    yield desk
+    desk.runtime.call(desk.questions.close)
+    desk.runtime.close()
+
+
+def ask(type: str = POSE, **options: Any) -> OperatorInputState:
+    return OperatorInputState('Where to?', type, **options)
+
+
+def test_an_answer_as_text_arrives_as_a_value(bench: StateBench, desk: Desk) -> None:
+    read: dict[str, Any] = {}
+    run = bench.run_state(ask, {'data': None}, outputs=['data'], read=read)
+    question = desk.pending()
+    assert (question.prompt, question.input_type, question.path) == ('Where to?', POSE, '/State')
+    desk.answer(text='{header: {frame_id: map}, pose: {position: {x: 2}}}')
+    assert run.wait() == 'received', run.lines
+    expected = PoseStamped()
+    expected.header.frame_id, expected.pose.position.x = 'map', 2.0
+    assert read == {'data': expected}
+    desk.none_pending()
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({'text': '{pose: {position: {x: far}}}'}, 'pose.position.x'),
+        ({'text': '{goal: 1}'}, 'goal'),
+        ({'text': '{}', 'type': 'string'}, POSE),
+        ({'data': b'123'}, 'CDR'),
+        ({'type': 'no/msg/Such', 'text': '1'}, 'no/msg/Such'),
+    ],
+)
+def test_a_refused_answer_leaves_the_question_open(
+    bench: StateBench, desk: Desk, fields: dict[str, Any], words: str
+) -> None:
+    run = bench.run_state(ask, {'data': None})
+    with pytest.raises(CommandRefusedError) as refusal:
+        desk.answer(**fields)
+    assert words in str(refusal.value)
+    desk.answer(text='{}')
+    assert run.wait() == 'received'
+
+
+def test_only_choices_may_be_answered(bench: StateBench, desk: Desk) -> None:
+    read: dict[str, Any] = {}
+    run = bench.run_state(lambda: ask('int32', choices=['1', '2']), {'data': None}, outputs=['data'], read=read)
+    with pytest.raises(CommandRefusedError, match='1, 2'):
+        desk.answer(text='3')
+    desk.answer(text='2')
+    assert run.wait() == 'received'
+    assert read == {'data': 2}
+
+
+def test_the_operator_may_decline(bench: StateBench, desk: Desk) -> None:
+    run = bench.run_state(ask, {'data': None})
+    question = desk.pending()
+    desk.runtime.call(lambda: desk.questions.decline(question.id, 'eva', 'not now'))
+    assert run.wait() == 'declined'
+    with pytest.raises(CommandRefusedError, match='not open'):
+        desk.runtime.call(lambda: desk.questions.decline(question.id, 'eva', 'not now'))
+
+
+def test_a_question_is_withdrawn_when_its_state_is_left(bench: StateBench, desk: Desk) -> None:
+    run = bench.run_state(ask, {'data': None})
+    desk.pending()
+    assert run.stop() == 'preempted'
+    desk.none_pending()
+
+
+def test_without_an_answer_in_time_the_question_is_withdrawn(bench: StateBench, desk: Desk) -> None:
+    run = bench.run_state(lambda: ask(timeout=0.2), {'data': None})
+    assert run.wait() == 'failed'
+    assert '0.2 s' in run.errors()
+    desk.none_pending()
+
+
+def test_several_questions_at_a_time_are_answered_each(bench: StateBench, desk: Desk) -> None:
+    runs = [bench.run_state(lambda: ask('string'), {'data': None}) for _ in range(3)]
+    questions = wait_until(
+        lambda: len(found := desk.runtime.call(desk.questions.decisions)) == 3 and found, 'three questions'
+    )
+    assert len({question.id for question in questions}) == 3
+    for question in questions[1:]:
+        desk.runtime.call(lambda id=question.id: desk.questions.answer(id, BlackboardEntry(text='x'), 'eva'))
+    wait_until(lambda: sum(run.outcome is not None for run in runs) == 2, 'two answered')
+    assert desk.pending().id == questions[0].id
+    desk.answer(text='y')
+    assert [run.wait() for run in runs] == ['received'] * 3
+
+
+def test_without_an_executive_the_state_fails(bench: StateBench) -> None:
+    run = bench.run_state(ask, {'data': None})
+    assert run.wait() == 'failed'
+    assert 'operator_input' in run.errors()
+
+
+@pytest.mark.parametrize(
+    ('result', 'how', 'outcome'),
+    [
+        (RESULT(), 'succeed', 'failed'),
+        (RESULT(), 'abort', 'failed'),
+        (RESULT(code=RESULT.SUCCESS, value=to_entry('', 1)), 'abort', 'failed'),
+        (RESULT(code=RESULT.SUCCESS, value=to_entry('', 'x')), 'succeed', 'failed'),
+        (RESULT(code=RESULT.SUCCESS), 'succeed', 'failed'),
+        (RESULT(code=RESULT.ERROR, message='no'), 'abort', 'failed'),
+        (RESULT(code=RESULT.DECLINED), 'abort', 'declined'),
+        (RESULT(code=RESULT.SUCCESS, value=to_entry('', PoseStamped())), 'succeed', 'received'),
+    ],
+)
+def test_nothing_but_an_answer_counts_as_received(bench: StateBench, result: Any, how: str, outcome: str) -> None:
+    bench.serve(OperatorInput, 'operator_input', ends(result, how))
+    run = bench.run_state(ask, {'data': None})
+    assert run.wait() == outcome
+    assert bool(run.errors()) == (outcome == 'failed')
+
+
+def test_a_server_that_dies_is_noticed(bench: StateBench) -> None:
+    async def script(_goal_handle: Any) -> Any:
+        await future
+
+    server = bench.serve(OperatorInput, 'operator_input', script, on_cancel=lambda _goal: CancelResponse.REJECT)
+    future = server.future()
+    run = bench.run_state(ask, {'data': None})
+    wait_until(lambda: server.active, 'asked')
+    server.close()
+    assert run.wait() == 'failed'
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: ask('PoseStamped'),
+        lambda: ask('no/msg/Such'),
+        lambda: ask('int32', choices=['one']),
+        lambda: ask('int32', choices='1'),
+        lambda: ask(timeout=-1),
+        lambda: ask(topic=''),
+    ],
+)
+def test_what_cannot_work_is_refused_when_the_state_is_made(make: Any) -> None:
+    with pytest.raises(StateParameterError):
+        make()

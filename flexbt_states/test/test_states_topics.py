@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The states that publish and that wait for messages."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import Point
+from rclpy.qos import QoSProfile
+from state_bench import DEADLINE, StateBench, wait_until
+from std_msgs.msg import String
+
+from flexbt_common import names
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_onboard.state_machine import OperatableStateMachine
+from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
+from flexbt_states.errors import StateParameterError
+
+
+class Peer:
+    """Another node that publishes and listens."""
+
+    def __init__(self) -> None:
+        self.runtime = NodeRuntime('peer', args=())
+        self.received: list[Any] = []
+
+    def publisher(self, topic: str, qos: QoSProfile | int = 10) -> Any:
+        return self.runtime.call(lambda: self.runtime.node.create_publisher(String, topic, qos))
+
+    def listen(self, topic: str, qos: QoSProfile | int = 10) -> Any:
+        return self.runtime.call(
+            lambda: self.runtime.node.create_subscription(String, topic, self.received.append, qos)
+        )
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    peer = Peer()
+    yield peer
+    peer.runtime.close()
+
+
+def test_the_next_message_is_received(bench: StateBench, peer: Peer) -> None:
+    publisher = peer.publisher('speech')
+    read: dict[str, Any] = {}
+    run = bench.run_state(
+        lambda: SubscribeOnceState('speech', 'std_msgs/msg/String'), {'message': None}, outputs=['message'], read=read
+    )
+    wait_until(publisher.get_subscription_count, 'subscribed')
+    publisher.publish(String(data='hello'))
+    assert run.wait() == 'received'
+    assert read == {'message': String(data='hello')}
+    wait_until(lambda: publisher.get_subscription_count() == 0, 'unsubscribed')
+
+
+def test_without_a_message_in_time_the_outcome_is_timeout(bench: StateBench) -> None:
+    run = bench.run_state(lambda: SubscribeOnceState('speech', String, timeout=0.1), {'message': None})
+    assert run.wait() == 'timeout'
+    assert 'speech' in run.errors()
+
+
+def test_a_latched_message_counts_when_asked_for(bench: StateBench, peer: Peer) -> None:
+    peer.publisher('map_name', names.latched()).publish(String(data='office'))
+    read: dict[str, Any] = {}
+    run = bench.run_state(
+        lambda: SubscribeOnceState('map_name', String, latched=True), {'message': None}, outputs=['message'], read=read
+    )
+    run.wait()
+    assert read == {'message': String(data='office')}
+
+
+def test_a_stop_while_waiting_ends_the_subscription(bench: StateBench, peer: Peer) -> None:
+    publisher = peer.publisher('speech')
+    run = bench.run_state(lambda: SubscribeOnceState('speech', String), {'message': None})
+    wait_until(publisher.get_subscription_count, 'subscribed')
+    assert run.stop() == 'preempted'
+    wait_until(lambda: publisher.get_subscription_count() == 0, 'unsubscribed')
+
+
+@pytest.mark.parametrize(('blocking', 'clear', 'outcome'), [(False, False, 'received'), (False, True, 'unavailable')])
+def test_subscriber_state_takes_what_came_before_unless_told_to_clear(
+    bench: StateBench, peer: Peer, blocking: bool, clear: bool, outcome: str
+) -> None:
+    publisher = peer.publisher('speech')
+    go = peer.publisher('go')
+
+    def machine() -> OperatableStateMachine:
+        root = OperatableStateMachine(outcomes=['received', 'unavailable', 'late'])
+        root.userdata.message = None
+        with root:
+            ends = {'received': 'received', 'unavailable': 'unavailable'}
+            start = SubscribeOnceState('go', String)
+            OperatableStateMachine.add('Go', start, {'received': 'Take', 'timeout': 'late'})
+            OperatableStateMachine.add('Take', SubscriberState('speech', String, blocking, clear), ends)
+        return root
+
+    run = bench.run(machine)
+    wait_until(lambda: publisher.get_subscription_count() and go.get_subscription_count(), 'both subscribed')
+    for number in range(3):
+        publisher.publish(String(data=str(number)))
+    publisher.wait_for_all_acked()
+    # Delivered to the reader by now, but perhaps not called back: the next message is on another subscription.
+    done = threading.Event()
+    bench.runtime.steady.call_at(bench.runtime.steady.now() + 0.1, done.set)
+    done.wait(DEADLINE)
+    go.publish(String())
+    assert run.wait() == outcome
+
+
+def test_publish_once_reaches_who_listens(bench: StateBench, peer: Peer) -> None:
+    peer.listen('words', names.latched())
+
+    def machine() -> OperatableStateMachine:
+        root = OperatableStateMachine(outcomes=['done'])
+        root.userdata.message = String(data='hello')
+        with root:
+            OperatableStateMachine.add(
+                'Publish', PublishOnceState('words', 'std_msgs/String', latched=True), {'done': 'Wait'}
+            )
+            OperatableStateMachine.add('Wait', WaitState(60.0), {'done': 'done'})
+        return root
+
+    run = bench.run(machine)
+    wait_until(lambda: String(data='hello') in peer.received, 'message received')
+    assert run.stop() == 'preempted'
+
+
+def test_a_value_of_another_type_is_a_fault(bench: StateBench) -> None:
+    run = bench.run_state(lambda: PublishOnceState('words', String), {'message': Point()})
+    assert run.wait() == 'error'
+    assert 'expected a std_msgs/msg/String' in run.errors() + run.message
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: SubscribeOnceState('two words', String),
+        lambda: SubscribeOnceState('topic', 'std_msgs/msg/Strin'),
+        lambda: SubscribeOnceState('topic', 'string'),
+        lambda: SubscribeOnceState('topic', 'std_msgs/msg/String[]'),
+        lambda: SubscribeOnceState('topic', String, timeout=0),
+        lambda: SubscriberState('topic', 7),  # type: ignore[arg-type]
+        lambda: PublishOnceState('', String),
+    ],
+)
+def test_what_cannot_work_is_refused_when_the_state_is_made(make: Any) -> None:
+    with pytest.raises(StateParameterError):
+        make()
