@@ -2,6 +2,8 @@
 """The behaviors of the demonstrations are found, built, and lead where they should."""
 
 import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
 
 from flexbt_demo_behaviors.navigate import Navigate
 from flexbt_demo_behaviors.navigate_split import NavigateSplit
@@ -9,8 +11,6 @@ from flexbt_demo_behaviors.show_path_state import ShowPathState
 from flexbt_onboard.behavior import Behavior
 from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.state_machine import Autonomy, MachineDefinition, StateDefinition, define
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path
 
 BEHAVIORS = [Navigate, NavigateSplit]
 
@@ -58,7 +58,7 @@ def test_recovery_leads_back_to_asking_or_ends_the_behavior() -> None:
 def test_a_tree_that_is_not_installed_is_refused_when_the_behavior_is_built() -> None:
     behavior = Navigate()
     behavior.set_parameter('tree', 'flexbt_demo_behaviors/trees/missing.xml')
-    with pytest.raises(Exception, match='missing.xml'):
+    with pytest.raises(Exception, match=r'missing\.xml'):
         define(behavior.create())
 
 

@@ -7,9 +7,9 @@ import socket
 import pytest
 
 from flexbt_demo_behaviors.domain import (
-    COORDINATION_PORT,
     DISCOVERY_PORT,
     DISCOVERY_PORT_STEP,
+    DOMAINS,
     NoFreeDomainError,
     own_domain,
 )
@@ -33,16 +33,18 @@ def test_two_demonstrations_get_different_domains(monkeypatch: pytest.MonkeyPatc
             assert first != second
 
 
-def test_a_domain_that_is_held_or_in_use_is_passed_over() -> None:
-    with own_domain() as free:
-        pass
-    held = free % 100 + 1
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as holder:
-        holder.bind(('', COORDINATION_PORT + held))
-        with own_domain([held, free]) as domain:
-            assert domain == free
+def test_a_domain_that_is_held_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    with own_domain() as held:
+        monkeypatch.delenv('ROS_DOMAIN_ID')
         with pytest.raises(NoFreeDomainError, match='ROS_DOMAIN_ID'), own_domain([held]):
             pass
+        with own_domain([held, *DOMAINS]) as domain:
+            assert domain != held
+
+
+def test_a_domain_in_which_somebody_takes_part_is_passed_over() -> None:
+    with own_domain() as free:
+        pass
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
         participant.bind(('', DISCOVERY_PORT + DISCOVERY_PORT_STEP * free))
         with pytest.raises(NoFreeDomainError), own_domain([free]):
