@@ -6,11 +6,11 @@ All of this happens on the executor thread; runs and file reading have threads o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 from builtin_interfaces.msg import Duration
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -25,8 +25,9 @@ from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import Encoding
 from flexbt_msgs.action import BtExecute
 from flexbt_server.behavior_tree import Blackboard, TreeKey, TreeLibrary
-from flexbt_server.blackboards import RECOVERIES_KEY, Blackboards, entries_of, read_values
+from flexbt_server.blackboards import RECOVERIES_KEY, Blackboards, Value, entries_of, read_values
 from flexbt_server.leaf_services import LeafServices
+from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
 from flexbt_server.parameters import ServerParameters
 from flexbt_server.robot_pose import RobotPose, distance_along
 from flexbt_server.tree_run import RunOutcome, TreeRun
@@ -34,13 +35,15 @@ from flexbt_server.tree_store import TreeStore
 from flexbt_server.tree_stream import TreeStream
 
 Result = BtExecute.Result
-T = TypeVar('T')
 
 RESULT_TIMEOUT = 15.0
 """How long the result of a finished goal can be asked for again, s."""
 
 STOP_SECONDS = 1.0
 """How long the end of the process waits for running trees to come to rest, s."""
+
+OWNER_SECONDS = 5.0
+"""How long an owner may stay unseen before the run is stopped: it has died already, or holds no liveliness token."""
 
 
 @dataclass(eq=False)
@@ -77,6 +80,10 @@ class _Slot:
     feedback: Timer | None = None
 
 
+_BY_CLIENT = 'canceled by the client'
+_SHUTTING_DOWN = 'the BT server is shutting down'
+
+
 class ExecuteServer:
     """Serves BtExecute."""
 
@@ -96,10 +103,13 @@ class ExecuteServer:
         self._services = services
         self._reader = reader
         self._stream = TreeStream(runtime)
-        self._pose = RobotPose(runtime, parameters.pose_topic)
+        self._pose = RobotPose(services.topics, parameters.pose_topic)
         self._slots: dict[tuple[TreeKey, str], _Slot] = {}
         self._goals: dict[bytes, _Goal] = {}
         self._owners: dict[str, LivelinessWatch] = {}
+        self._closing = False
+        self._no_goals = threading.Event()
+        self._no_goals.set()
         self._server = ActionServer(
             runtime.node,
             BtExecute,
@@ -123,36 +133,59 @@ class ExecuteServer:
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         goal = _Goal(handle, self._runtime.clock.now(), Future(executor=self._runtime.node.executor))
         self._goals[bytes(handle.goal_id.uuid)] = goal
+        self._no_goals.clear()
+        if self._closing:
+            goal.stop_reason = _SHUTTING_DOWN
+        elif handle.is_cancel_requested:  # canceled between acceptance and now
+            goal.stop_reason = _BY_CLIENT
         try:
-            await self._start(goal)
+            self._start(goal)
             outcome = await goal.outcome
-        except Exception as error:  # a fault of ours goes to the client as well
+            return self._finish(goal, outcome)
+        except Exception as error:
             self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
-            outcome = RunOutcome(Result.ERROR, f'fault in the BT server: {error!r}')
+            handle.abort()
+            return BtExecute.Result(code=Result.ERROR, message=f'fault in the BT server: {error!r}')
         finally:
             del self._goals[bytes(handle.goal_id.uuid)]
-        return self._finish(goal, outcome)
+            if not self._goals:
+                self._no_goals.set()
 
-    async def _start(self, goal: _Goal) -> None:
+    def _start(self, goal: _Goal) -> None:
+        """Look for the tree of a goal. Goals come out of this in the order in which they were accepted.
+
+        (Awaiting the reading thread would not keep the order: rclpy resumes the youngest coroutine first.)
+        """
+        name = goal.request.behavior_tree or self._parameters.default_tree
+
+        def read() -> None:
+            try:
+                if not name:
+                    raise FlexbtError("the goal names no behavior tree, and the parameter 'default_tree' is not set")
+                values = read_values(goal.request.inputs)
+                library, key = self._store.find(name)
+            except FlexbtError as error:
+                reason = str(error)
+            except Exception as error:  # a fault of ours goes to the client as well
+                reason = f'fault in the BT server: {error!r}'
+            else:
+                self._runtime.post(lambda: self._found(goal, library, key, values))
+                return
+            self._runtime.post(lambda: goal.end(RunOutcome(Result.ERROR, reason)))
+
+        self._reader.submit(read)
+
+    def _found(self, goal: _Goal, library: TreeLibrary, key: TreeKey, values: list[Value]) -> None:
         request = goal.request
-        name = request.behavior_tree or self._parameters.default_tree
-        try:
-            if not name:
-                raise FlexbtError("the goal names no behavior tree, and the parameter 'default_tree' is not set")
-            values = read_values(request.inputs)
-            library, key = await self._in_thread(lambda: self._store.find(name))
-        except FlexbtError as error:
-            goal.end(RunOutcome(Result.ERROR, str(error)))
-            return
         if len(request.goals) == 1:
-            values.append(('goal', request.goals[0]))
+            values.append(('goal', request.goals[0], POSE_STAMPED))
         elif request.goals:
-            values.append(('goals', list(request.goals)))
-        if goal.stop_reason is None and request.owner:
-            self._watch(request.owner)
+            values.append(('goals', list(request.goals), POSES))
         if goal.stop_reason is not None:  # canceled while the file was read
             goal.end(RunOutcome(Result.CANCELED, goal.stop_reason))
             return
+        if request.owner:
+            self._watch(goal, request.owner)
         slot = self._slots.get((key, request.blackboard))
         if slot is None:
             self._run(goal, library, key, values)
@@ -162,7 +195,7 @@ class ExecuteServer:
         if replaced is not None:
             replaced.end(_replaced())
 
-    def _run(self, goal: _Goal, library: TreeLibrary, key: TreeKey, values: Sequence[tuple[str, Any]]) -> None:
+    def _run(self, goal: _Goal, library: TreeLibrary, key: TreeKey, values: Sequence[Value]) -> None:
         name = goal.request.blackboard
         board = self._boards.get(name)
         place = (key, name)
@@ -170,6 +203,7 @@ class ExecuteServer:
             library,
             key,
             board,
+            goal,
             values,
             clock=self._runtime.clock,
             steady=self._runtime.steady,
@@ -178,7 +212,10 @@ class ExecuteServer:
             tick_rate=self._parameters.tick_rate,
             cancel_timeout=self._parameters.cancel_timeout,
             on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(place, newer)),
-            on_end=lambda outcome, offered: self._runtime.post(lambda: self._on_end(place, outcome, offered)),
+            on_refused=lambda newer, reason: self._runtime.post(
+                lambda: newer.end(RunOutcome(Result.ERROR, f'the running tree does not take the new inputs: {reason}'))
+            ),
+            on_end=lambda outcome: self._runtime.post(lambda: self._on_end(place, outcome)),
         )
         slot = self._slots[place] = _Slot(key, name, board, run, goal)
         goal.run, goal.slot = run, slot
@@ -190,17 +227,18 @@ class ExecuteServer:
         older, slot.goal = slot.goal, newer
         older.end(_replaced())
         if newer.stop_reason is not None:
-            slot.run.stop(newer.stop_reason)
+            slot.run.stop(newer, newer.stop_reason)
 
-    def _on_end(self, place: tuple[TreeKey, str], outcome: RunOutcome, offered: _Goal | None) -> None:
+    def _on_end(self, place: tuple[TreeKey, str], outcome: RunOutcome) -> None:
         slot = self._slots.pop(place)
         if slot.feedback is not None:
             slot.feedback.cancel()
         slot.goal.end(outcome)
+        offered = slot.run.take_offer()
         if offered is not None and not offered.outcome.done():
             # It came while the tree was ending: it gets a run of its own.
             offered.run = offered.slot = None
-            self._runtime.node.executor.create_task(self._start(offered))
+            self._start(offered)
 
     # -- the end of a goal -------------------------------------------------------------------------------------------
 
@@ -208,7 +246,7 @@ class ExecuteServer:
         goal = self._goals.get(bytes(handle.goal_id.uuid))
         if goal is not None:
             # rclpy makes the goal CANCELING only after this callback: whatever ends it has to come later.
-            self._runtime.post(lambda: self._stop(goal, 'canceled by the client'))
+            self._runtime.post(lambda: self._stop(goal, _BY_CLIENT))
         return CancelResponse.ACCEPT
 
     def _stop(self, goal: _Goal, reason: str) -> None:
@@ -218,7 +256,7 @@ class ExecuteServer:
         if goal.run is None or goal.slot is None:
             return  # its tree is being looked for; see _start
         if goal.slot.goal is goal:
-            goal.run.stop(reason)
+            goal.run.stop(goal, reason)
         elif goal.run.withdraw(goal):
             goal.end(RunOutcome(Result.CANCELED, reason))
 
@@ -284,10 +322,25 @@ class ExecuteServer:
             )
         self._schedule_feedback(slot)
 
-    def _watch(self, owner: str) -> None:
+    def _watch(self, goal: _Goal, owner: str) -> None:
         if owner not in self._owners:
             self._owners[owner] = LivelinessWatch(
                 self._runtime, owner, lambda alive: self._runtime.post(lambda: self._on_owner(owner, alive))
+            )
+        watch = self._owners[owner]
+        if watch.alive is not True:
+            # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
+            self._runtime.steady.call_at(
+                self._runtime.steady.now() + OWNER_SECONDS,
+                lambda: self._runtime.post(lambda: self._on_unseen(goal, watch)),
+            )
+
+    def _on_unseen(self, goal: _Goal, watch: LivelinessWatch) -> None:
+        if watch.alive is not True and not goal.outcome.done():
+            self._stop(
+                goal,
+                f'{watch.node_name}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
+                'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)',
             )
 
     def _on_owner(self, owner: str, alive: bool) -> None:
@@ -297,31 +350,17 @@ class ExecuteServer:
             if goal.request.owner == owner:
                 self._stop(goal, f'{owner}, on whose behalf the tree ran, has died')
 
-    def _in_thread(self, work: Callable[[], T]) -> Future:
-        """Run ``work`` on the reading thread; the future completes on the executor thread."""
-        future = Future(executor=self._runtime.node.executor)
-
-        def run() -> None:
-            try:
-                value = work()
-            except Exception as error:
-                failure = error
-                self._runtime.post(lambda: future.set_exception(failure))
-            else:
-                self._runtime.post(lambda: future.set_result(value))
-
-        self._reader.submit(run)
-        return future
-
     def _close(self) -> None:
         """Stop every tree and wait for it, so that no leaf is left running when the process has gone."""
-        goals = self._runtime.call(lambda: [slot.goal for slot in self._slots.values()])
-        for goal in goals:
-            self._runtime.post(partial(self._stop, goal, 'the BT server is shutting down'))
-        deadline = self._runtime.steady.now() + STOP_SECONDS
-        for goal in goals:
-            if goal.run is not None:
-                goal.run.join(max(0.0, deadline - self._runtime.steady.now()))
+
+        def stop_all() -> None:
+            self._closing = True
+            for goal in list(self._goals.values()):
+                self._stop(goal, _SHUTTING_DOWN)
+
+        self._runtime.call(stop_all)
+        self._no_goals.wait(STOP_SECONDS)
+        self._runtime.call(lambda: None)  # the executor sends the last results on its next turn
         self._runtime.call(self._server.destroy)
 
 

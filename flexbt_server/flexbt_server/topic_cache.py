@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 import weakref
 from typing import Any
 
@@ -18,15 +19,19 @@ class TopicCache:
     def __init__(self) -> None:
         self.latest: Any | None = None
         self._trees: weakref.WeakSet[TreeContext] = weakref.WeakSet()
+        self._lock = threading.Lock()
 
     def on_message(self, tree: TreeContext) -> None:
-        """Tick the tree whenever a message comes, as long as the tree exists."""
-        self._trees.add(tree)
+        """Tick the tree whenever a message comes, as long as the tree exists. From any thread."""
+        with self._lock:
+            self._trees.add(tree)
 
     def receive(self, message: Any) -> None:
         """A message has come."""
         self.latest = message
-        for tree in tuple(self._trees):
+        with self._lock:
+            trees = tuple(self._trees)
+        for tree in trees:
             tree.wake()
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
+from flexbt_common.bell import Bell
 from flexbt_common.clock import Clock
 from flexbt_msgs.action import BtExecute
 from flexbt_server.behavior_tree import (
@@ -25,7 +26,7 @@ from flexbt_server.behavior_tree import (
     TreeLibrary,
     TreeNode,
 )
-from flexbt_server.blackboards import RECOVERIES_KEY, write_all
+from flexbt_server.blackboards import NO_RECOVERIES, Value, write_all
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,9 @@ Client = TypeVar('Client')
 class TreeRun(Generic[Client]):
     """Runs a tree for a client, until it completes or is stopped; another client may take it over meanwhile.
 
-    ``on_adopted(client)`` and ``on_end(outcome, offered)`` are called on the thread of the run. ``offered`` is a client
-    that came too late to be adopted.
+    The callbacks are called on the thread of the run: ``on_adopted(client)`` when the run works for another client,
+    ``on_refused(client, reason)`` when it cannot because its values do not fit (the run goes on as before), and
+    ``on_end(outcome)``. A client that was offered too late to be adopted is left to :meth:`take_offer`.
     """
 
     def __init__(
@@ -68,7 +70,8 @@ class TreeRun(Generic[Client]):
         library: TreeLibrary,
         key: TreeKey,
         board: Blackboard,
-        values: Sequence[tuple[str, Any]],
+        client: Client,
+        values: Sequence[Value],
         *,
         clock: Clock,
         steady: Clock,
@@ -77,12 +80,14 @@ class TreeRun(Generic[Client]):
         tick_rate: float,
         cancel_timeout: float,
         on_adopted: Callable[[Client], None],
-        on_end: Callable[[RunOutcome, Client | None], None],
+        on_refused: Callable[[Client, str], None],
+        on_end: Callable[[RunOutcome], None],
     ) -> None:
         self.key = key
         self.tree: Tree | None = None
         self._library = library
         self._board = board
+        self._client = client
         self._values = values
         self._clock = clock
         self._steady = steady
@@ -91,47 +96,53 @@ class TreeRun(Generic[Client]):
         self._tick_period = 1.0 / tick_rate
         self._cancel_timeout = cancel_timeout
         self._on_adopted = on_adopted
+        self._on_refused = on_refused
         self._on_end = on_end
-        self._bell = threading.Condition()
-        self._rung = False
+        self._bell = Bell()
+        self._lock = threading.Lock()
         self._stop_reason: str | None = None
-        self._offer: tuple[Client, Sequence[tuple[str, Any]]] | None = None
+        self._offer: tuple[Client, Sequence[Value]] | None = None
         self._thread = threading.Thread(target=self._run, name=f'tree {key.id}', daemon=True)
 
     def start(self) -> None:
         """Begin to tick."""
         self._thread.start()
 
-    def stop(self, reason: str) -> None:
-        """Halt the tree; it ends as CANCELED. From any thread; the first reason counts."""
-        with self._bell:
-            if self._stop_reason is None:
-                self._stop_reason = reason
-            self._rung = True
-            self._bell.notify()
+    def stop(self, client: Client, reason: str) -> None:
+        """Halt the tree; it ends as CANCELED. From any thread; the first reason counts.
 
-    def offer(self, client: Client, values: Sequence[tuple[str, Any]]) -> Client | None:
+        Does nothing when the run works for another client by now.
+        """
+        with self._lock:
+            if self._client is client and self._stop_reason is None:
+                self._stop_reason = reason
+        self._bell.ring()
+
+    def offer(self, client: Client, values: Sequence[Value]) -> Client | None:
         """Let ``client`` take the run over, with new values. Gives the client whose offer this one replaces."""
-        with self._bell:
+        with self._lock:
             replaced = self._offer
             self._offer = (client, values)
-            self._rung = True
-            self._bell.notify()
+        self._bell.ring()
         return replaced[0] if replaced is not None else None
 
     def withdraw(self, client: Client) -> bool:
         """Take an offer back; False when it is not open any more."""
-        with self._bell:
+        with self._lock:
             if self._offer is None or self._offer[0] is not client:
                 return False
             self._offer = None
             return True
 
+    def take_offer(self) -> Client | None:
+        """The client whose offer is open, which is not any more."""
+        with self._lock:
+            offer, self._offer = self._offer, None
+        return None if offer is None else offer[0]
+
     def wake(self) -> None:
         """Tick soon. From any thread."""
-        with self._bell:
-            self._rung = True
-            self._bell.notify()
+        self._bell.ring()
 
     def join(self, timeout: float) -> None:
         """Wait until the run is over, at most ``timeout`` seconds."""
@@ -151,12 +162,10 @@ class TreeRun(Generic[Client]):
         try:
             self._observer.ended()
         finally:
-            with self._bell:
-                offered = self._offer[0] if self._offer is not None else None
-            self._on_end(outcome, offered)
+            self._on_end(outcome)
 
     def _execute(self) -> RunOutcome:
-        write_all(self._board, [*self._values, (RECOVERIES_KEY, 0)])
+        write_all(self._board, [*self._values, NO_RECOVERIES])
         tree = self.tree = Tree(
             self._library,
             self.key.id,
@@ -180,25 +189,28 @@ class TreeRun(Generic[Client]):
             self._wait(tree)
 
     def _adopt(self) -> None:
-        with self._bell:
-            offer, self._offer = self._offer, None
-        if offer is None:
-            return
-        client, values = offer
-        write_all(self._board, [*values, (RECOVERIES_KEY, 0)])
-        self._on_adopted(client)
+        with self._lock:
+            if self._offer is None or self._stop_reason is not None:
+                return
+            (client, values), self._offer = self._offer, None
+            try:
+                write_all(self._board, [*values, NO_RECOVERIES])
+            except BehaviorTreeError as error:
+                refusal = str(error)
+            else:
+                refusal = ''
+                self._client = client
+        if refusal:
+            self._on_refused(client, refusal)
+        else:
+            self._on_adopted(client)
 
     def _wait(self, tree: Tree) -> None:
         now = self._clock.now()
         until = now + self._tick_period
         if tree.next_wake is not None:
             until = min(until, tree.next_wake)
-        timer = self._clock.call_at(until, self.wake)
-        with self._bell:
-            while not self._rung:
-                self._bell.wait()
-            self._rung = False
-        timer.cancel()
+        self._bell.wait(self._clock, until)
 
     def _outcome(self, tree: Tree, status: NodeStatus) -> RunOutcome:
         if status is NodeStatus.SUCCESS:
@@ -219,11 +231,8 @@ class TreeRun(Generic[Client]):
         except NodeExecutionError as error:
             outcome = RunOutcome(BtExecute.Result.ERROR, f'{outcome.message}; while halting: {error}', error.node_path)
         deadline = self._steady.now() + self._cancel_timeout
-        timer = self._steady.call_at(deadline, self.wake)
-        with self._bell:
-            while tree.unfinished and self._steady.now() < deadline:
-                self._bell.wait()
-        timer.cancel()
+        while tree.unfinished and self._steady.now() < deadline:
+            self._bell.wait(self._steady, deadline)
         if tree.unfinished:
             what = ', '.join(tree.unfinished)
             message = f'not at rest {self._cancel_timeout:g} s after the halt: {what}'

@@ -167,7 +167,11 @@ class ActionLeaf(StatefulAction):
         outcome = goal.outcome
         if outcome is not None:
             return self._ended(outcome)
-        newer = self.newer_goal(goal.feedback)
+        try:
+            newer = self.newer_goal(goal.feedback)
+        except (PortError, ValueError) as error:
+            self._give_up_all()
+            return self.fail(str(error))
         if newer is not None:
             self._superseded = [older for older in self._superseded if older.outcome is None] + [goal]
             self._send(newer)

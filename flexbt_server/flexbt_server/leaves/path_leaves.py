@@ -9,7 +9,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_server.behavior_tree import NodeStatus, SyncAction, input_port, output_port
+from flexbt_server.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
 from flexbt_server.behavior_tree.port_types import DOUBLE, STRING
 from flexbt_server.leaves.ros_ports import PATH, POSES
 from flexbt_server.topic_cache import TopicCache
@@ -71,9 +71,15 @@ class RemovePassedGoals(SyncAction):
         'robot_base_frame': input_port(STRING, optional=True, description="not used: the robot's pose is a topic"),
     }
 
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._pose: TopicCache | None = None
+
     def tick(self) -> NodeStatus:
         goals = list(self.get_input('input_goals'))
-        cache: TopicCache = self.services.topics.cache(PoseStamped, self.services.pose_topic, 1)
+        if self._pose is None:
+            self._pose = self.services.topics.cache(PoseStamped, self.services.pose_topic, 1)
+        cache = self._pose
         if len(goals) > 1:
             if cache.latest is None:
                 return self.fail(f"the robot's pose is not known: nothing on {self.services.pose_topic}")

@@ -139,7 +139,8 @@ class CancelAction(ServiceLeaf):
     default_action: ClassVar[str] = ''
 
     def service_type(self) -> type[Any]:
-        return CancelGoal
+        service: type[Any] = CancelGoal
+        return service
 
     @property
     def service_name(self) -> str:

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nodes of a package of one's own, as its entry point would register them."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, ClassVar
+
+from std_msgs.msg import Bool
+
+from flexbt_server.behavior_tree import NodeRegistry, NodeStatus, StatefulAction, SyncAction, input_port
+from flexbt_server.behavior_tree.port_types import STRING
+from flexbt_server.leaves import TopicCondition
+
+
+class Blocks(SyncAction):
+    """Blocks its own tree until the test lets it go."""
+
+    release: ClassVar[threading.Event] = threading.Event()
+    entered: ClassVar[threading.Event] = threading.Event()
+
+    def tick(self) -> NodeStatus:
+        self.entered.set()
+        self.release.wait(20.0)
+        return NodeStatus.SUCCESS
+
+
+class Raises(SyncAction):
+    """Raises."""
+
+    ports: ClassVar[dict[str, Any]] = {'text': input_port(STRING, default='scripted fault')}
+
+    def tick(self) -> NodeStatus:
+        raise RuntimeError(self.get_input('text'))
+
+
+class Nonsense(SyncAction):
+    """Returns what is no status."""
+
+    def tick(self) -> Any:
+        return 'yes'
+
+
+class NeverRests(StatefulAction):
+    """Runs for ever, and never finishes its halt."""
+
+    def on_start(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+    def on_running(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+    def on_halted(self) -> None:
+        self.context.add_unfinished('a motor that still turns')
+
+
+class DoorOpen(TopicCondition):
+    """SUCCESS while the last message on 'door' says true."""
+
+    message_type = Bool
+    default_topic = 'door'
+
+    def holds(self, message: Any | None) -> bool:
+        return message is not None and message.data
+
+
+def register(registry: NodeRegistry) -> None:
+    """The entry point."""
+    for node in (Blocks, Raises, Nonsense, NeverRests, DoorOpen):
+        registry.register(node.__name__, node)

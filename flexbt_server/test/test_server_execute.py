@@ -1,0 +1,399 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""BtExecute on a live server: outcomes, cancels at any moment, preemption, several trees, faults, owners."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import server_nodes
+from server_world import DEADLINE, World, document, install_nodes, open_world, pose, until
+from std_msgs.msg import Bool
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.values import from_entry
+from flexbt_msgs.action import BtExecute, FollowPath
+from flexbt_msgs.msg import TreeStatus, TreeStructure
+
+Result = BtExecute.Result
+PLAN = '<ComputePathToPose goal="{goal}" path="{path}" error_code_id="{compute_path_error_code}"/>'
+FOLLOW = '<FollowPath path="{path}" error_code_id="{follow_path_error_code}"/>'
+DRIVE = f'<Sequence>{PLAN}{FOLLOW}</Sequence>'
+
+
+@pytest.fixture(scope='session', autouse=True)
+def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
+    install_nodes(tmp_path_factory.mktemp('site'), server_nodes.__name__)
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    with open_world() as opened:
+        yield opened
+
+
+def test_success_gives_typed_outputs(world: World) -> None:
+    world.client.load_tree(DRIVE)
+    goal = world.client.execute(
+        goals=[pose(3, 4)], outputs=['path', 'goal', 'nothing', 'follow_path_error_code'],
+        output_encoding=BtExecute.Goal.BINARY,
+    )  # fmt: skip
+    outcome = goal.wait()
+    result = goal.result
+    assert outcome.status is GoalStatus.SUCCEEDED, outcome
+    assert (result.code, result.message, result.failed_node, result.error_code) == (Result.SUCCESS, '', '', 0)
+    values = {entry.key: from_entry(entry) for entry in result.outputs}
+    assert list(values) == ['path', 'goal', 'follow_path_error_code']
+    assert values['path'].poses[-1] == pose(3, 4) == values['goal']
+    assert [entry.type for entry in result.outputs] == ['nav_msgs/msg/Path', 'geometry_msgs/msg/PoseStamped', 'uint16']
+    assert result.missing_outputs == ['nothing']
+
+
+def test_failure_names_the_node_the_reason_and_the_error_code(world: World) -> None:
+    world.navigation.fail[names.FOLLOW_PATH] = (1, FollowPath.Result.PATIENCE_EXCEEDED)
+    world.client.load_tree(DRIVE)
+    goal = world.client.execute(goals=[pose(1)])
+    assert goal.wait().status is GoalStatus.ABORTED
+    assert goal.result.code == Result.FAILURE
+    assert goal.result.error_code == FollowPath.Result.PATIENCE_EXCEEDED
+    assert 'FollowPath' in goal.result.failed_node
+    assert 'scripted failure 0' in goal.result.message
+    # The code is not left for the next run.
+    again = world.client.execute(goals=[pose(1)])
+    assert (again.result.code, again.result.error_code) == (Result.SUCCESS, 0)
+
+
+@pytest.mark.parametrize(
+    ('tree', 'fields', 'fragment'),
+    [
+        ('Nowhere', {}, "no tree 'Nowhere'"),
+        ('', {}, 'default_tree'),
+        ('no_such_package/trees/a.xml', {}, 'no_such_package'),
+        ('/etc/passwd.xml', {}, 'allowed_directories'),
+    ],
+)
+def test_a_goal_that_cannot_run_is_an_error_with_a_reason(
+    world: World, tree: str, fields: dict[str, Any], fragment: str
+) -> None:
+    world.client.load_tree('<AlwaysSuccess/>')
+    goal = world.client.execute(tree, **fields)
+    assert goal.wait().status is GoalStatus.ABORTED
+    assert goal.result.code == Result.ERROR
+    assert fragment in goal.result.message
+
+
+def test_an_input_that_cannot_be_read_is_an_error_that_names_it(world: World) -> None:
+    from server_world import SentGoal
+
+    from flexbt_msgs.msg import BlackboardEntry
+
+    world.client.load_tree('<AlwaysSuccess/>')
+    bad = BlackboardEntry(key='speed', type='float64', text='fast')
+    goal = SentGoal(world.client.executor, BtExecute.Goal(behavior_tree='Main', inputs=[bad]))
+    assert goal.result.code == Result.ERROR
+    for fragment in ('speed', 'float64', 'fast'):
+        assert fragment in goal.result.message
+
+
+def test_an_input_of_the_wrong_type_for_the_tree_is_an_error(world: World) -> None:
+    world.client.load_tree(DRIVE)
+    goal = world.client.execute(inputs={'goal': 3})
+    assert goal.result.code == Result.ERROR
+    assert 'goal' in goal.result.message
+
+
+def test_the_default_tree() -> None:
+    with open_world(default_tree='Main') as world:
+        world.client.load_tree('<AlwaysSuccess/>')
+        assert world.client.execute('').result.code == Result.SUCCESS
+
+
+def test_several_goals_are_written_as_a_list(world: World) -> None:
+    world.client.load_tree('<ComputePathThroughPoses goals="{goals}" path="{path}"/>')
+    goal = world.client.execute(goals=[pose(1), pose(2)], outputs=['path'])
+    assert goal.result.code == Result.SUCCESS, goal.result.message
+    assert from_entry(goal.result.outputs[0]).poses[-1] == pose(2)
+
+
+def test_cancel_halts_the_leaves_and_awaits_them(world: World) -> None:
+    world.navigation.hold.add(names.FOLLOW_PATH)
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    follow.delay_cancel = 0.3
+    world.client.load_tree(DRIVE)
+    goal = world.client.execute(goals=[pose(5)])
+    until(lambda: follow.running, 'follow_path')
+    goal.call.cancel(DEADLINE)
+    outcome = goal.wait()
+    assert not follow.running, 'the result came before the robot was told'
+    assert outcome.status is GoalStatus.CANCELED
+    assert goal.result.code == Result.CANCELED
+    assert goal.result.message == 'canceled by the client'
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_cancel_at_any_moment_leaves_no_leaf_running(world: World, seed: int) -> None:
+    world.navigation.hold.update(names_of_actions := [names.FOLLOW_PATH, names.SPIN])
+    world.client.load_tree(f'<Sequence>{PLAN}<Wait wait_duration="1"/>{FOLLOW}<Spin/></Sequence>')
+    chance = random.Random(seed)
+    until(world.client.executor.is_ready)
+    for _ in range(25):
+        goal = world.client.execute(goals=[pose(1)])
+        time.sleep(chance.uniform(0.0, 0.02))
+        goal.call.cancel(DEADLINE)
+        assert goal.wait().status is GoalStatus.CANCELED
+        for name in names_of_actions:
+            assert not world.navigation.actions[name].running
+
+
+def test_a_leaf_that_does_not_come_to_rest_is_an_error_in_time() -> None:
+    with open_world(cancel_timeout=0.2) as world:
+        world.client.load_tree('<NeverRests/>')
+        goal = world.client.execute()
+        until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
+        goal.call.cancel(DEADLINE)
+        assert goal.result.code == Result.ERROR
+        assert 'a motor that still turns' in goal.result.message
+
+
+def test_a_new_goal_takes_the_running_tree_over(world: World) -> None:
+    world.navigation.hold.add(names.FOLLOW_PATH)
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    world.client.load_tree(
+        '<PipelineSequence><RateController hz="20">' + PLAN + '</RateController>' + FOLLOW + '</PipelineSequence>'
+    )
+    old = world.client.execute(goals=[pose(1)])
+    until(lambda: follow.running, 'follow_path')
+    new = world.client.execute(goals=[pose(2)])
+    assert old.wait().status is GoalStatus.ABORTED
+    assert old.result.code == Result.CANCELED
+    assert 'newer goal' in old.result.message
+    until(lambda: follow.goals[-1].path.poses[-1] == pose(2), 'the new path at the controller')
+    assert 'canceled' not in follow.statuses.values(), 'the robot was stopped in between'
+    follow.end(follow.running[-1])
+    assert new.result.code == Result.SUCCESS
+
+
+def test_a_new_goal_whose_inputs_do_not_fit_is_refused_and_the_tree_runs_on(world: World) -> None:
+    world.navigation.hold.add(names.FOLLOW_PATH)
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    world.client.load_tree(DRIVE)
+    old = world.client.execute(goals=[pose(1)])
+    until(lambda: follow.running, 'follow_path')
+    bad = world.client.execute(inputs={'path': 'not a path'})
+    assert bad.result.code == Result.ERROR
+    assert 'path' in bad.result.message
+    assert not old.ended
+    follow.end(0)
+    assert old.result.code == Result.SUCCESS
+
+
+def test_goals_in_quick_succession_all_end_and_the_last_one_wins(world: World) -> None:
+    world.client.load_tree(f'<Sequence>{PLAN}{FOLLOW}</Sequence>')
+    until(world.client.executor.is_ready)
+    chance = random.Random(1)
+    for _ in range(5):
+        goals = []
+        for number in range(8):
+            goals.append(world.client.execute(goals=[pose(number)]))
+            time.sleep(chance.uniform(0.0, 0.004))
+        codes = [goal.result.code for goal in goals]
+        assert set(codes) <= {Result.SUCCESS, Result.CANCELED}
+        assert codes[-1] == Result.SUCCESS
+        assert not world.navigation.actions[names.FOLLOW_PATH].running
+
+
+def test_goals_and_cancels_at_random_all_end_as_they_should(world: World) -> None:
+    world.client.load_tree(f'<Sequence>{PLAN}<Delay delay_msec="5"><AlwaysSuccess/></Delay>{FOLLOW}</Sequence>')
+    until(world.client.executor.is_ready)
+    chance = random.Random(2)
+    sent: list[tuple[Any, bool]] = []
+    for number in range(60):
+        goal = world.client.execute(goals=[pose(number)], blackboard=chance.choice(['', 'a']))
+        time.sleep(chance.uniform(0.0, 0.01))
+        canceled = chance.random() < 0.4
+        if canceled:
+            goal.call.cancel(DEADLINE)
+        sent.append((goal, canceled))
+    for goal, canceled in sent:
+        if goal.wait().result is None:
+            assert canceled and goal.wait().reason == 'canceled before it was sent'
+            continue
+        assert goal.result.code in (Result.SUCCESS, Result.CANCELED), goal.result.message
+        if goal.wait().status is GoalStatus.CANCELED:
+            assert canceled
+    assert not world.navigation.actions[names.FOLLOW_PATH].running
+
+
+def test_trees_run_at_the_same_time_and_apart(world: World) -> None:
+    world.navigation.hold.update({names.FOLLOW_PATH, names.SPIN})
+    world.navigation.actions[names.FOLLOW_PATH].preempting = False
+    world.client.load_tree(DRIVE)
+    world.client.load_tree('<Spin/>', 'Turn')
+    one = world.client.execute(goals=[pose(1)], blackboard='one')
+    two = world.client.execute(goals=[pose(2)], blackboard='two')
+    turn = world.client.execute('Turn')
+    follow, spin = world.navigation.actions[names.FOLLOW_PATH], world.navigation.actions[names.SPIN]
+    until(lambda: len(follow.running) == 2 and spin.running)
+    turn.call.cancel(DEADLINE)
+    assert turn.result.code == Result.CANCELED
+    assert len(follow.running) == 2
+    follow.end(0)
+    follow.end(1)
+    assert one.result.code == two.result.code == Result.SUCCESS
+
+
+def test_a_tree_that_blocks_holds_up_nobody_else(world: World) -> None:
+    server_nodes.Blocks.release.clear()
+    server_nodes.Blocks.entered.clear()
+    world.client.load_tree('<Blocks/>', 'Blocked')
+    world.client.load_tree('<AlwaysSuccess/>')
+    blocked = world.client.execute('Blocked')
+    assert server_nodes.Blocks.entered.wait(DEADLINE)
+    assert world.client.execute().result.code == Result.SUCCESS
+    assert world.client.get().code != 0
+    server_nodes.Blocks.release.set()
+    assert blocked.result.code == Result.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ('node', 'fragment'),
+    [('Raises', 'scripted fault'), ('Nonsense', "'yes'"), ('Raises text="{no_such_key}"', 'no_such_key')],
+)
+def test_a_node_that_is_broken_is_an_error_with_its_path(world: World, node: str, fragment: str) -> None:
+    world.client.load_tree(f'<Sequence><Spin/><{node}/></Sequence>')
+    goal = world.client.execute()
+    assert goal.wait().status is GoalStatus.ABORTED
+    assert goal.result.code == Result.ERROR
+    assert node.split()[0] in goal.result.failed_node
+    assert fragment in goal.result.message
+    assert world.client.execute().result.code == Result.ERROR  # and the server is still there
+
+
+def test_a_node_of_an_installed_package_waits_for_a_topic(world: World) -> None:
+    world.client.load_tree('<RetryUntilSuccessful num_attempts="-1"><DoorOpen/></RetryUntilSuccessful>', 'Spinning')
+    world.client.load_tree('<ReactiveFallback><DoorOpen/><Wait wait_duration="60"/></ReactiveFallback>')
+    world.navigation.hold.add(names.WAIT)
+    goal = world.client.execute()
+    until(lambda: world.navigation.actions[names.WAIT].running)
+    door = world.client.runtime.call(lambda: world.client.runtime.node.create_publisher(Bool, 'door', names.latched()))
+    until(lambda: (door.publish(Bool(data=True)), goal.ended)[1])
+    assert goal.result.code == Result.SUCCESS
+    until(lambda: world.navigation.actions[names.WAIT].statuses == {0: 'canceled'})
+
+
+def test_feedback_tells_where_the_tree_and_the_robot_are() -> None:
+    with open_world(feedback_rate=50.0) as world:
+        world.navigation.hold.add(names.FOLLOW_PATH)
+        runtime = world.navigation_runtime
+        robot = runtime.call(lambda: runtime.node.create_publisher(type(pose(0)), names.POSE, 1))
+        world.client.load_tree(f'<Sequence name="drive">{PLAN}<Spin/>{FOLLOW}</Sequence>')
+        goal = world.client.execute(goals=[pose(3)])
+        until(lambda: (robot.publish(pose(1)), goal.feedback and goal.feedback[-1].current_location == pose(1))[1])
+        until(lambda: any('FollowPath' in path for path in goal.feedback[-1].active_nodes), 'the leaf')
+        feedback = goal.feedback[-1]
+        assert 'drive' in feedback.active_nodes[0]
+        assert feedback.number_of_recoveries == 1
+        until(lambda: goal.feedback[-1].distance_remaining == pytest.approx(2.0))
+        assert feedback.execution_time.sec + feedback.execution_time.nanosec > 0
+        goal.call.cancel(DEADLINE)
+        goal.wait()
+
+
+def test_every_transition_is_published_before_the_result(world: World) -> None:
+    runtime = world.client.runtime
+    structures: list[TreeStructure] = []
+    statuses: list[TreeStatus] = []
+    runtime.call(
+        lambda: (
+            runtime.node.create_subscription(TreeStructure, names.TREE_STRUCTURE, structures.append, names.latched(16)),
+            runtime.node.create_subscription(TreeStatus, names.TREE_STATUS, statuses.append, names.latched(100)),
+        )
+    )
+    world.client.load_tree(DRIVE)
+    assert world.client.execute(goals=[pose(1)]).result.code == Result.SUCCESS
+    until(lambda: statuses and statuses[-1].finished)
+    (structure,) = structures
+    assert [node.registration for node in structure.nodes][-2:] == ['ComputePathToPose', 'FollowPath']
+    assert [node.uid for node in structure.nodes] == list(range(1, len(structure.nodes) + 1))
+    assert {message.run_id for message in statuses} == {structure.run_id}
+    assert [message.sequence for message in statuses] == list(range(1, len(statuses) + 1))
+    # The changes account for every status, from the first to the last.
+    shown = [TreeStatus.IDLE] * len(structure.nodes)
+    history: dict[int, list[int]] = {}
+    for message in statuses:
+        for change in message.changes:
+            assert shown[change.uid - 1] == change.previous_status
+            shown[change.uid - 1] = change.status
+            history.setdefault(change.uid, []).append(change.status)
+        assert list(message.statuses) == shown
+    for node in structure.nodes[-2:]:
+        assert history[node.uid][:2] == [TreeStatus.RUNNING, TreeStatus.SUCCESS]
+
+
+def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
+    world.navigation.hold.add(names.FOLLOW_PATH)
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    world.client.load_tree(DRIVE)
+    with NodeRuntime.open('owner') as owner:
+        LivelinessToken(owner)
+        goal = world.client.execute(goals=[pose(1)], owner='/owner')
+        until(lambda: follow.running)
+        until(lambda: world.server.execute._owners['/owner'].alive, 'the owner was seen')
+    assert goal.wait().status is GoalStatus.ABORTED
+    assert goal.result.code == Result.CANCELED
+    assert '/owner' in goal.result.message
+    assert not follow.running
+
+
+def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_server.execute_server.OWNER_SECONDS', 0.2)
+    world.navigation.hold.add(names.SPIN)
+    world.client.load_tree('<Spin/>')
+    goal = world.client.execute(owner='/nobody')
+    assert goal.result.code == Result.CANCELED
+    assert '/nobody' in goal.result.message and 'liveliness' in goal.result.message
+
+
+def test_the_end_of_the_server_stops_the_robot_and_tells_the_client() -> None:
+    with NodeRuntime.open('bt_server', parameters={'navigation_interfaces': 'flexbt_msgs'}) as extra:
+        extra.close()
+    with open_world() as world:
+        world.navigation.hold.add(names.FOLLOW_PATH)
+        follow = world.navigation.actions[names.FOLLOW_PATH]
+        world.client.load_tree(DRIVE)
+        goal = world.client.execute(goals=[pose(1)])
+        until(lambda: follow.running)
+        began = time.monotonic()
+        world.server_runtime.close()
+        assert time.monotonic() - began < 1.7
+        assert not follow.running
+        assert goal.result.code == Result.CANCELED
+        assert 'shutting down' in goal.result.message
+
+
+def test_a_server_of_a_leaf_that_is_missing_fails_the_tree_in_time() -> None:
+    with open_world(server_timeout=0.2) as world:
+        world.client.load_tree('<Spin server_name="no_such_server"/>')
+        goal = world.client.execute()
+        assert goal.result.code == Result.FAILURE
+        assert 'no_such_server' in goal.result.message
+
+
+def test_an_edited_file_is_used_by_the_next_goal(tmp_path: Path) -> None:
+    with open_world(allowed_directories=[str(tmp_path)]) as world:
+        file = tmp_path / 'tree.xml'
+        file.write_text(document('<AlwaysSuccess/>'))
+        assert world.client.execute(str(file)).result.code == Result.SUCCESS
+        file.write_text(document('<AlwaysFailure name="edited"/>'))
+        result = world.client.execute(str(file)).result
+        assert result.code == Result.FAILURE and 'edited' in result.failed_node
+        file.write_text('<root BTCPP_format="4">')
+        result = world.client.execute(str(file)).result
+        assert result.code == Result.ERROR and str(file) in result.message
