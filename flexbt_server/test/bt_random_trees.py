@@ -211,7 +211,7 @@ class _Generator:
             return self._element('UnsetBlackboard', 'Action', [('key', pick(KEYS))])
         group = pick((INTEGERS, INTEGERS, REALS, BOOLEANS))
         value = f'{{{pick(group)}}}'
-        if not self._gaps and self._random.random() < 0.5:
+        if not self._gaps and not self._building and self._random.random() < 0.5:
             value = '0.5' if group is REALS else '1'
         return self._element('SetBlackboard', 'Action', [('value', value), ('output_key', pick(group))])
 

@@ -40,8 +40,8 @@ class SetBlackboard(SyncAction):
     """Writes ``value`` to the key named by ``output_key``.
 
     A literal ``output_key`` is the key itself; a ``{pointer}`` means the entry whose *content* is the key. A literal
-    value is written as text (converted when the entry has another type); a ``{pointer}`` copies value and type of that
-    entry: FAILURE when that was declared but never written.
+    value is written as text (converted when the entry has another type); a ``{pointer}`` copies that entry, text in the
+    same way, anything else only to an entry of the same type: FAILURE when it was declared but never written.
     """
 
     __slots__ = ()
@@ -67,7 +67,10 @@ class SetBlackboard(SyncAction):
                 board.declare(key, kind)
         if value is EMPTY:
             return self.fail(f'the entry [{source}] that is to be copied was never written')
-        board.set(key, value, kind)
+        if isinstance(value, str):
+            self._write_text(key, value)
+        else:
+            board.copy(key, value, kind)
         return SUCCESS
 
     def _write_text(self, key: str, text: str) -> None:

@@ -159,6 +159,25 @@ class Blackboard:
             else:
                 entry.write(_converted(key, entry, value, kind))
 
+    def copy(self, key: str, value: Any, type: PortType | None) -> None:
+        """Writes a value that was read from an entry of this ``type``, which the entry of ``key`` has to have as well.
+
+        Unlike :meth:`set` it converts nothing, not even numbers; an entry without a type takes that of the value.
+        """
+        if key.startswith('@'):
+            self._root.copy(key[1:], value, type)
+            return
+        kind = type if type is not None else type_of(value)
+        with self.lock:
+            entry = self._entries.get(key)
+            if entry is None:
+                entry = self.declare(key, kind)
+            elif entry.type is None:
+                entry.type = kind
+            elif not entry.type.same(kind):
+                raise _type_clash(key, entry.type, kind)
+            entry.write(value)
+
     def unset(self, key: str) -> None:
         """Removes the entry from this scope; neither remapping nor ``@`` apply. Harmless when there is none."""
         with self.lock:
