@@ -9,12 +9,13 @@ import sys
 import time
 from types import FrameType
 
+from flexbt_console.errors import ConsoleError
 from flexbt_demo_behaviors.demonstrations import DEMONSTRATIONS, Demonstration
 from flexbt_demo_behaviors.domain import NoFreeDomainError, own_domain
 from flexbt_demo_behaviors.interactive import run_interactive
 from flexbt_demo_behaviors.options import DemoOptions, parse_options
 from flexbt_demo_behaviors.picture import DemoPicture, GoalMark, write_picture
-from flexbt_demo_behaviors.processes import DemoSettings, built_in_places
+from flexbt_demo_behaviors.processes import DemoSettings, built_in_places, first_place
 from flexbt_demo_behaviors.report import DemoError, DemoReport, Timeline
 from flexbt_demo_behaviors.robot_record import RobotRecord
 from flexbt_demo_behaviors.session import Session, open_session, set_environment
@@ -38,7 +39,7 @@ def main() -> int:
         with own_domain() as domain:
             set_environment()
             return _run(options, domain)
-    except (DemoError, NoFreeDomainError, FileNotFoundError, LookupError) as error:
+    except (DemoError, ConsoleError, NoFreeDomainError, FileNotFoundError, LookupError) as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
     except Interrupted as interruption:
@@ -48,7 +49,9 @@ def main() -> int:
 
 
 def _run(options: DemoOptions, domain: int) -> int:
-    settings = DemoSettings(map=options.map, places=options.places or built_in_places(), speed=options.speed)
+    places = options.places or built_in_places()
+    start = first_place(places) if options.map else None
+    settings = DemoSettings(options.map, start, places, options.speed)
     timeline = Timeline()
     timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
     with ProcessGroup(options.output / 'logs') as group:

@@ -37,7 +37,7 @@ FINISHED = 'finished by the operator'
 
 def navigate(operator: ScriptedOperator, report: DemoReport) -> None:
     """Drive to one goal; on the way to the second one, replace it by a third."""
-    first, second, third = operator.places(3)
+    first, second, third = operator.places(('kitchen', 'office', 'lounge'))
     operator.start('Navigate', AutonomyLevel.HIGH)
 
     operator.give_goal(first)
@@ -73,7 +73,7 @@ STOPPED = 'behavior stopped while driving'
 
 def navigate_split(operator: ScriptedOperator, report: DemoReport) -> None:
     """Take every branch of the second behavior."""
-    first, second, third = operator.places(3)
+    first, second, third = operator.places(('store', 'workshop', 'kitchen'))
     operator.start('Navigate Split', AutonomyLevel.HIGH)
 
     operator.give_goal(first)

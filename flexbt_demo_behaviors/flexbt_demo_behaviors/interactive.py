@@ -37,7 +37,7 @@ def run_interactive(
     """Start the processes and the behavior, hand the terminal to the console, and give the console's exit code."""
     ended: list[EndedProcess] = []
     with open_session(group, settings, 'demo', timeline) as session:
-        place = session.operator.places(1)[0]
+        place = session.operator.places(('kitchen',))[0]
         session.operator.start(demonstration.behavior, AutonomyLevel.HIGH)
         session.operator.wait_state('/AskGoal')
     group.on_end = ended.append

@@ -43,7 +43,11 @@ def parse_options(arguments: Sequence[str], environment: Mapping[str, str], term
         help='seconds of simulated time in one second; default 1, with the scripted operator 10',
     )
     parser.add_argument('--map', default='', help='ROS map YAML file; default: the map that comes along')
-    parser.add_argument('--places', default='', help='YAML file of named places; default: those of the map')
+    parser.add_argument(
+        '--places',
+        default='',
+        help='YAML file of named places; on a map of your own, the robot starts at the first of them',
+    )
     parser.add_argument('--output', default='out', help='directory of pictures and logs; default: out')
     parser.add_argument('--script', action='store_true', help='let the scripted operator drive, also in a terminal')
     given = parser.parse_args(arguments)

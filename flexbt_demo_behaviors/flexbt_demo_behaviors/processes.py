@@ -9,17 +9,23 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
-ParameterValue = bool | int | float | str
+from flexbt_console.errors import UsageError
+from flexbt_console.operator_values import load_places
+
+ParameterValue = bool | int | float | str | tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class DemoSettings:
-    """What can be set about the processes: the map (a ROS map YAML file; empty for the one that comes along),
-    the places in it that the console knows by name (YAML), and how many seconds of the simulated world pass
-    in one second.
+    """What can be set about the processes.
+
+    `map` is a ROS map YAML file, empty for the one that comes along; `start` the pose (m, m, rad) at which the robot
+    begins on it, None for that of the map that comes along; `places` the YAML file of the places that the console knows
+    by name; `speed` how many seconds of the simulated world pass in one second.
     """
 
     map: str = ''
+    start: tuple[float, float, float] | None = None
     places: str = ''
     speed: float = 1.0
 
@@ -57,6 +63,14 @@ def built_in_places() -> str:
     return str(Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms_places.yaml')
 
 
+def first_place(places: str) -> tuple[float, float, float]:
+    """Pose of the first place of a places file; raises the console's UsageError when there is none."""
+    known = list(load_places(Path(places)).values())
+    if not known:
+        raise UsageError(f'places file {places}: it has no place at which the robot could start')
+    return known[0].x, known[0].y, known[0].yaw
+
+
 def console_command(settings: DemoSettings) -> list[str]:
     """The command line of the operator's console, which runs in the terminal."""
     return Process('flexbt_console', 'console', {'places': settings.places}).command()
@@ -65,9 +79,13 @@ def console_command(settings: DemoSettings) -> list[str]:
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
     """The processes behind the operator's console, in the order in which they are started."""
     simulated = {'use_sim_time': True}
-    world = {'map': settings.map} if settings.map else {}
+    world: dict[str, ParameterValue] = {'speed_factor': settings.speed}
+    if settings.map:
+        world['map'] = settings.map
+    if settings.start is not None:
+        world['initial_pose'] = settings.start
     return (
-        Process('flexbt_sim', 'simulator', {**world, 'speed_factor': settings.speed}),
+        Process('flexbt_sim', 'simulator', world),
         Process('flexbt_sim', 'navigation', simulated),
         Process('flexbt_server', 'bt_server', simulated),
         Process('flexbt_onboard', 'onboard_executive', simulated),
@@ -78,4 +96,6 @@ def _parameter_text(value: ParameterValue) -> str:
     """A value as the YAML of a parameter override; text is quoted, so that it stays text."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
+    if isinstance(value, tuple):
+        return f'[{", ".join(repr(float(item)) for item in value)}]'
     return "'" + value.replace("'", "''") + "'" if isinstance(value, str) else repr(value)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
@@ -23,6 +23,9 @@ T = TypeVar('T')
 # Deadlines in seconds of wall time; generous, as they only bound how long a failure takes to be noticed.
 ANSWER_TIMEOUT_S = 10.0
 DRIVE_TIMEOUT_S = 120.0
+
+# A place in this distance of the robot, in metres, is no goal to drive to.
+FAR_ENOUGH = 2.5
 
 
 class ScriptedOperator:
@@ -65,15 +68,22 @@ class ScriptedOperator:
             self._problem = self._problem or problem
             self._changed.notify_all()
 
-    def places(self, count: int) -> list[str]:
-        """The first `count` places of the places file, which are those that a script drives to.
+    def places(self, preferred: Sequence[str]) -> Sequence[str]:
+        """The places to drive to: the preferred ones, or, with another map, as many that are not where the robot is.
 
-        Raises DemoError when there are fewer.
+        Raises DemoError when the places file has too few of them.
         """
-        known = list(self._requests.places)
-        if len(known) < count:
-            raise DemoError(f'the script drives to {count} places, but the places file has only {len(known)}')
-        return known[:count]
+        known = self._requests.places
+        if all(label in known for label in preferred):
+            return preferred
+        here = self.record.pose
+        away = [label for label in known if here is None or here.distance(self._place(label)) > FAR_ENOUGH]
+        if len(away) < len(preferred):
+            raise DemoError(
+                f'the script needs {len(preferred)} places more than {FAR_ENOUGH:g} m from the robot; '
+                f'the places file has {len(away)}'
+            )
+        return away[: len(preferred)]
 
     # Seeing
 

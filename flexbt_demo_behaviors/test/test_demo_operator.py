@@ -167,10 +167,15 @@ def test_nothing_is_heard(operator: ScriptedOperator) -> None:
         operator.wait_ready(peers=1, timeout=0.05)
 
 
-def test_the_script_needs_enough_places(operator: ScriptedOperator) -> None:
-    assert operator.places(2) == ['kitchen', 'office']
-    with pytest.raises(DemoError, match='3 places'):
-        operator.places(3)
+def test_with_other_places_the_script_drives_to_those_away_from_the_robot(
+    operator: ScriptedOperator, record: RobotRecord
+) -> None:
+    assert operator.places(['office', 'kitchen']) == ['office', 'kitchen']
+    assert operator.places(['moon']) == ['kitchen']
+    with pytest.raises(DemoError, match='2 places'):
+        operator.places(['moon', 'sun'])
+    record.add_pose(Pose(3.0, 4.0, 0.0), 1.0)
+    assert operator.places(['moon']) == ['office']
 
 
 def test_an_operator_starts_a_behavior_at_a_level(operator: ScriptedOperator, link: Link) -> None:
