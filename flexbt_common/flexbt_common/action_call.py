@@ -6,6 +6,8 @@ in an outage, or when a goal is canceled before it is accepted. Here every one o
 bounded time, and no goal is left running without an owner:
 
 - A goal is sent when the server is there, and given up when it does not appear.
+- The acceptance counts as well when only the server's list of goals tells it: the answer to the first goal after
+  start-up gets lost when the server does not know this client yet.
 - A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
 - While the goal runs the server is watched. When it is gone longer than an outage may last, the goal is lost; when
   it is back, the result is asked for again, and a server that does not know the goal any more answers with
@@ -32,6 +34,8 @@ __all__ = ['ActionCall', 'ActionLinks', 'ActionServerLink', 'GoalOutcome', 'Goal
 
 _APPEAR_PERIOD: Final = 0.05
 _WATCH_PERIOD: Final = 0.2
+_ANSWER_LATE: Final = 0.1
+"""Seconds after which an acceptance that only the list of goals tells is believed."""
 _RESULT_LATE: Final = 0.4
 """Seconds after which the result of a goal that is known to have ended is asked for again."""
 _RESULT_REPEAT: Final = 5.0
@@ -99,6 +103,7 @@ class ActionCall:
         self._goal_id = UUID(uuid=list(uuid.uuid4().bytes))
         self._outcome: GoalOutcome | None = None
         self._handle: Any = None
+        self._status = RosGoalStatus.STATUS_UNKNOWN
         self._sent = False
         self._timers: dict[str, Timer] = {}
         self._cancel_timeout: float | None = None
@@ -168,6 +173,7 @@ class ActionCall:
             self._finish(GoalStatus.FAULT, f'the goal for {self._link} cannot be sent: {error or type(error).__name__}')
             return
         self._sent = True
+        self._link.status_listeners[bytes(self._goal_id.uuid)] = self._on_status
         future.add_done_callback(self._goal_answered)
         self._after('accept', self._accept_timeout, self._not_accepted)
 
@@ -190,10 +196,25 @@ class ActionCall:
             if handle.accepted:
                 self._send_cancel(handle)  # nobody waits for this goal any more
             return
-        self._drop('accept')
+        if self.accepted:
+            return  # the list of goals was faster
         if not handle.accepted:
             self._finish(GoalStatus.REJECTED, f'action server {self._link} rejected the goal')
             return
+        self._on_acceptance(handle)
+
+    def _on_status(self, status: int) -> None:
+        self._status = status
+        if not self.accepted and not self.done and 'answer' not in self._timers:
+            self._after('answer', _ANSWER_LATE, self._accepted_unheard)
+
+    def _accepted_unheard(self) -> None:
+        if not self.accepted and not self.done:
+            self._on_acceptance(self._own_handle())
+
+    def _on_acceptance(self, handle: Any) -> None:
+        self._drop('accept')
+        self._drop('answer')
         self._handle = handle
         self._ask_for_result()
         if self._cancel_timeout is not None:
@@ -245,7 +266,7 @@ class ActionCall:
                 )
                 return
         else:
-            if self._handle.status in _ENDED and self._ended_seen is None:
+            if self._status in _ENDED and self._ended_seen is None:
                 self._ended_seen = now
             is_late = self._ended_seen is not None and now - max(self._ended_seen, self._result_asked) > _RESULT_LATE
             if self._gone_since is not None or is_late or now - self._result_asked > _RESULT_REPEAT:
@@ -309,6 +330,7 @@ class ActionCall:
         for timer in self._timers.values():
             timer.cancel()
         self._timers.clear()
+        self._link.status_listeners.pop(bytes(self._goal_id.uuid), None)
         if status is GoalStatus.LOST:
             for future in self._result_futures:
                 future.cancel()  # takes it out of rclpy's table

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionClient
@@ -11,17 +12,35 @@ from flexbt_common.names import deep_action_services
 from flexbt_common.node_runtime import NodeRuntime
 
 
+class _StatusListener(ActionClient):  # type: ignore[misc]  # rclpy has no types
+    """An action client that passes the server's list of goals on, also of goals whose acceptance it does not know."""
+
+    on_status: Callable[[bytes, int], None]
+
+    async def execute(self, taken_data: Any) -> None:
+        await super().execute(taken_data)
+        for goal in taken_data['status'].status_list if 'status' in taken_data else ():
+            self.on_status(bytes(goal.goal_info.goal_id.uuid), goal.status)
+
+
 class ActionServerLink:
     """The connection of this node to one action server. Made by :class:`ActionLinks`.
 
     ``client`` is rclpy's, to be used on the executor thread only; ``name`` is the server's name as it was asked for.
+    ``status_listeners`` are told the status of their goal, by its id, whenever the server publishes its goals.
     """
 
     def __init__(self, runtime: NodeRuntime, action_type: Any, name: str) -> None:
         self.runtime = runtime
         self.action_type = action_type
         self.name = name
-        self.client: Any = runtime.call(lambda: ActionClient(runtime.node, action_type, name, **deep_action_services()))
+        self.status_listeners: dict[bytes, Callable[[int], None]] = {}
+        self.client: Any = runtime.call(self._make_client)
+
+    def _make_client(self) -> _StatusListener:
+        client = _StatusListener(self.runtime.node, self.action_type, self.name, **deep_action_services())
+        client.on_status = self._on_status
+        return client
 
     @property
     def type_name(self) -> str:
@@ -32,6 +51,11 @@ class ActionServerLink:
     def is_ready(self) -> bool:
         """Whether an action server of that name and type is there now, as far as discovery knows."""
         return bool(self.client.server_is_ready())
+
+    def _on_status(self, goal_id: bytes, status: int) -> None:
+        listener = self.status_listeners.get(goal_id)
+        if listener is not None:
+            listener(status)
 
     def __str__(self) -> str:
         return f'{self.name!r} ({self.type_name})'

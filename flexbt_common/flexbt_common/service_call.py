@@ -12,6 +12,9 @@ from flexbt_common.names import deep_services
 from flexbt_common.node_runtime import NodeRuntime
 
 _APPEAR_PERIOD: Final = 0.05
+_SETTLE: Final = 0.1
+"""Seconds between the discovery of a service and the first request: the response to an earlier one may be lost,
+because the service does not know this client yet."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,16 @@ class ServiceLink:
             lambda: runtime.node.create_client(service_type, name, qos_profile=deep_services())
         )
 
+        self._seen_since: float | None = None
+
     def is_ready(self) -> bool:
-        """Whether the service is there now, as far as discovery knows."""
-        return bool(self.client.service_is_ready())
+        """Whether the service is there now, as far as discovery knows, and has had the time to know this client."""
+        now = self.runtime.steady.now()
+        if not self.client.service_is_ready():
+            self._seen_since = None
+        elif self._seen_since is None:
+            self._seen_since = now
+        return self._seen_since is not None and now - self._seen_since >= _SETTLE
 
     def __str__(self) -> str:
         package, kind, *_ = self.service_type.__module__.split('.')

@@ -258,6 +258,21 @@ def test_a_lost_result_is_asked_for_again(
     assert lost
 
 
+def test_an_acceptance_whose_answer_is_lost_counts(
+    link: ActionServerLink, server: ScriptedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ActionCall, '_goal_answered', lambda self, future: None)
+    done = Done()
+    call(link, done)
+    server.end(0)
+    assert done.wait().status is GoalStatus.SUCCEEDED
+    done, accepted = Done(), threading.Event()
+    two = call(link, done, on_accepted=accepted.set)
+    assert accepted.wait(DEADLINE)
+    two.cancel(timeout=DEADLINE)
+    assert done.wait().status is GoalStatus.CANCELED
+
+
 def start_child() -> subprocess.Popen[str]:
     child = subprocess.Popen(
         [sys.executable, str(Path(__file__).with_name('scripted_servers.py'))],
