@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from .blackboard import EMPTY
 from .errors import BlackboardError, ConversionError
-from .leaves import SyncAction
-from .node import LeafNode
+from .leaves import LeafNode, SyncAction
 from .port_types import STRING
 from .ports import inout_port, input_port
 from .status import FAILURE, SUCCESS, NodeKind, NodeStatus

@@ -5,8 +5,26 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-from .node import LeafNode
+from .node import NodeConfig, TreeNode
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+
+class LeafNode(TreeNode):
+    """A node without children."""
+
+    __slots__ = ('_reason',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._reason = ''
+
+    def fail(self, reason: str) -> NodeStatus:
+        """FAILURE, with a reason for people: ``return self.fail('no path to the goal')``."""
+        self._reason = reason
+        return FAILURE
+
+    def failure_reason(self) -> str:
+        return self._reason or super().failure_reason()
 
 
 class SyncAction(LeafNode):

@@ -108,7 +108,7 @@ class TreeNode(ABC):
         self.context.wake()
 
     def wake_at(self, when: float) -> None:
-        """Asks for a tick at the time ``when`` of the clock; replaces what this node had asked for before."""
+        """Asks for a tick at the time ``when`` of the clock; replaces an earlier one. Only within a tick."""
         self.context.deadlines[self] = when
 
     def cancel_wake(self) -> None:
@@ -267,24 +267,6 @@ def halt_child(child: TreeNode) -> None:
         if status is RUNNING:
             child.halt()
         child.status = IDLE
-
-
-class LeafNode(TreeNode):
-    """A node without children."""
-
-    __slots__ = ('_reason',)
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
-        self._reason = ''
-
-    def fail(self, reason: str) -> NodeStatus:
-        """FAILURE, with a reason for people: ``return self.fail('no path to the goal')``."""
-        self._reason = reason
-        return FAILURE
-
-    def failure_reason(self) -> str:
-        return self._reason or super().failure_reason()
 
 
 class DecoratorNode(TreeNode):

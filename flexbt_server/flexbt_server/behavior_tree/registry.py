@@ -11,7 +11,8 @@ from typing import Final
 
 from . import actions, decorators, parallel, reactive, sequences, timing
 from .errors import ConversionError, RegistrationError
-from .node import ControlNode, DecoratorNode, LeafNode, TreeNode
+from .leaves import LeafNode
+from .node import ControlNode, DecoratorNode, TreeNode
 from .ports import NO_DEFAULT, Port, model_name_problem, pointer_key, port_name_problem
 from .status import NodeKind
 
