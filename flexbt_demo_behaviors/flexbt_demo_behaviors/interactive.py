@@ -35,12 +35,12 @@ def run_interactive(
     group: ProcessGroup, settings: DemoSettings, demonstration: Demonstration, timeline: Timeline
 ) -> int:
     """Start the processes and the behavior, hand the terminal to the console, and give the console's exit code."""
-    ended: list[EndedProcess] = []
+    ended: dict[str, EndedProcess] = {}
     with open_session(group, settings, 'demo', timeline) as session:
         place = session.operator.places(('kitchen',))[0]
         session.operator.start(demonstration.behavior, AutonomyLevel.HIGH)
         session.operator.wait_state('/AskGoal')
-    group.on_end = ended.append
+    group.watch(lambda process: ended.update({process.name: process}))
     print(INTRODUCTION.format(behavior=demonstration.behavior, place=place), end='')
     if demonstration.number == 2:
         print(SPLIT_INTRODUCTION, end='')
@@ -50,7 +50,7 @@ def run_interactive(
             exit_code = console.wait()
         finally:
             console.terminate()
-    for process in ended:
+    for process in ended.values():
         print(process.report(), file=sys.stderr)
     return exit_code
 

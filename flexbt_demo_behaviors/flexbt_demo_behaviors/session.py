@@ -22,7 +22,7 @@ from flexbt_demo_behaviors.report import Timeline
 from flexbt_demo_behaviors.robot_record import RobotRecord
 from flexbt_demo_behaviors.robot_watch import watch_robot
 from flexbt_demo_behaviors.scripted_operator import ScriptedOperator
-from flexbt_demo_behaviors.supervision import EndedProcess, ProcessGroup
+from flexbt_demo_behaviors.supervision import ProcessGroup
 
 # From the start of the first process until the demonstration is ready, in seconds of wall time.
 READY_TIMEOUT_S = 40.0
@@ -61,15 +61,11 @@ def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, tim
         requests = Requests(operator, load_places(Path(settings.places)))
         scripted = ScriptedOperator(mirror, record, link.send, requests, timeline)
         record.on_change = scripted.notify
-        group.on_end = lambda ended: _abandon(scripted, ended)
+        group.watch(lambda ended: scripted.abandon(ended.report()))
         mirror.add_listener(Narrator(mirror, timeline))
         watch_robot(runtime, record)
         scripted.wait_ready(peers=len(processes) - 1, timeout=READY_TIMEOUT_S)
         yield Session(scripted, record)
-
-
-def _abandon(operator: ScriptedOperator, ended: EndedProcess) -> None:
-    operator.abandon(ended.report())
 
 
 class Narrator:

@@ -48,10 +48,12 @@ class ProcessGroup:
     """
 
     log_directory: Path
-    on_end: Callable[[EndedProcess], None] = lambda _ended: None
     _processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     _watchers: list[threading.Thread] = field(default_factory=list)
     _ending: bool = False
+    _ended: list[EndedProcess] = field(default_factory=list)
+    _listener: Callable[[EndedProcess], None] | None = None
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __enter__(self) -> ProcessGroup:
         """Make the place for the logs."""
@@ -82,6 +84,14 @@ class ProcessGroup:
         self._watchers.append(watcher)
         watcher.start()
 
+    def watch(self, listener: Callable[[EndedProcess], None]) -> None:
+        """Tell `listener`, on another thread, of each process that ends untold; of those that have already, at once."""
+        with self._lock:
+            self._listener = listener
+            ended = list(self._ended)
+        for process in ended:
+            listener(process)
+
     def pid(self, name: str) -> int:
         """The process id of the process that was started last under `name`."""
         return self._processes[name].pid
@@ -90,7 +100,8 @@ class ProcessGroup:
         """End every process: SIGINT, and SIGKILL for those that do not obey in time. Gives the names of the
         latter.
         """
-        self._ending = True
+        with self._lock:
+            self._ending = True
         deadline = time.monotonic() + END_TIMEOUT_S
         for process in self._processes.values():
             _signal(process, signal.SIGINT)
@@ -110,8 +121,14 @@ class ProcessGroup:
 
     def _watch(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
         exit_code = process.wait()
-        if not self._ending:
-            self.on_end(EndedProcess(name, exit_code, log))
+        with self._lock:
+            if self._ending:
+                return
+            ended = EndedProcess(name, exit_code, log)
+            self._ended.append(ended)
+            listener = self._listener
+        if listener is not None:
+            listener(ended)
 
 
 def _signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:

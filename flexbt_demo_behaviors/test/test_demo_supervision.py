@@ -35,7 +35,8 @@ def is_running(pid: int) -> bool:
 
 def test_every_process_is_ended_within_two_seconds_also_one_that_ignores_the_signal(tmp_path: Path) -> None:
     ended: list[EndedProcess] = []
-    with ProcessGroup(tmp_path, ended.append) as group:
+    with ProcessGroup(tmp_path) as group:
+        group.watch(ended.append)
         group.start('sleeper', SLEEPER)
         group.start('stubborn', STUBBORN)
         wait_for_text(tmp_path / 'stubborn.log', 'up')
@@ -64,12 +65,24 @@ def test_processes_are_ended_when_the_body_raises(tmp_path: Path) -> None:
 )
 def test_a_process_that_dies_is_named_with_its_last_lines(tmp_path: Path, command: str, said: str) -> None:
     ended: queue.Queue[EndedProcess] = queue.Queue()
-    with ProcessGroup(tmp_path, ended.put) as group:
+    with ProcessGroup(tmp_path) as group:
+        group.watch(ended.put)
         group.start('unlucky', [sys.executable, '-c', command])
         report = ended.get(timeout=20).report()
     assert 'unlucky' in report
     assert said in report
     assert 'the last word' in report
+
+
+def test_who_begins_to_watch_late_is_told_what_ended_before(tmp_path: Path) -> None:
+    first: queue.Queue[EndedProcess] = queue.Queue()
+    late: list[EndedProcess] = []
+    with ProcessGroup(tmp_path) as group:
+        group.watch(first.put)
+        group.start('unlucky', [sys.executable, '-c', 'raise SystemExit(3)'])
+        ended = first.get(timeout=20)
+        group.watch(late.append)
+        assert late == [ended]
 
 
 @pytest.mark.skipif(not sys.platform.startswith('linux'), reason='the kernel of Linux ends orphans')
