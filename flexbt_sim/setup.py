@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package_name = 'flexbt_sim'
@@ -11,6 +13,10 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
+        (
+            'share/' + package_name + '/maps',
+            sorted(str(file) for file in Path('maps').iterdir() if file.suffix in ('.yaml', '.png')),
+        ),
     ],
     install_requires=['setuptools'],
     zip_safe=True,

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Keeps simulated time in step with wall time, or with whoever drives the robot."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Final
+
+MAX_LAG: Final = 0.2
+"""Wall time, s, by which the simulation may fall behind before the loss is given up."""
+
+IDLE_FACTOR: Final = 50.0
+"""Speed factor of 'as fast as possible' while nobody drives."""
+
+ANSWER_SECONDS: Final = 0.02
+"""How long 'as fast as possible' waits for the command that an odometry message causes, s of wall time."""
+
+
+class Pacer:
+    """Waits after each piece of simulated time. ``stop`` ends all waiting."""
+
+    def __init__(self, factor: float) -> None:
+        self.factor = factor
+        self._due = time.monotonic()
+        self._event = threading.Condition()
+        self._commands = 0
+        self._stopped = False
+
+    def command_received(self) -> None:
+        """A velocity command has come; from any thread."""
+        with self._event:
+            self._commands += 1
+            self._event.notify_all()
+
+    def stop(self) -> None:
+        """End all waiting, now and later."""
+        with self._event:
+            self._stopped = True
+            self._event.notify_all()
+
+    @property
+    def stopped(self) -> bool:
+        """Whether :meth:`stop` was called."""
+        return self._stopped
+
+    @property
+    def commands(self) -> int:
+        """How many commands have come."""
+        return self._commands
+
+    def wait(self, simulated: float) -> None:
+        """Let ``simulated`` seconds pass, at the speed factor."""
+        factor = self.factor or IDLE_FACTOR
+        self._due += simulated / factor
+        now = time.monotonic()
+        if now - self._due > MAX_LAG:
+            self._due = now
+        with self._event:
+            while not self._stopped and (left := self._due - time.monotonic()) > 0.0:
+                self._event.wait(left) if left > 0.005 else self._sleep(left)
+
+    def wait_for_answer(self, commands_before: int) -> None:
+        """Let whoever drives answer an odometry message, for a short time."""
+        with self._event:
+            self._event.wait_for(lambda: self._stopped or self._commands > commands_before, ANSWER_SECONDS)
+        self._due = time.monotonic()
+
+    def _sleep(self, seconds: float) -> None:
+        # Conditions wake up late by more than this on some machines.
+        self._event.release()
+        try:
+            time.sleep(seconds)
+        finally:
+            self._event.acquire()

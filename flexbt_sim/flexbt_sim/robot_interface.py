@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the navigation servers have of the robot: its pose, the map with its costs, and a way to drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid
+
+from flexbt_common import names
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_sim.costmap import Costmap
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.geometry import Pose
+from flexbt_sim.motions import Velocity
+from flexbt_sim.navigation_parameters import NavigationParameters
+from flexbt_sim.planner import GridPlanner
+from flexbt_sim.ros_messages import map_of, pose_of, seconds_of, twist
+
+
+class RobotInterface:
+    """On the executor thread. ``on_pose(pose, time)`` is called for each new pose; time is that of the pose, s."""
+
+    def __init__(
+        self, runtime: NodeRuntime, parameters: NavigationParameters, on_pose: Callable[[Pose, float], None]
+    ) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._on_pose = on_pose
+        self._pose: Pose | None = None
+        self._grid: OccupancyGrid | None = None
+        self._costmap: Costmap | None = None
+        self._planner: GridPlanner | None = None
+        node = runtime.node
+        node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
+        node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
+        command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
+        self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
+
+    @property
+    def pose(self) -> Pose:
+        """The robot's pose. Raises NavigationError TF_ERROR while it is not known."""
+        if self._pose is None:
+            raise NavigationError(
+                'TF_ERROR', f'the pose of the robot is not known: nothing on {self._parameters.pose_topic}'
+            )
+        return self._pose
+
+    @property
+    def costmap(self) -> Costmap:
+        """The inflated map. Raises NavigationError UNKNOWN while there is no map."""
+        if self._costmap is None:
+            if self._grid is None:
+                raise NavigationError('UNKNOWN', f'there is no map: nothing on {self._parameters.map_topic}')
+            self._costmap = Costmap(map_of(self._grid), self._parameters.inflation)
+        return self._costmap
+
+    @property
+    def planner(self) -> GridPlanner:
+        """A planner on the costmap."""
+        if self._planner is None:
+            self._planner = GridPlanner(self.costmap)
+        return self._planner
+
+    def clear_costmap(self) -> None:
+        """Forget what was made of the map; it is made anew from the last message when it is needed."""
+        self._costmap = self._planner = None
+
+    def drive(self, velocity: Velocity) -> None:
+        """Send a velocity command."""
+        command = twist(velocity)
+        if self._parameters.stamped_cmd_vel:
+            message = TwistStamped(twist=command)
+            message.header.stamp = self._runtime.node.get_clock().now().to_msg()
+            self._commands.publish(message)
+        else:
+            self._commands.publish(command)
+
+    def _receive_pose(self, message: PoseStamped) -> None:
+        self._pose = pose_of(message.pose)
+        self._on_pose(self._pose, seconds_of(message.header.stamp))
+
+    def _receive_map(self, grid: OccupancyGrid) -> None:
+        self._grid = grid
+        self.clear_costmap()
