@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import keyword
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -237,4 +237,9 @@ def _to_float(text: str) -> float:
     return value
 
 
-_CONVERTERS: Final = {'bool': _to_bool, 'int': _to_int, 'float': _to_float, 'string': str}
+_CONVERTERS: Final[dict[str, Callable[[str], ParameterValue]]] = {
+    'bool': _to_bool,
+    'int': _to_int,
+    'float': _to_float,
+    'string': str,
+}

@@ -136,7 +136,7 @@ class BehaviorRun:
         self._observer.changed()
 
     def confirm(self, decision_id: str, answer: Answer) -> None:
-        """Let what a decision asks for happen. ``answer`` gets None, or the reason why not, on the thread of the run."""
+        """Let what a decision asks for happen; ``answer`` gets None or the reason why not, on the run's thread."""
         machine = self._machine
         own = self._view.own_decision(decision_id)
         if machine is None or own is None:

@@ -91,8 +91,9 @@ class Executive:
         if self._is_closing:
             raise CommandRefusedError('the executive is shutting down')
         if self.run is not None:
+            phase = self.run.phase.value
             raise CommandRefusedError(
-                f'behavior {self.run.behavior!r} is {self.run.phase.name.lower()} (run {self.run.run_id}); stop it first'
+                f'behavior {self.run.behavior!r} is {phase} (run {self.run.run_id}); stop it first'
             )
         self.autonomy = request.autonomy
         self.run = BehaviorRun(request, uuid.uuid4().hex, self._services, self)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ class PeersWatch:
         self._on_change = on_change
         self._peers = [_Peer(_qualified(runtime, name), None, runtime.clock.stamp()) for name in names]
         self._watches = [
-            LivelinessWatch(runtime, name, lambda alive, peer=peer: self._changed(peer, alive))
+            LivelinessWatch(runtime, name, functools.partial(self._changed, peer))
             for name, peer in zip(names, self._peers, strict=True)
         ]
 

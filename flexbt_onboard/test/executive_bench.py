@@ -84,8 +84,10 @@ class ExecutiveBench:
 
     def _subscribe(self) -> None:
         node = self.console.node
-        node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched())
-        node.create_subscription(BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append, names.latched())
+        node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(100))
+        node.create_subscription(
+            BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append, names.latched(100)
+        )
         node.create_subscription(ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append, names.latched(names.LOG_DEPTH))
         node.create_subscription(BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append, names.latched())
         self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
@@ -150,6 +152,11 @@ class ExecutiveBench:
     def wait_for(self, condition: Callable[[ExecutiveStatus], Any], what: str) -> Any:
         """Wait for a status; gives the true value of the condition."""
         return wait_until(lambda: condition(self.status), lambda: f'{what}; last: {self.status}; logs: {self.logs}')
+
+    def wait_for_next_status(self) -> None:
+        """Wait for a status that is not there yet."""
+        count = len(self.statuses)
+        wait_until(lambda: len(self.statuses) > count, 'next status')
 
     def wait_idle(self) -> str:
         """Wait for the end of the run; gives its outcome."""

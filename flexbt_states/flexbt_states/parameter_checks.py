@@ -98,4 +98,4 @@ def checked_callable(state: object, parameter: str, function: Any) -> Callable[.
     if not callable(function):
         hint = '; text is not evaluated, write a lambda' if isinstance(function, str) else ''
         raise StateParameterError(state, parameter, f'{function!r:.80} cannot be called{hint}')
-    return function  # type: ignore[no-any-return]
+    return function

@@ -60,7 +60,7 @@ def test_a_tree_that_succeeds_gives_done_and_its_outputs(bench: StateBench) -> N
         (RESULT(), 'succeed', 'failed', 'without filling in the result'),
         (RESULT(), 'abort', 'failed', 'navigate'),
         (RESULT(code=RESULT.SUCCESS), 'abort', 'failed', 'although its result says success'),
-        (RESULT(code=RESULT.FAILURE, message='no way', failed_node='Root/Plan'), 'abort', 'failed', 'no way (node Root/Plan)'),
+        (RESULT(code=RESULT.FAILURE, message='no', failed_node='R/Plan'), 'abort', 'failed', 'no (node R/Plan)'),
         (RESULT(code=RESULT.FAILURE, message='no way'), 'succeed', 'failed', 'no way'),
         (RESULT(code=RESULT.ERROR, message='node raised'), 'abort', 'failed', 'node raised'),
         (RESULT(code=RESULT.ERROR, message='node raised'), 'succeed', 'failed', 'node raised'),
@@ -68,7 +68,7 @@ def test_a_tree_that_succeeds_gives_done_and_its_outputs(bench: StateBench) -> N
         (RESULT(code=RESULT.CANCELED, message='replaced'), 'succeed', 'canceled', 'replaced'),
         (RESULT(code=RESULT.SUCCESS, missing_outputs=['path']), 'succeed', 'failed', "did not write 'path'"),
         (RESULT(code=RESULT.SUCCESS), 'succeed', 'failed', "did not send 'path'"),
-        (RESULT(code=RESULT.SUCCESS, outputs=[to_entry('path', pose(1.0))]), 'succeed', 'failed', 'geometry_msgs/msg/PoseStamped'),
+        (RESULT(code=RESULT.SUCCESS, outputs=[to_entry('path', pose(1.0))]), 'succeed', 'failed', 'PoseStamped'),
         (RESULT(code=77), 'succeed', 'failed', 'navigate'),
     ],
 )  # fmt: skip

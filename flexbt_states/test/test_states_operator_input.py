@@ -134,8 +134,12 @@ def test_several_questions_at_a_time_are_answered_each(bench: StateBench, desk: 
         lambda: len(found := desk.runtime.call(desk.questions.decisions)) == 3 and found, 'three questions'
     )
     assert len({question.id for question in questions}) == 3
+
+    def answer(question_id: str) -> None:
+        desk.runtime.call(lambda: desk.questions.answer(question_id, BlackboardEntry(text='x'), 'eva'))
+
     for question in questions[1:]:
-        desk.runtime.call(lambda id=question.id: desk.questions.answer(id, BlackboardEntry(text='x'), 'eva'))
+        answer(question.id)
     wait_until(lambda: sum(run.outcome is not None for run in runs) == 2, 'two answered')
     assert desk.pending().id == questions[0].id
     desk.answer(text='y')

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Commands of an operator: at most once, only for what they were meant for, and always answered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from executive_bench import ExecutiveBench, behavior_of, wait_until
+from rclpy.action import ActionClient
+
+from flexbt_common.values import to_entry
+from flexbt_msgs.action import OperatorInput
+from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveCommand, ExecutiveStatus, PendingDecision
+from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+START, STOP, CONFIRM, FORCE = (
+    ExecutiveCommand.START,
+    ExecutiveCommand.STOP,
+    ExecutiveCommand.CONFIRM,
+    ExecutiveCommand.FORCE,
+)
+
+
+class Loop(EventState):
+    """Wants to be left at once, and counts how often it was."""
+
+    def __init__(self, entered: list[str]) -> None:
+        super().__init__(outcomes=['again', 'out'], desired_rate=None)
+        self._entered = entered
+
+    def on_enter(self, userdata: Any) -> None:
+        self._entered.append(self.path)
+
+    def execute(self, userdata: Any) -> str:
+        return 'again'
+
+
+class LoopBench(ExecutiveBench):
+    """A behavior that asks before each of its rounds."""
+
+    def __init__(self) -> None:
+        self.entered: list[str] = []
+        super().__init__(behavior_of(self._machine), behavior_of(self._machine, 'Other'))
+
+    def _machine(self) -> OperatableStateMachine:
+        machine = OperatableStateMachine(outcomes=['finished'])
+        with machine:
+            for label, other in (('A', 'B'), ('B', 'A')):
+                OperatableStateMachine.add(
+                    label,
+                    Loop(self.entered),
+                    {'again': other, 'out': 'finished'},
+                    autonomy={'again': Autonomy.Full, 'out': Autonomy.Full},
+                )
+        return machine
+
+    def decision(self, path: str) -> PendingDecision:
+        """Wait for the decision of a state."""
+
+        def find(status: ExecutiveStatus) -> Any:
+            return next((decision for decision in status.decisions if decision.path == path), None)
+
+        found = self.wait_for(find, f'decision of {path}')
+        assert isinstance(found, PendingDecision)
+        return found
+
+
+@pytest.fixture
+def bench() -> Iterator[LoopBench]:
+    bench = LoopBench()
+    yield bench
+    bench.close()
+
+
+def test_a_command_that_is_sent_many_times_has_one_effect_and_is_answered_each_time(bench: LoopBench) -> None:
+    bench.start()
+    first = bench.decision('/A')
+    for _ in range(20):
+        bench.send(CONFIRM, id='same', decision_id=first.id)
+    bench.decision('/B')
+    assert bench.result('same').code == CommandResult.APPLIED
+    for number in range(40):  # more than are reported
+        bench.send(CONFIRM, id=f'stale-{number}', decision_id=first.id)
+    bench.wait_for(lambda status: status.results and status.results[-1].command_id == 'stale-39', 'all answered')
+    assert len(bench.status.results) == 32
+    assert 'same' not in [result.command_id for result in bench.status.results]
+    bench.send(CONFIRM, id='same', decision_id=first.id)
+    assert bench.result('same').code == CommandResult.APPLIED
+    assert bench.entered == ['/A', '/B']
+
+
+def test_an_answer_to_a_decision_that_is_over_is_refused(bench: LoopBench) -> None:
+    bench.start()
+    stale = bench.decision('/A')
+    bench.applied(CONFIRM, decision_id=stale.id)
+    bench.decision('/B')
+    assert stale.id not in bench.refused(CONFIRM, decision_id='')
+    assert 'not pending' in bench.refused(CONFIRM, decision_id=stale.id)
+    assert 'not pending' in bench.refused(FORCE, path='/B', outcome='out', decision_id=stale.id)
+    assert 'does not belong to this run' in bench.refused(CONFIRM, decision_id='nonsense')
+    assert bench.entered == ['/A', '/B']
+
+
+def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
+    first_run = bench.start()
+    stale = bench.decision('/A')
+    bench.applied(STOP)
+    bench.wait_idle()
+    assert 'no behavior is running' in bench.refused(STOP)
+    second_run = bench.start()
+    assert second_run != first_run
+    decision = bench.decision('/A')
+    assert decision.id != stale.id
+    for kind, fields in (
+        (STOP, {}),
+        (CONFIRM, {'decision_id': decision.id}),
+        (FORCE, {'path': '/A', 'outcome': 'out'}),
+        (ExecutiveCommand.AUTONOMY, {'autonomy': 3}),
+        (ExecutiveCommand.ANSWER, {'decision_id': decision.id, 'inputs': [to_entry('x', 1)]}),
+    ):
+        assert first_run in bench.refused(kind, run_id=first_run, **fields)
+        assert 'run' in bench.refused(kind, run_id='', **fields)
+    assert 'does not belong' in bench.refused(CONFIRM, decision_id=stale.id)
+    assert bench.entered == ['/A', '/A']
+
+
+@pytest.mark.parametrize(
+    ('path', 'outcome', 'words'),
+    [
+        ('/A', 'sideways', 'again, out'),
+        ('/B', 'out', 'not active'),
+        ('/C', 'out', "no state '/C'"),
+        ('', 'out', 'path'),
+        ('/A', '', 'outcome'),
+    ],
+)
+def test_only_what_is_active_can_be_forced_by_what_it_declares(
+    bench: LoopBench, path: str, outcome: str, words: str
+) -> None:
+    bench.start()
+    bench.decision('/A')
+    assert words in bench.refused(FORCE, path=path, outcome=outcome)
+    bench.applied(FORCE, path='/A', outcome='out')
+    assert bench.wait_idle() == 'finished'
+    bench.logged("left by 'out'")
+
+
+def test_what_later_versions_know_is_refused_by_name(bench: LoopBench) -> None:
+    for kind, name in ((ExecutiveCommand.PAUSE, 'PAUSE'), (ExecutiveCommand.SWITCH, 'SWITCH'), (0, '0'), (200, '200')):
+        reason = bench.refused(kind)
+        assert 'not supported by this version' in reason
+        assert name in reason
+
+
+def test_a_command_without_an_id_is_ignored_and_logged(bench: LoopBench) -> None:
+    bench._commands.publish(ExecutiveCommand(kind=START, behavior='Test', operator_id='eva'))
+    assert 'eva' in bench.logged('no id').text
+    assert bench.status.state == ExecutiveStatus.IDLE
+
+
+def test_the_autonomy_of_an_idle_executive_is_kept_for_the_operator(bench: LoopBench) -> None:
+    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=3, run_id='')
+    assert bench.status.autonomy == 3
+    assert 'no behavior is running' in bench.refused(ExecutiveCommand.AUTONOMY, autonomy=3, path='/A')
+
+
+class Asker:
+    """A node that asks the operator."""
+
+    def __init__(self, bench: ExecutiveBench) -> None:
+        self.bench = bench
+        self.results: list[Any] = []
+        self.client: Any = bench.console.call(lambda: ActionClient(bench.console.node, OperatorInput, 'operator_input'))
+        wait_until(lambda: bench.console.call(self.client.server_is_ready), 'operator_input')
+
+    def ask(self, **goal: Any) -> None:
+        """Ask; the result comes later."""
+
+        def accepted(future: Any) -> None:
+            self.handle = future.result()
+            self.handle.get_result_async().add_done_callback(lambda done: self.results.append(done.result()))
+
+        def send() -> None:
+            self.client.send_goal_async(OperatorInput.Goal(**goal)).add_done_callback(accepted)
+
+        self.bench.console.call(send)
+
+    def result(self) -> Any:
+        """The next result."""
+        wait_until(lambda: self.results, 'result')
+        return self.results.pop(0).result
+
+    def question(self) -> PendingDecision:
+        """The question as the console sees it."""
+
+        def find(status: ExecutiveStatus) -> Any:
+            return next((one for one in status.decisions if one.kind == PendingDecision.INPUT), None)
+
+        found = self.bench.wait_for(find, 'question')
+        assert isinstance(found, PendingDecision)
+        return found
+
+
+def test_a_node_may_ask_while_no_behavior_runs(bench: LoopBench) -> None:
+    asker = Asker(bench)
+    asker.ask(prompt='how many?', type='int8', asker='/counter')
+    question = asker.question()
+    assert (question.prompt, question.input_type, question.path) == ('how many?', 'int8', '/counter')
+    assert '300' in bench.refused(
+        ExecutiveCommand.ANSWER, decision_id=question.id, inputs=[BlackboardEntry(text='300')]
+    )
+    assert 'one value' in bench.refused(ExecutiveCommand.ANSWER, decision_id=question.id)
+    assert asker.results == []
+    bench.applied(ExecutiveCommand.ANSWER, id='answer', decision_id=question.id, inputs=[BlackboardEntry(text='30')])
+    result = asker.result()
+    assert (result.code, result.operator_id, result.value.text) == (OperatorInput.Result.SUCCESS, 'tester', '30')
+    bench.wait_for(lambda status: not status.decisions, 'question gone')
+    bench.send(ExecutiveCommand.ANSWER, id='answer', decision_id=question.id, inputs=[BlackboardEntry(text='31')])
+    assert 'not open' in bench.refused(ExecutiveCommand.DECLINE, decision_id=question.id)
+
+
+def test_a_question_that_cannot_be_asked_is_an_error_with_the_reason(bench: LoopBench) -> None:
+    asker = Asker(bench)
+    asker.ask(prompt='?', type='no_such/msg/Thing')
+    result = asker.result()
+    assert result.code == OperatorInput.Result.ERROR
+    assert 'no_such' in result.message
+
+
+def test_a_question_can_be_declined_and_withdrawn_and_is_no_transition(bench: LoopBench) -> None:
+    asker = Asker(bench)
+    bench.start()
+    bench.decision('/A')
+    asker.ask(prompt='?', type='string')
+    question = asker.question()
+    assert 'asks for a value' in bench.refused(CONFIRM, decision_id=question.id)
+    bench.applied(ExecutiveCommand.DECLINE, decision_id=question.id, reason='busy')
+    result = asker.result()
+    assert (result.code, 'busy' in result.message) == (OperatorInput.Result.DECLINED, True)
+    asker.ask(prompt='??', type='string')
+    bench.wait_for(lambda status: any(one.prompt == '??' for one in status.decisions), 'second question')
+    bench.console.call(asker.handle.cancel_goal_async)
+    assert asker.result().code == OperatorInput.Result.CANCELED
+    bench.wait_for(lambda status: [one.kind for one in status.decisions] == [PendingDecision.TRANSITION], 'withdrawn')
+
+
+def test_the_end_of_the_executive_withdraws_the_questions(bench: LoopBench) -> None:
+    asker = Asker(bench)
+    asker.ask(prompt='?', type='string')
+    asker.question()
+    bench.runtime.close()
+    bench.wait_for(lambda status: not status.decisions, 'withdrawn')

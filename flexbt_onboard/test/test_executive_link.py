@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The operator link and the node: heartbeat, rate, late joiners, peers, parameters, time, and the process itself."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import pytest
+from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_common import names
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_onboard.errors import OnboardError
+from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_parameters
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+class Hold(EventState):
+    """Stays until it is forced."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['on'], desired_rate=None)
+
+
+def circle() -> OperatableStateMachine:
+    """Two states that lead to each other."""
+    machine = OperatableStateMachine(outcomes=['never'])
+    with machine:
+        OperatableStateMachine.add('A', Hold(), {'on': 'B'})
+        OperatableStateMachine.add('B', Hold(), {'on': 'A'})
+    return machine
+
+
+@pytest.fixture
+def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
+    """Makes benches, and closes them."""
+    benches: list[ExecutiveBench] = []
+
+    def make(**options: Any) -> ExecutiveBench:
+        benches.append(ExecutiveBench(behavior_of(circle), **options))
+        return benches[-1]
+
+    yield make
+    for bench in benches:
+        bench.close()
+
+
+Make = Callable[..., ExecutiveBench]
+
+
+def test_the_heartbeat_comes_within_the_period_that_it_promises(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=(), heartbeat_period=0.2))
+    before = len(bench.statuses)
+    wait_until(lambda: len(bench.statuses) >= before + 5, 'five heartbeats')
+    arrivals = bench.arrivals[before : before + 5]
+    assert bench.status.heartbeat_period == pytest.approx(0.2)
+    assert 0.15 < median(b - a for a, b in pairwise(arrivals)) < 0.4
+
+
+def test_before_the_first_clock_message_everything_works_in_wall_time(make_bench: Make) -> None:
+    bench = make_bench(
+        ros_parameters={'use_sim_time': True}, parameters=ExecutiveParameters(peers=(), heartbeat_period=0.1)
+    )
+    before = bench.status.sequence
+    bench.wait_for(lambda status: status.sequence > before + 2, 'heartbeats')
+    assert bench.status.stamp.sec == 0
+    bench.start()
+    bench.wait_active('/A')
+    bench.applied(ExecutiveCommand.STOP)
+    assert bench.wait_idle() == 'preempted'
+
+
+def test_a_late_console_has_the_whole_picture(make_bench: Make) -> None:
+    bench = make_bench()
+    run_id = bench.start()
+    bench.wait_active('/A')
+    late = NodeRuntime('late_console', args=())
+    seen: dict[str, Any] = {}
+    try:
+
+        def subscribe() -> None:
+            for type, topic in (
+                (ExecutiveStatus, names.EXECUTIVE_STATUS),
+                (BehaviorStructure, names.EXECUTIVE_STRUCTURE),
+                (BehaviorList, names.EXECUTIVE_BEHAVIORS),
+                (ExecutiveLog, names.EXECUTIVE_LOG),
+            ):
+                late.node.create_subscription(
+                    type, topic, lambda message, topic=topic: seen.setdefault(topic, message), names.latched(50)
+                )
+
+        late.call(subscribe)
+        wait_until(lambda: len(seen) == 4, lambda: f'four latched messages, have {list(seen)}')
+        assert seen[names.EXECUTIVE_STATUS].run_id == run_id
+        assert seen[names.EXECUTIVE_STRUCTURE].run_id == run_id
+        assert [manifest.name for manifest in seen[names.EXECUTIVE_BEHAVIORS].behaviors] == ['Test']
+    finally:
+        late.close()
+
+
+def test_the_pose_of_the_robot_is_part_of_the_status(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=(), pose_topic='robot/pose'))
+    assert bench.status.robot_pose.header.frame_id == ''
+    publisher = bench.console.call(lambda: bench.console.node.create_publisher(PoseStamped, 'robot/pose', 1))
+    wait_until(publisher.get_subscription_count, 'subscribed')
+    pose = PoseStamped()
+    pose.header.frame_id, pose.pose.position.x = 'map', 1.5
+    publisher.publish(pose)
+    bench.wait_for(lambda status: status.robot_pose == pose, 'pose')
+
+
+def test_peers_are_shown_and_their_changes_are_told(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=('bt_server', '/other/navigation')))
+    assert [(peer.name, peer.alive) for peer in bench.status.peers] == [
+        ('/bt_server', False),
+        ('/other/navigation', False),
+    ]
+    server = NodeRuntime('bt_server', args=())
+    try:
+        LivelinessToken(server)
+        bench.wait_for(lambda status: status.peers[0].alive, 'alive')
+        bench.logged('/bt_server is alive')
+    finally:
+        server.close()
+    begin = time.monotonic()
+    bench.wait_for(lambda status: not status.peers[0].alive, 'gone')
+    assert time.monotonic() - begin < 3.0
+    assert bench.logged('/bt_server is not alive any more').severity == ExecutiveLog.ERROR
+    assert not bench.status.peers[1].alive
+
+
+def test_a_command_has_its_effect_within_milliseconds(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=(), heartbeat_period=0.2))
+    bench.start()
+    bench.wait_active('/A')
+    latencies = []
+    for number in range(10):
+        path, other = ('/A', '/B') if number % 2 == 0 else ('/B', '/A')
+        count = len(bench.statuses)
+        begin = time.monotonic()
+        id = bench.send(ExecutiveCommand.FORCE, path=path, outcome='on')
+
+        def arrival(count: int = count, id: str = id, other: str = other) -> float | None:
+            for status, when in zip(bench.statuses[count:], bench.arrivals[count:], strict=False):
+                shown = [state.path for state in status.active_states]
+                if shown == [other] and id in [result.command_id for result in status.results]:
+                    return when
+            return None
+
+        latencies.append(wait_until(arrival, f'effect of {id}') - begin)
+        # Quiet for a moment, as operators are: the rate of messages is limited.
+        bench.wait_for_next_status()
+    assert median(latencies) < 0.05, latencies
+
+
+def test_changes_that_come_fast_are_put_together() -> None:
+    with NodeRuntime.open('publisher') as runtime:
+        sent: list[float] = []
+        publisher = runtime.call(lambda: StatusPublisher(runtime, lambda: sent.append(time.monotonic()), 10.0))
+        begin = time.monotonic()
+        while time.monotonic() - begin < 0.6:
+            publisher.changed()
+            time.sleep(0.001)
+        last = time.monotonic()
+        publisher.changed()
+        wait_until(lambda: sent and sent[-1] >= last, 'the last change is sent as well')
+        assert sent[0] - begin < 0.05, 'the first at once'
+        assert len(sent) <= BURST + 2 + MAXIMUM_RATE * (sent[-1] - begin)
+        assert len(sent) >= 5
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'words'),
+    [
+        ({'heartbeat_period': 0.0}, 'heartbeat_period'),
+        ({'heartbeat_period': 'often'}, 'heartbeat_period'),
+        ({'autonomy': 4}, 'autonomy'),
+        ({'pose_topic': 'two words'}, 'pose_topic'),
+        ({'peers': ['bt server']}, 'peers'),
+    ],
+)
+def test_wrong_parameters_are_refused_by_name(parameters: dict[str, Any], words: str) -> None:
+    with (
+        NodeRuntime.open('executive', parameters=parameters) as runtime,
+        pytest.raises(OnboardError, match=words),
+    ):
+        runtime.call(lambda: declare_parameters(runtime.node))
+
+
+def test_parameters_are_described_and_have_their_defaults() -> None:
+    with NodeRuntime.open('executive', parameters={'peers': ['a', '']}) as runtime:
+        values = runtime.call(lambda: declare_parameters(runtime.node))
+        assert values == ExecutiveParameters(peers=('a',))
+        for name in ('peers', 'pose_topic', 'heartbeat_period', 'autonomy'):
+            descriptor = runtime.node.describe_parameter(name)
+            assert descriptor.description
+            assert descriptor.read_only
+
+
+BEHAVIORS = """
+import pathlib
+from flexbt_onboard.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+
+class Hold(EventState):
+    def __init__(self):
+        super().__init__(outcomes=['on'], desired_rate=None)
+    def on_exit(self, userdata):
+        pathlib.Path(__file__).with_name('left').write_text(str(self.exit_reason))
+
+class Held(Behavior):
+    manifest = BehaviorManifest('Held')
+    def create(self):
+        machine = OperatableStateMachine(outcomes=['on'])
+        with machine:
+            OperatableStateMachine.add('Hold', Hold(), {'on': 'on'})
+        return machine
+"""
+
+
+@pytest.mark.parametrize('signal_number', [signal.SIGINT, signal.SIGTERM])
+def test_the_process_lists_a_broken_behavior_runs_another_and_ends_in_order(tmp_path: Path, signal_number: int) -> None:
+    info = tmp_path / 'held-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: held\nVersion: 1.0\n')
+    (info / 'entry_points.txt').write_text('[flexbt.behaviors]\nheld = held:Held\nbroken = missing_module:Broken\n')
+    (tmp_path / 'held.py').write_text(BEHAVIORS)
+    environment = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'flexbt_onboard.onboard_executive', '--ros-args', '-r', '__ns:=/robot'],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    console = NodeRuntime('console', args=(), namespace='/robot')
+    try:
+        statuses: list[ExecutiveStatus] = []
+        lists: list[BehaviorList] = []
+
+        def link() -> Any:
+            node = console.node
+            node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, statuses.append, names.latched())
+            node.create_subscription(BehaviorList, names.EXECUTIVE_BEHAVIORS, lists.append, names.latched())
+            return node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
+
+        commands = console.call(link)
+        wait_until(lambda: statuses and lists and commands.get_subscription_count(), 'link up')
+        errors = {manifest.name: manifest.error for manifest in lists[-1].behaviors}
+        assert errors['Held'] == ''
+        assert 'missing_module' in errors['broken']
+        commands.publish(ExecutiveCommand(id='1', kind=ExecutiveCommand.START, behavior='Held', autonomy=3))
+        wait_until(lambda: statuses[-1].active_states, lambda: f'running; {statuses[-1]}')
+        assert not (tmp_path / 'left').exists()
+        begin = time.monotonic()
+        process.send_signal(signal_number)
+        _, stderr = process.communicate(timeout=DEADLINE)
+        assert time.monotonic() - begin < 2.0
+        assert process.returncode == 0
+        assert 'Traceback' not in stderr
+        assert 'PREEMPTED' in (tmp_path / 'left').read_text()
+        wait_until(lambda: statuses[-1].state == ExecutiveStatus.IDLE, 'last status')
+    finally:
+        process.kill()
+        process.wait()
+        console.close()
