@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The commands of the workspace; the work is done by tools/workspace.sh. Each command sets up what it needs.
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint bench clean distclean
+.NOTPARALLEL:
+
+help:  ## this text
+	@echo 'FlexBT. The commands (each does the set-up by itself, and only what is missing of it):'
+	@echo
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@echo
+	@echo '  . tools/env.sh   a shell with everything of the workspace: bt_server, console, colcon, Python imports'
+	@echo
+	@echo 'ROS 2 Jazzy is used when it is sourced; otherwise its PyPI wheels, in .venv.'
+	@echo 'PYTHON=/path/to/python3.12 chooses the Python of .venv. The logs are in log/.'
+
+setup:  ## install what is missing, build what has changed
+	@tools/workspace.sh setup
+
+demo:  ## the demonstration: DEMO=1 (one tree) or DEMO=2 (three trees under one HFSM); scripted when not in a terminal
+	@tools/workspace.sh run demo
+
+test:  ## lint and all tests
+	@tools/workspace.sh test
+
+lint:  ## ruff, mypy, shellcheck
+	@tools/workspace.sh lint
+
+bench:  ## the benchmarks; figures into out/bench
+	@tools/workspace.sh bench
+
+clean:  ## remove what was built: build, install, log, out
+	@tools/workspace.sh clean
+
+distclean:  ## clean, and remove .venv and the caches of the tools
+	@tools/workspace.sh clean --all

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A pytest plugin: every test run has a ROS domain of its own, and messages that check their fields.
+
+The workspace's pyproject.toml loads it (``-p flexbt_common.testing``). Test runs can then go on at the same time, and
+beside a robot, without meeting.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from pytest import Config
+
+
+def pytest_configure(config: Config) -> None:
+    """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later."""
+    os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+
+
+@pytest.fixture(scope='session', autouse=True)
+def ros_domain() -> Iterator[int]:
+    """The ROS domain of this run, in the environment of this process and of those that it starts."""
+    from domain_coordinator import domain_id
+
+    settings = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+    before = {name: os.environ.get(name) for name in settings}
+    with domain_id() as domain:
+        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        yield domain
+    for name, value in before.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value

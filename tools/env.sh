@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# shellcheck shell=sh
+# To be sourced, after `make setup`:   . tools/env.sh
+# Gives this shell (bash, zsh; sh when in the root of the workspace) what the workspace installs: Python imports, the executables by
+# their names (bt_server, console, ...), colcon, and ROS 2 settings for one computer. What is set already stays as it is.
+
+# Where this file is: bash and zsh tell; other shells have to be in the workspace, or set FLEXBT_ROOT.
+if [ -n "${BASH_VERSION:-}" ]; then
+  # shellcheck disable=SC3028,SC3054
+  FLEXBT_ROOT=$(CDPATH='' cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
+elif [ -n "${ZSH_VERSION:-}" ]; then
+  FLEXBT_ROOT=$(eval 'CDPATH="" cd -- "${${(%):-%x}:A:h:h}" && pwd')
+else
+  FLEXBT_ROOT=${FLEXBT_ROOT:-$PWD}
+fi
+
+if [ ! -f "$FLEXBT_ROOT/tools/env.sh" ]; then
+  echo "error: '$FLEXBT_ROOT' is not the workspace: cd to it, or set FLEXBT_ROOT to it, before sourcing tools/env.sh" >&2
+  unset FLEXBT_ROOT
+  false
+elif [ ! -f "$FLEXBT_ROOT/install/local_setup.sh" ] || [ ! -f "$FLEXBT_ROOT/install/flexbt_underlay.sh" ]; then
+  echo "error: the workspace is not built yet: run 'make setup' in $FLEXBT_ROOT" >&2
+  false
+else
+  export FLEXBT_ROOT
+  # shellcheck disable=SC1091
+  . "$FLEXBT_ROOT/install/flexbt_underlay.sh"
+  if [ -n "${BASH_VERSION:-}" ]; then
+    # shellcheck disable=SC1091
+    . "$FLEXBT_ROOT/install/local_setup.bash"
+  elif [ -n "${ZSH_VERSION:-}" ]; then
+    # shellcheck disable=SC1091
+    . "$FLEXBT_ROOT/install/local_setup.zsh"
+  else
+    # shellcheck disable=SC1091
+    . "$FLEXBT_ROOT/install/local_setup.sh"
+  fi
+
+  for _flexbt_package in server onboard console sim demo_behaviors; do
+    _flexbt_directory=$FLEXBT_ROOT/install/flexbt_$_flexbt_package/lib/flexbt_$_flexbt_package
+    case ":$PATH:" in
+      *":$_flexbt_directory:"*) ;;
+      *) [ ! -d "$_flexbt_directory" ] || PATH=$_flexbt_directory:$PATH ;;
+    esac
+  done
+  export PATH
+  unset _flexbt_package _flexbt_directory
+
+  # Only this computer; quick discovery, and a crash is noticed within 2 s; logs beside the others of the workspace.
+  export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+  export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$FLEXBT_ROOT/tools/fastdds.xml}"
+  export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"
+fi

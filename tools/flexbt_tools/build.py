@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Building the workspace: only the packages of which something changed that their installation depends on."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from .errors import CommandError
+from .layout import Layout, Package
+from .stamps import hash_of, read_stamp, write_stamp
+from .terminal import run_logged, step
+from .underlay import Underlay
+from .virtual_environment import VirtualEnvironment
+
+_FORMAT = 1  # of the stamp; a change of it builds everything anew
+_CACHES = ('__pycache__', '.pytest_cache', '.hypothesis', '.mypy_cache', '.ruff_cache')
+
+
+class Build:
+    """The build and install spaces of the workspace on one underlay.
+
+    Packages are installed by symbolic links, so an edited Python module or data file needs no build. What does
+    need one: a changed manifest or setup file, a data file added or taken away, and any change to an interface.
+    """
+
+    def __init__(
+        self, layout: Layout, underlay: Underlay, venv: VirtualEnvironment, environment: Mapping[str, str]
+    ) -> None:
+        """`environment` is the clean one, see underlay.clean_environment."""
+        self._layout = layout
+        self._underlay = underlay
+        self._venv = venv
+        self._environment = environment
+        self._stamp = layout.build / 'flexbt-stamp.json'
+
+    def was_done(self) -> bool:
+        """Whether the workspace was built on this underlay before."""
+        return read_stamp(self._stamp).get('identity') == self._identity()
+
+    def ensure(self, lock: int) -> None:
+        """Builds what has to be. `lock` is held open by colcon. Raises CommandError when a package does not build."""
+        wanted = {package.name: self._hash(package) for package in self._layout.packages()}
+        state = read_stamp(self._stamp)
+        built: dict[str, str] = dict(state.get('packages', {}))
+        interrupted: list[str] = list(state.get('building', []))
+        if not self.was_done():
+            self._start_over(bool(state))
+            built, interrupted = {}, []
+        # A killed compiler may have left half a file with a new date; a package that is gone, its installation.
+        self._remove({*interrupted, *(built.keys() - wanted.keys())})
+        built = {name: value for name, value in built.items() if name in wanted and name not in interrupted}
+        stale = sorted(name for name, value in wanted.items() if built.get(name) != value or not self._installed(name))
+        if stale:
+            self._record(built, building=stale)
+            try:
+                self._colcon_build(stale, lock)
+            except CommandError:
+                self._record(built, building=[])  # it ended by itself, so what it left can be built on
+                raise
+        self._write_underlay_setup()
+        self._record({**built, **{name: wanted[name] for name in stale}}, building=[])
+
+    def _colcon_build(self, names: list[str], lock: int) -> None:
+        count = len(names)
+        with step(f'build of {count} package{"s" if count > 1 else ""}') as shown:
+            command: list[str | Path] = ['colcon', '--log-base', self._layout.log / 'colcon', 'build']
+            command += ['--base-paths', self._layout.root, '--event-handlers', 'console_cohesion+']
+            if not self._underlay.is_wheels:
+                command.append('--symlink-install')
+            command += ['--packages-select', *names]
+            run_logged(
+                self.on_underlay(command),
+                self._layout.log / 'setup-build.log',
+                shown=shown,
+                what='colcon build',
+                environment={**self._environment, 'MAKEFLAGS': f'-j{os.cpu_count() or 2}', 'PYTHONWARNINGS': 'ignore'},
+                directory=self._layout.root,
+                remedy='mend what the log names, then run again; after a change of the system, `make clean` first',
+                keep_open=[lock],
+            )
+            shown.outcome = 'built'
+
+    def on_underlay(self, command: list[str | Path]) -> list[str | Path]:
+        """`command` as one that runs with the underlay set up, and without the overlay that is being built."""
+        if not self._underlay.is_wheels:
+            return command
+        setup = f'. {shlex.quote(str(self._venv.local_setup))}; export COLCON_DEFAULTS_FILE="$1"; shift; exec "$@"'
+        return ['/bin/sh', '-c', setup, 'sh', self._venv.colcon_defaults, *command]
+
+    def _identity(self) -> dict[str, Any]:
+        """What everything was built with. When it differs, nothing in the build space is of use."""
+        python = self._venv.interpreter() if self._underlay.is_wheels else sys.version
+        return {
+            'format': _FORMAT,
+            'underlay': str(self._underlay.prefix or 'wheels'),
+            'python': python,
+            'root': str(self._layout.root),
+        }
+
+    def _start_over(self, changed: bool) -> None:
+        present = [path for path in (self._layout.build, self._layout.install) if path.exists()]
+        if not present:
+            return
+        reason = 'the underlay or the place of the workspace has changed' if changed else 'made by something else'
+        print(f'  removing build/ and install/ ({reason})', flush=True)
+        for path in present:
+            shutil.rmtree(path)
+
+    def _remove(self, names: Iterable[str]) -> None:
+        for name in names:
+            for space in (self._layout.build, self._layout.install):
+                shutil.rmtree(space / name, ignore_errors=True)
+
+    def _installed(self, name: str) -> bool:
+        return (self._layout.install / name / 'share' / name / 'package.xml').exists()
+
+    def _record(self, packages: dict[str, str], building: list[str]) -> None:
+        content = {'identity': self._identity(), 'packages': packages, 'building': building}
+        if content != read_stamp(self._stamp):
+            write_stamp(self._stamp, content)
+
+    def _hash(self, package: Package) -> str:
+        files = [
+            file
+            for file in package.path.rglob('*')
+            if file.is_file() and not any(part in _CACHES or part.endswith('.egg-info') for part in file.parts)
+        ]
+        if not package.is_python:
+            tooling = [self._layout.root / 'colcon.meta', self._layout.tools / 'ros_wheels_fix.cmake']
+            return hash_of([*files, *tooling], self._layout.root)
+        decisive = [file for file in files if file.name in ('setup.py', 'setup.cfg', 'package.xml')]
+        data = [file for file in files if file.suffix != '.py' and file not in decisive]
+        return hash_of(decisive, self._layout.root, names_only=data)
+
+    def _write_underlay_setup(self) -> None:
+        """The file by which tools/env.sh finds the underlay that the workspace was built on."""
+        setup = self._venv.local_setup if self._underlay.prefix is None else self._underlay.prefix / 'setup.sh'
+        text = f'. {shlex.quote(str(setup))}\n'
+        if self._underlay.is_wheels:
+            text += f'export COLCON_DEFAULTS_FILE={shlex.quote(str(self._venv.colcon_defaults))}\n'
+        file = self._layout.install / 'flexbt_underlay.sh'
+        if not file.exists() or file.read_text(encoding='utf-8') != text:
+            self._layout.install.mkdir(exist_ok=True)
+            file.write_text(text, encoding='utf-8')

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where things are in the workspace."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+SYSTEM_TESTS = 'flexbt_system_tests'
+
+_NAME = re.compile(r'<name>\s*([^<\s]+)\s*</name>')
+_BUILD_TYPE = re.compile(r'<build_type>\s*([^<\s]+)\s*</build_type>')
+
+
+@dataclass(frozen=True)
+class Package:
+    """A ROS package of the workspace."""
+
+    name: str
+    path: Path
+    build_type: str
+
+    @property
+    def is_python(self) -> bool:
+        return self.build_type == 'ament_python'
+
+    @property
+    def modules(self) -> Path:
+        """The directory of its Python package."""
+        return self.path / self.name
+
+    def test_modules(self) -> list[Path]:
+        return sorted((self.path / 'test').rglob('test_*.py'))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The directories of the workspace at `root`."""
+
+    root: Path
+
+    @classmethod
+    def of_this_file(cls) -> Layout:
+        return cls(Path(__file__).resolve().parents[2])
+
+    @property
+    def tools(self) -> Path:
+        return self.root / 'tools'
+
+    @property
+    def venv(self) -> Path:
+        return self.root / '.venv'
+
+    @property
+    def build(self) -> Path:
+        return self.root / 'build'
+
+    @property
+    def install(self) -> Path:
+        return self.root / 'install'
+
+    @property
+    def log(self) -> Path:
+        return self.root / 'log'
+
+    @property
+    def out(self) -> Path:
+        return self.root / 'out'
+
+    @property
+    def benchmarks(self) -> Path:
+        return self.root / 'benchmarks'
+
+    def packages(self) -> list[Package]:
+        """The ROS packages, by name: the directories directly below the root that have a package.xml."""
+        found = []
+        for manifest in sorted(self.root.glob('*/package.xml')):
+            text = manifest.read_text(encoding='utf-8')
+            name = _NAME.search(text)
+            build_type = _BUILD_TYPE.search(text)
+            if name and not (manifest.parent / 'COLCON_IGNORE').exists():
+                found.append(Package(name[1], manifest.parent, build_type[1] if build_type else 'ament_cmake'))
+        return found

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One line per step with the elapsed time; commands whose whole output goes into a log file."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from .errors import CommandError, WorkspaceError
+
+_LABEL_WIDTH = 34
+
+
+class Step:
+    """A step that is being done: what is shown while it lasts, and when it has ended."""
+
+    def __init__(self, label: str) -> None:
+        self.outcome = 'done'
+        self._label = label
+        self._live = sys.stdout.isatty()
+        self._start = time.monotonic()
+        self._said = self._start
+        self._write(f'  {label} '.ljust(_LABEL_WIDTH, '.') + ' ')
+
+    def show(self, note: str) -> None:
+        """What is being done now: in a terminal as often as called, in a log file every 15 s."""
+        now = time.monotonic()
+        if self._live:
+            head = f'  {self._label} '.ljust(_LABEL_WIDTH, '.') + f' {now - self._start:5.0f} s  '
+            room = shutil.get_terminal_size().columns - len(head) - 1
+            self._write('\r' + head + note[: max(room, 0)] + '\x1b[K')
+        elif now - self._said > 15.0:
+            self._said = now
+            self._write(f'({now - self._start:.0f} s) ')
+
+    def end(self, outcome: str) -> None:
+        elapsed = time.monotonic() - self._start
+        if self._live:
+            self._write('\r' + f'  {self._label} '.ljust(_LABEL_WIDTH, '.') + ' ')
+        self._write(f'{outcome}  {elapsed:.1f} s' + ('\x1b[K\n' if self._live else '\n'))
+
+    def _write(self, text: str) -> None:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+
+
+@contextmanager
+def step(label: str) -> Iterator[Step]:
+    """Shows `label`, and at the end how it went and how long it took. Set `outcome` for another word than done."""
+    shown = Step(label)
+    try:
+        yield shown
+    except BaseException as error:
+        shown.end('interrupted' if isinstance(error, KeyboardInterrupt) else 'FAILED')
+        raise
+    shown.end(shown.outcome)
+
+
+def run_logged(
+    command: Sequence[str | Path],
+    log: Path,
+    *,
+    shown: Step,
+    what: str,
+    environment: Mapping[str, str],
+    directory: Path,
+    remedy: str = '',
+    keep_open: Sequence[int] = (),
+) -> None:
+    """Runs `command` with its output in `log`, and shows the last line of it meanwhile.
+
+    The descriptors `keep_open` stay open in the command, so that a lock lasts as long as it does. When we are
+    interrupted the command is too, with all that it started.
+
+    Raises CommandError when the exit code is not 0.
+    """
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open('w', encoding='utf-8') as output:
+        process = subprocess.Popen(
+            [str(word) for word in command],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=dict(environment),
+            cwd=directory,
+            start_new_session=True,
+            pass_fds=tuple(keep_open),
+        )
+    try:
+        while True:
+            try:
+                code = process.wait(timeout=0.25)
+                break
+            except subprocess.TimeoutExpired:
+                shown.show(_last_line(log))
+    except BaseException:
+        stop_group(process)
+        raise
+    if code != 0:
+        raise CommandError(what, code, log, remedy)
+
+
+def stop_group(process: subprocess.Popen[bytes] | subprocess.Popen[str], patience: float = 5.0) -> None:
+    """Ends a process that leads its own group, and the group: by SIGINT, after `patience` seconds by SIGKILL."""
+    for number, seconds in ((signal.SIGINT, patience), (signal.SIGKILL, patience)):
+        try:
+            os.killpg(process.pid, number)
+        except ProcessLookupError:
+            break
+        try:
+            process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            continue
+    process.poll()
+
+
+def report(error: WorkspaceError) -> None:
+    """Says what went wrong on stderr: the end of the log where there is one, the message, the remedy."""
+    lines = []
+    if isinstance(error, CommandError):
+        lines += [f'    {line}' for line in error.tail()]
+    lines.append(f'error: {error.message}')
+    if isinstance(error, CommandError):
+        lines.append(f'log: {error.log}')
+    if error.remedy:
+        lines.append(f'remedy: {error.remedy}')
+    sys.stdout.flush()
+    print('\n'.join(lines), file=sys.stderr, flush=True)
+
+
+def _last_line(log: Path) -> str:
+    with log.open('rb') as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(0, file.tell() - 500))
+        lines = file.read().decode('utf-8', errors='replace').splitlines()
+    return next((line.strip() for line in reversed(lines) if line.strip()), '')

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The wheels underlay: a virtual environment of pinned packages, laid out so that colcon takes it for a ROS prefix."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from .layout import Layout
+from .prerequisites import suitable_cmake
+from .stamps import hash_of, read_stamp, write_stamp
+from .terminal import Step, run_logged, step
+
+_REQUIREMENTS = ('requirements-ros.txt', 'requirements.txt', 'requirements-dev.txt')
+_CMAKE_REQUIREMENTS = 'requirements-cmake.txt'
+_CONSTRAINTS = 'constraints.txt'
+_OFFLINE = (
+    'check the network, and the proxy if there is one (HTTPS_PROXY, PIP_INDEX_URL); then run the same command again'
+)
+
+# Sourced by colcon's scripts as the set-up of a prefix, and by tools/env.sh. POSIX sh, bash and zsh.
+_LOCAL_SETUP = """\
+# Written by the set-up of the workspace: the ROS 2 wheels in this virtual environment as a ROS prefix.
+_flexbt_prefix={prefix}
+_flexbt_prepend() {{
+  eval "_flexbt_value=\\${{$1-}}"
+  case ":$_flexbt_value:" in
+    *":$2:"*) ;;
+    *) eval "export $1=\\"\\$2\\${{_flexbt_value:+:\\$_flexbt_value}}\\"" ;;
+  esac
+}}
+_flexbt_prepend AMENT_PREFIX_PATH "$_flexbt_prefix"
+_flexbt_prepend CMAKE_PREFIX_PATH "$_flexbt_prefix"
+for _flexbt_value_of_loop in "$_flexbt_prefix"/lib/python3.*/site-packages/ros_*.libs; do
+  _flexbt_prepend LD_LIBRARY_PATH "$_flexbt_value_of_loop"
+done
+_flexbt_prepend LD_LIBRARY_PATH "$_flexbt_prefix/lib"
+_flexbt_prepend PATH "$_flexbt_prefix/bin"
+# The library path is complete: the wheels need not start every Python a second time to set it.
+export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
+export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 RMW_IMPLEMENTATION=rmw_fastrtps_cpp
+unset _flexbt_prefix _flexbt_value _flexbt_value_of_loop
+unset -f _flexbt_prepend
+"""
+
+
+class VirtualEnvironment:
+    """The virtual environment of the workspace. `ensure` makes it, completes it, or leaves it as it is."""
+
+    def __init__(self, layout: Layout, environment: Mapping[str, str]) -> None:
+        """`environment` is the clean one, see underlay.clean_environment."""
+        self._layout = layout
+        self._environment = environment
+        self.path = layout.venv
+        self.python = self.path / 'bin' / 'python'
+        self._stamp = self.path / 'flexbt-stamp.json'
+        self._unfinished = self.path / 'flexbt-unfinished'  # exists while pip works
+
+    @property
+    def local_setup(self) -> Path:
+        return self.path / 'local_setup.sh'
+
+    @property
+    def colcon_defaults(self) -> Path:
+        return self.path / 'colcon-defaults.yaml'
+
+    def is_current(self) -> bool:
+        """Whether there is nothing to do. Reads a few small files only."""
+        return self.python.exists() and not self._unfinished.exists() and read_stamp(self._stamp) == self._wanted()
+
+    def ensure(self, lock: int) -> None:
+        """Makes the environment, or installs what changed. `lock` is held open by the commands.
+
+        Raises CommandError when Python or pip fails.
+        """
+        if self.is_current():
+            return
+        if not self._usable():
+            with step('virtual environment') as shown:
+                self._create(shown, lock)
+        with step('ROS 2 and tools (pip)') as shown:
+            self._install(shown, lock)
+        self._write_setup_files()
+        write_stamp(self._stamp, self._wanted())
+        self._unfinished.unlink(missing_ok=True)
+
+    def interpreter(self) -> str:
+        """The interpreter and its version, as the identity of what is built with it."""
+        home = read_stamp(self._stamp).get('interpreter', '')
+        return str(home)
+
+    def _wanted(self) -> dict[str, str]:
+        return {
+            'requirements': hash_of(self._requirement_files(), self._layout.tools),
+            'cmake': 'own' if self._brings_cmake() else 'of the machine',
+            'prefix': str(self.path),
+            'interpreter': str(self.python.resolve()),
+            'setup': hash_of([Path(__file__)], Path(__file__).parent),
+        }
+
+    def _brings_cmake(self) -> bool:
+        return (self.path / 'bin' / 'cmake').exists() or not suitable_cmake(self._environment)
+
+    def _requirement_files(self) -> list[Path]:
+        return [self._layout.tools / name for name in (*_REQUIREMENTS, _CMAKE_REQUIREMENTS, _CONSTRAINTS)]
+
+    def _usable(self) -> bool:
+        """Whether what is there can be completed: of a supported Python, at this place, with a sound pip."""
+        if self._unfinished.exists() or not self.python.exists():
+            return False
+        look = 'import sys, pip; print(sys.prefix); sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))'
+        try:
+            answer = subprocess.run([self.python, '-E', '-c', look], capture_output=True, text=True, timeout=60)
+        except (OSError, subprocess.TimeoutExpired):
+            return False
+        colcon = self.path / 'bin' / 'colcon'
+        moved = colcon.exists() and str(self.path).encode() not in colcon.read_bytes()[:500]
+        return answer.returncode == 0 and answer.stdout.strip() == str(self.path) and not moved
+
+    def _create(self, shown: Step, lock: int) -> None:
+        if self.path.exists():
+            shutil.rmtree(self.path)
+        base = getattr(sys, '_base_executable', None) or sys.executable
+        self._run(
+            [base, '-E', '-m', 'venv', self.path], 'setup-venv.log', 'making the virtual environment', shown, lock
+        )
+        shown.outcome = f'made with Python {sys.version_info.major}.{sys.version_info.minor}.{sys.version_info.micro}'
+
+    def _install(self, shown: Step, lock: int) -> None:
+        names = [*_REQUIREMENTS, *((_CMAKE_REQUIREMENTS,) if self._brings_cmake() else ())]
+        command: list[str | Path] = [self.python, '-m', 'pip', 'install', '--no-input', '--disable-pip-version-check']
+        command += ['--progress-bar', 'off', '--constraint', self._layout.tools / _CONSTRAINTS]
+        for name in names:
+            command += ['--requirement', self._layout.tools / name]
+        self._unfinished.touch()
+        try:
+            self._run(command, 'setup-pip.log', 'pip', shown, lock, _OFFLINE)
+        except Exception:
+            self._unfinished.unlink()  # pip has cleaned up after itself; only when it was killed has it not
+            raise
+        shown.outcome = 'installed'
+
+    def _run(
+        self, command: Sequence[str | Path], log: str, what: str, shown: Step, lock: int, remedy: str = ''
+    ) -> None:
+        run_logged(
+            command,
+            self._layout.log / log,
+            shown=shown,
+            what=what,
+            environment=self._environment,
+            directory=self._layout.root,
+            remedy=remedy,
+            keep_open=[lock],
+        )
+
+    def _write_setup_files(self) -> None:
+        """The files by which colcon chains the environment into install/setup.*, and the defaults of colcon."""
+        text = _LOCAL_SETUP.format(prefix=shlex.quote(str(self.path)))
+        for shell in ('sh', 'bash', 'zsh'):
+            (self.path / f'local_setup.{shell}').write_text(text, encoding='utf-8')
+            (self.path / f'setup.{shell}').write_text(f'. {shlex.quote(str(self.local_setup))}\n', encoding='utf-8')
+        # JSON strings are YAML strings.
+        fix, python = self._layout.tools / 'ros_wheels_fix.cmake', self.python
+        arguments = [
+            f'-DCMAKE_PROJECT_INCLUDE={fix}',
+            f'-DPython3_EXECUTABLE={python}',
+            '-DBUILD_TESTING=OFF',
+            '-DFLEXBT_MSGS_CPP=OFF',
+        ]
+        quoted = ', '.join('"' + argument.replace('\\', '\\\\').replace('"', '\\"') + '"' for argument in arguments)
+        self.colcon_defaults.write_text(
+            f'build:\n  symlink-install: true\n  cmake-args: [{quoted}]\ntest:\n  return-code-on-test-failure: true\n',
+            encoding='utf-8',
+        )

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The workspace on its underlay: set up once, then a place to run programs in."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from .build import Build
+from .errors import WorkspaceError
+from .layout import Layout
+from .underlay import clean_environment, detect
+from .virtual_environment import VirtualEnvironment
+
+# ament's and colcon's scripts quote neither of these everywhere; a colon separates the entries of path lists.
+_UNUSABLE_IN_A_PATH = re.compile(r'[\s:;\'"$`\\*?\[\](){}<>|&!#]')
+
+
+class Workspace:
+    """The workspace, on the underlay that `environment` asks for.
+
+    Raises WorkspaceError when another ROS distribution is sourced, or the path of the clone cannot work.
+    """
+
+    def __init__(self, layout: Layout, environment: Mapping[str, str]) -> None:
+        bad = _UNUSABLE_IN_A_PATH.search(str(layout.root))
+        if bad:
+            raise WorkspaceError(
+                f'the path of the clone, {layout.root}, contains {bad[0]!r}, which the ROS build tools do not support',
+                'move the clone to a path of letters, digits, and the characters . _ - + @ = ,',
+            )
+        self.layout = layout
+        self.underlay = detect(environment, layout)
+        self.clean_environment = clean_environment(environment, self.underlay, layout)
+        self.venv = VirtualEnvironment(layout, self.clean_environment)
+        self._build = Build(layout, self.underlay, self.venv, self.clean_environment)
+
+    def is_installed(self) -> bool:
+        """Whether the tools are there (the build may still be out of date)."""
+        return self.venv.is_current() if self.underlay.is_wheels else self._build.was_done()
+
+    def ensure(self, lock: int) -> None:
+        """Installs and builds what is missing; `lock` is a descriptor that the commands keep open."""
+        if self.underlay.is_wheels:
+            self.venv.ensure(lock)
+        self._build.ensure(lock)
+
+    def inside(self, command: Sequence[str | Path]) -> list[str | Path]:
+        """`command` as one that runs with everything of the workspace set up."""
+        return ['/bin/sh', '-c', '. "$FLEXBT_ROOT/tools/env.sh" && exec "$@"', 'sh', *command]
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The environment for commands made by `inside`."""
+        return {**self.clean_environment, 'FLEXBT_ROOT': str(self.layout.root)}
+
+    def become(self, command: Sequence[str | Path]) -> NoReturn:
+        """Replaces this process by `command`."""
+        os.chdir(self.layout.root)
+        words = [str(word) for word in self.inside(command)]
+        os.execve(words[0], words, self.environment)

@@ -1,0 +1,37 @@
+#!/bin/sh
+# SPDX-License-Identifier: BSD-3-Clause
+# tools/workspace.sh COMMAND ...: finds a Python 3.11 or 3.12 and runs tools/workspace.py with it.
+# PYTHON=/path/to/python3 chooses one.
+set -u
+tools=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd) || exit 1
+
+# Prints the interpreter behind a name (behind a version manager's shim, behind an activated virtual environment),
+# when it is of a supported version. With a second argument: only when it can also make virtual environments.
+probe() {
+  "$1" -E -c 'import sys
+if not (3, 11) <= sys.version_info[:2] <= (3, 12): sys.exit(1)
+if len(sys.argv) > 1: import ensurepip, venv
+print(getattr(sys, "_base_executable", "") or sys.executable)' ${2:+"$2"} 2>/dev/null
+}
+
+if [ -n "${PYTHON:-}" ]; then
+  python=$(probe "$PYTHON") || {
+    printf 'error: PYTHON=%s does not run as Python 3.11 or 3.12.\n' "$PYTHON" >&2
+    exit 1
+  }
+else
+  candidates='python3 python3.12 python3.11 /usr/bin/python3'
+  python=
+  for candidate in $candidates; do python=$(probe "$candidate" with-venv) && break; done
+  [ -n "$python" ] || for candidate in $candidates; do python=$(probe "$candidate") && break; done
+  if [ -z "$python" ]; then
+    printf 'error: no Python 3.11 or 3.12 was found.\n' >&2
+    for candidate in $candidates; do
+      version=$("$candidate" -V 2>&1) && printf '  %s is %s\n' "$candidate" "$version" >&2
+    done
+    printf 'remedy: sudo apt-get install python3 python3-venv python3-dev   (Debian 12: 3.11; Ubuntu 24.04: 3.12)\n' >&2
+    printf '        or name one that you have: make setup PYTHON=/path/to/python3.12\n' >&2
+    exit 1
+  fi
+fi
+exec "$python" -E "$tools/workspace.py" "$@"
