@@ -71,7 +71,8 @@ class ActionLinks:
 
     def link(self, action_type: Any, name: str) -> ActionServerLink:
         """The link to the server ``name``; made now if there is none yet."""
-        return self._runtime.call(lambda: self._link(action_type, name))
+        known = self._links.get((action_type, name))
+        return known if known is not None else self._runtime.call(lambda: self._link(action_type, name))
 
     def _link(self, action_type: Any, name: str) -> ActionServerLink:
         key = action_type, name

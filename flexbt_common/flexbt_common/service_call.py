@@ -67,7 +67,8 @@ class ServiceLinks:
 
     def link(self, service_type: Any, name: str) -> ServiceLink:
         """The link to the service ``name``; made now if there is none yet."""
-        return self._runtime.call(lambda: self._link(service_type, name))
+        known = self._links.get((service_type, name))
+        return known if known is not None else self._runtime.call(lambda: self._link(service_type, name))
 
     def _link(self, service_type: Any, name: str) -> ServiceLink:
         key = service_type, name

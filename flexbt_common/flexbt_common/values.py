@@ -76,7 +76,7 @@ def to_entry(key: str, value: Any, type: str | None = None, encoding: Encoding =
     entry = BlackboardEntry(key=key, type=resolved.name)
     try:
         plain = to_plain(value, resolved)
-        if encoding is Encoding.BINARY and resolved.message is not None:
+        if encoding is Encoding.BINARY and resolved.message is not None and plain != []:
             entry.data = _to_binary(value, plain, resolved)
         else:
             entry.text = plain_text(plain)
@@ -95,6 +95,8 @@ def from_entry(entry: BlackboardEntry) -> Any:
     try:
         resolved = resolve_type(entry.type)
         if not entry.data:
+            if not entry.text and resolved.is_array and resolved.message is not None:
+                return []  # the data of no elements
             return from_plain(parse_text(entry.text, resolved), resolved)
         if entry.text:
             raise FieldError('', 'both text and data are set; give one of them')

@@ -255,3 +255,10 @@ def test_types_of_python_values() -> None:
     for hopeless in ({}, [], [1, 'a'], [[1]], object()):
         with pytest.raises(UnknownTypeError):
             type_name(hopeless)
+
+
+def test_an_empty_array_of_messages_survives_both_encodings() -> None:
+    for encoding in Encoding:
+        entry = to_entry('k', [], 'geometry_msgs/msg/Pose[]', encoding)
+        assert from_entry(entry) == []
+    assert from_entry(BlackboardEntry(key='k', type='geometry_msgs/msg/Pose[]')) == []

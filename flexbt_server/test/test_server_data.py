@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""BtGetData and BtSetData on a live server: typed, all or nothing, apart by blackboard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from server_world import DEADLINE, World, open_world, pose, until
+
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.values import Encoding, from_entry, to_entry
+from flexbt_msgs.action import BtExecute, BtGetData, BtSetData
+from flexbt_msgs.msg import BlackboardEntry
+
+
+@pytest.fixture(scope='module')
+def world() -> Iterator[World]:
+    with open_world() as opened:
+        yield opened
+
+
+VALUES: list[tuple[str, Any, str]] = [
+    ('flag', True, 'bool'),
+    ('tiny', -5, 'int8'),
+    ('code', 65535, 'uint16'),
+    ('count', 7, 'int64'),
+    ('large', 2**64 - 1, 'uint64'),
+    ('real', math.pi, 'float64'),
+    ('infinite', -math.inf, 'float64'),
+    ('text', 'grüß "Gott"', 'string'),
+    ('number_like', '12', 'string'),
+    ('pose', pose(1, 2), 'geometry_msgs/msg/PoseStamped'),
+    ('path', Path(poses=[pose(1), pose(2)]), 'nav_msgs/msg/Path'),
+    ('poses', [pose(1), pose(2)], 'geometry_msgs/msg/PoseStamped[]'),
+    ('no_poses', [], 'geometry_msgs/msg/PoseStamped[]'),
+    ('reals', [1.5, 2.5], 'float64[]'),
+    ('no_texts', [], 'string[]'),
+]
+
+
+@pytest.mark.parametrize('encoding', list(Encoding))
+def test_what_is_written_is_read_back_with_its_type(world: World, encoding: Encoding) -> None:
+    board = f'values {encoding}'
+    written = world.client.set(*(to_entry(key, value, type, encoding) for key, value, type in VALUES), blackboard=board)
+    assert written.code == BtSetData.Result.SUCCESS, written.message
+    read = world.client.get(*(key for key, _, _ in VALUES), blackboard=board, encoding=int(encoding))
+    assert read.code == BtGetData.Result.SUCCESS, read.message
+    assert [(entry.key, from_entry(entry), entry.type) for entry in read.entries] == VALUES
+    everything = world.client.get(blackboard=board)
+    assert [entry.key for entry in everything.entries] == sorted(key for key, _, _ in VALUES)
+
+
+def test_text_as_written_in_a_shell(world: World) -> None:
+    entry = BlackboardEntry(key='goal', type='geometry_msgs/PoseStamped', text='{pose: {position: {x: 1.5}}}')
+    assert world.client.set(entry, blackboard='shell').code == BtSetData.Result.SUCCESS
+    (read,) = world.client.get('goal', blackboard='shell').entries
+    assert isinstance(value := from_entry(read), PoseStamped)
+    assert value.pose.position.x == 1.5
+
+
+@pytest.mark.parametrize(
+    ('bad', 'fragments'),
+    [
+        (BlackboardEntry(key='b', type='float64', text='fast'), ['b', 'float64', 'fast']),
+        (BlackboardEntry(key='b', type='no_such_msgs/msg/Thing', text='1'), ['b', 'no_such_msgs']),
+        (BlackboardEntry(key='', type='float64', text='1'), ['key']),
+        (BlackboardEntry(key='typed', type='string', text='not a path'), ['typed']),
+    ],
+)
+def test_a_refused_entry_writes_nothing_of_the_goal(world: World, bad: BlackboardEntry, fragments: list[str]) -> None:
+    board = f'refused {bad.key} {bad.type}'
+    assert world.client.set(to_entry('typed', Path()), to_entry('a', 1), blackboard=board).code == 1
+    result = world.client.set(to_entry('a', 2), bad, blackboard=board)
+    assert result.code == BtSetData.Result.FAILURE
+    for fragment in fragments:
+        assert fragment in result.message
+    (entry,) = world.client.get('a', blackboard=board).entries
+    assert from_entry(entry) == 1
+
+
+def test_missing_keys_are_named_and_the_others_given(world: World) -> None:
+    world.client.set(to_entry('there', 1), blackboard='partial')
+    result = world.client.get('nowhere', 'there', blackboard='partial')
+    assert result.code == BtGetData.Result.FAILURE
+    assert "'nowhere'" in result.message and "'partial'" in result.message
+    assert [entry.key for entry in result.entries] == ['there']
+
+
+def test_blackboards_are_apart_and_the_shared_one_is_shared_by_trees(world: World) -> None:
+    world.client.load_tree('<ComputePathToPose goal="{goal}" path="{path}"/>', 'Planner')
+    world.client.load_tree('<FollowPath path="{path}"/>', 'Controller')
+    assert world.client.execute('Planner', goals=[pose(4)]).result.code == BtExecute.Result.SUCCESS
+    assert world.client.execute('Controller').result.code == BtExecute.Result.SUCCESS
+    follow = world.navigation.actions['follow_path']
+    assert follow.goals[-1].path.poses[-1] == pose(4)
+    apart = world.client.execute('Controller', blackboard='apart')
+    assert apart.wait(DEADLINE).status is GoalStatus.ABORTED
+    assert 'path' in apart.result.message
+
+
+def test_a_write_wakes_the_tree_that_runs_on_the_blackboard(world: World) -> None:
+    world.navigation.hold.add('follow_path')
+    follow = world.navigation.actions['follow_path']
+    world.client.load_tree('<FollowPath path="{path}"/>', 'Follower')
+    world.client.set(to_entry('path', Path(poses=[pose(1)])), blackboard='woken')
+    goal = world.client.execute('Follower', blackboard='woken')
+    until(lambda: follow.running)
+    world.client.set(to_entry('path', Path(poses=[pose(7)])), blackboard='woken')
+    until(lambda: follow.goals[-1].path.poses[-1] == pose(7))
+    follow.end(len(follow.goals) - 1)
+    assert goal.result.code == BtExecute.Result.SUCCESS
+    world.navigation.hold.clear()
