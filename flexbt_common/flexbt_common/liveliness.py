@@ -17,11 +17,16 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Empty
 
+from flexbt_common.clock import Timer
 from flexbt_common.names import alive_topic
 from flexbt_common.node_runtime import NodeRuntime
 
 LEASE_SECONDS: Final = 0.5
 """A watcher notices after this time that the middleware, which asserts each two thirds of it, no longer does."""
+
+GRACE_SECONDS: Final = 0.25
+"""A loss is told only when it lasts this long: on a busy machine an assertion may be late, and what a death causes
+cannot be taken back."""
 
 
 def _qos() -> QoSProfile:
@@ -54,6 +59,7 @@ class LivelinessWatch:
         self._runtime = runtime
         self._on_change = on_change
         self._alive: bool | None = None
+        self._loss: Timer | None = None
         self._subscription: Any = runtime.call(
             lambda: runtime.node.create_subscription(
                 Empty,
@@ -74,13 +80,30 @@ class LivelinessWatch:
         self._runtime.post(self._close)
 
     def _close(self) -> None:
+        self._forget_loss()
         if self._subscription is not None:
             self._runtime.node.destroy_subscription(self._subscription)
             self._subscription = None
 
     def _liveliness_changed(self, event: Any) -> None:
-        alive = event.alive_count > 0
-        if self._subscription is None or alive is self._alive or (self._alive is None and not alive):
-            return
-        self._alive = alive
-        self._on_change(alive)
+        self._forget_loss()
+        if event.alive_count > 0:
+            self._tell(True)
+        elif self._alive:
+            steady = self._runtime.steady
+            self._loss = steady.call_at(steady.now() + GRACE_SECONDS, lambda: self._runtime.post(self._tell_loss))
+
+    def _tell_loss(self) -> None:
+        if self._loss is not None:
+            self._loss = None
+            self._tell(False)
+
+    def _forget_loss(self) -> None:
+        if self._loss is not None:
+            self._loss.cancel()
+            self._loss = None
+
+    def _tell(self, alive: bool) -> None:
+        if self._subscription is not None and alive is not self._alive:
+            self._alive = alive
+            self._on_change(alive)

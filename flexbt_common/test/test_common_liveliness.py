@@ -11,13 +11,13 @@ import time
 
 import pytest
 
-from flexbt_common.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.liveliness import GRACE_SECONDS, LEASE_SECONDS, LivelinessToken, LivelinessWatch
 from flexbt_common.node_runtime import NodeRuntime
 
 DEADLINE = 20.0
 PROGRAM = """
 import sys
-from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.liveliness import GRACE_SECONDS, LEASE_SECONDS, LivelinessToken, LivelinessWatch
 from flexbt_common.node_runtime import run_node
 
 def setup(runtime):
@@ -51,7 +51,7 @@ def test_death_and_return_are_noticed(name: str) -> None:
                 process.send_signal(how)
                 alive, noticed = changes.get(timeout=DEADLINE)
                 assert alive is False and watch.alive is False
-                assert noticed - killed < 0.75
+                assert noticed - killed < LEASE_SECONDS + GRACE_SECONDS + 0.15
         watch.close()
         with start() as process:
             assert changes.empty()
