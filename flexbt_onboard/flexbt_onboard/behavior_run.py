@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, Protocol
@@ -28,6 +28,7 @@ from flexbt_onboard.behavior_library import BehaviorEntry
 from flexbt_onboard.errors import ParameterError
 from flexbt_onboard.run_view import RunView
 from flexbt_onboard.state_machine import (
+    ERROR,
     Answer,
     ExitReason,
     MachineDefinition,
@@ -39,7 +40,8 @@ from flexbt_onboard.state_machine import (
 )
 from flexbt_onboard.state_services import StateServices
 
-_STOPPED_EARLY: Final = 'stopped before it began'
+_ESCAPES: Final = 3
+"""Exceptions that may escape from the state machine before the run is given up."""
 
 
 class RunPhase(Enum):
@@ -93,6 +95,8 @@ class BehaviorRun:
         self._stop_reason: str | None = None
         self._is_announced = False
         self._has_changed = False
+        self._is_over = False
+        self._unanswered: list[Answer] = []
         self._machine: MachineRun | None = None
         self._view = RunView(services.runtime.clock, run_id)
         self._thread = threading.Thread(target=self._main, name=f'run_{self.behavior}', daemon=True)
@@ -136,30 +140,50 @@ class BehaviorRun:
         self._observer.changed()
 
     def confirm(self, decision_id: str, answer: Answer) -> None:
-        """Let what a decision asks for happen; ``answer`` gets None or the reason why not, on the run's thread."""
-        machine = self._machine
+        """Let what a decision asks for happen. ``answer`` gets None or the reason why not, once, on any thread."""
         own = self._view.own_decision(decision_id)
-        if machine is None or own is None:
+        if own is None:
             answer(f'decision {decision_id!r} does not belong to this run')
         else:
-            machine.confirm(own, answer)
+            self._command(lambda machine, once: machine.confirm(own, once), answer)
 
     def force(self, path: str, outcome: str, decision_id: str, answer: Answer) -> None:
         """Leave a state by an outcome; ``decision_id`` is the decision that this overrides, or ''."""
-        machine = self._machine
         own = self._view.own_decision(decision_id) if decision_id else ''
-        if machine is None or own is None:
+        if own is None:
             answer(f'decision {decision_id!r} does not belong to this run')
         else:
-            machine.force(path, outcome, own, answer)
+            self._command(lambda machine, once: machine.force(path, outcome, own, once), answer)
 
     def set_autonomy(self, level: int, path: str, answer: Answer) -> None:
         """Change the autonomy level of a sub-tree; '' for all."""
-        machine = self._machine
-        if machine is None:
-            answer('the behavior is being built')
-        else:
-            machine.set_autonomy(level, path, answer)
+        self._command(lambda machine, once: machine.set_autonomy(level, path, once), answer)
+
+    def _command(self, send: Callable[[MachineRun, Answer], None], answer: Answer) -> None:
+        with self._condition:
+            machine = self._machine
+            if machine is not None and not self._is_over:
+                self._unanswered.append(answer)
+        if machine is None or self._is_over:
+            answer('the behavior is being built' if machine is None else 'the run has ended')
+            return
+
+        def once(reason: str | None) -> None:
+            with self._condition:
+                if answer not in self._unanswered:
+                    return
+                self._unanswered.remove(answer)
+            answer(reason)
+
+        send(machine, once)
+
+    def _answer_the_rest(self) -> None:
+        """A command that came while the machine ended is answered as well."""
+        with self._condition:
+            self._is_over = True
+            rest, self._unanswered = self._unanswered, []
+        for answer in rest:
+            answer('the run has ended')
 
     # -- observer of the machine; on the thread of the run ----------------------------------------------------------
 
@@ -212,12 +236,12 @@ class BehaviorRun:
             is_stopped = self._stop_reason is not None
             self._machine = machine
         if is_stopped:
-            self._observer.run_refused(self, f'{_STOPPED_EARLY}: {self._stop_reason}')
+            self._observer.run_refused(self, f'stopped before it began: {self._stop_reason}')
             return
         self._observer.run_built(self, _structure(definition, self.run_id, self.behavior))
-        self._drive(machine)
-        assert machine.outcome is not None  # that is when it is not driven any more
-        self._observer.run_ended(self, machine.outcome, machine.message)
+        outcome, message = self._drive(machine)
+        self._answer_the_rest()
+        self._observer.run_ended(self, outcome, message)
 
     def _build(self) -> tuple[MachineDefinition, dict[str, Any]]:
         behavior = self._request.entry.instantiate()
@@ -228,13 +252,27 @@ class BehaviorRun:
         definition = define(machine)
         return definition, _checked_inputs(definition, self._request.inputs)
 
-    def _drive(self, machine: MachineRun) -> None:
-        machine.start()
-        while machine.step():
-            if self._has_changed:
-                self._has_changed = False
-                self._show()
-            self._sleep(machine.next_wake)
+    def _drive(self, machine: MachineRun) -> tuple[str, str]:
+        """Step the machine to its end; gives the outcome and a message."""
+        try:
+            machine.start()
+        except BaseException as error:
+            self._escaped(machine, error)
+        for _ in range(_ESCAPES):
+            try:
+                while machine.step():
+                    if self._has_changed:
+                        self._has_changed = False
+                        self._show()
+                    self._sleep(machine.next_wake)
+                return machine.outcome or ERROR, machine.message
+            except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
+                self._escaped(machine, error)
+        return ERROR, 'it could not be ended in order; see the log'
+
+    def _escaped(self, machine: MachineRun, error: BaseException) -> None:
+        self._observer.run_log(self, ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
+        machine.abort(f'{type(error).__name__} escaped from the state machine: {error}')
 
     def _show(self) -> None:
         machine = self._machine

@@ -22,7 +22,7 @@ from flexbt_onboard.command_table import CommandTable
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.executive_commands import CommandHandlers
 from flexbt_onboard.executive_parameters import ExecutiveParameters
-from flexbt_onboard.operator_link import OperatorLink
+from flexbt_onboard.operator_link import OperatorLink, sendable
 from flexbt_onboard.operator_questions import OperatorQuestions
 from flexbt_onboard.peers import PeersWatch
 from flexbt_onboard.robot_pose import RobotPose
@@ -190,11 +190,13 @@ class Executive:
             self._settle(command.id, None)
 
     def _settle(self, command_id: str, reason: str | None) -> None:
-        self._table.settle(command_id, reason)
+        self._table.settle(command_id, None if reason is None else sendable(reason))
         self.changed()
 
     def _end(self, run: BehaviorRun, outcome: str, message: str) -> None:
-        self._last = ExecutiveStatus(run_id=run.run_id, behavior=run.behavior, outcome=outcome, message=message)
+        self._last = ExecutiveStatus(
+            run_id=run.run_id, behavior=run.behavior, outcome=outcome, message=sendable(message)
+        )
         self.run = None
         self.changed()
 

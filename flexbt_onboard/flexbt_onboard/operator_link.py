@@ -17,6 +17,11 @@ from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 
 
+def sendable(text: str) -> str:
+    """The text without what a ROS string cannot carry; it may come from anywhere, such as an exception."""
+    return text.replace('\0', '\\0').encode('utf-8', 'backslashreplace').decode()
+
+
 class OperatorLink:
     """Publishers and the command subscription. ``on_command`` is called on the executor thread."""
 
@@ -62,6 +67,9 @@ class OperatorLink:
 
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """Tell the operator a line, and the node's own log as well; from any thread."""
+        if self._runtime.closed:
+            return  # a run that was left behind at the end of the process
+        text = sendable(text)
         with self._log_lock:  # numbers are published in their order
             self._log_sequence += 1
             self._log.publish(

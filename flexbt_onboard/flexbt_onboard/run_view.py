@@ -9,6 +9,7 @@ from builtin_interfaces.msg import Time
 
 from flexbt_common.ros_clock import RosClock
 from flexbt_msgs.msg import ActiveState, PendingDecision
+from flexbt_onboard.operator_link import sendable
 from flexbt_onboard.state_machine import EventState, MachineRun
 
 _NANOSECONDS = 1_000_000_000
@@ -87,6 +88,6 @@ class RunView:
 
 def _activity(state: EventState) -> list[str]:
     try:
-        return [str(line) for line in state.activity()]
+        return [sendable(str(line)) for line in state.activity()]
     except Exception as error:  # code of the state; a fault in it must not hide everything else
-        return [f'activity() raised {type(error).__name__}: {error}']
+        return [sendable(f'activity() raised {type(error).__name__}: {error}')]

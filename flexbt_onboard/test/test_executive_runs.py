@@ -139,9 +139,8 @@ def test_every_status_is_numbered_and_names_its_run_after_the_structure(make_ben
         bench.wait_active('/Second')
         bench.applied(STOP)
         assert bench.wait_idle() == 'preempted'
-    assert [status.sequence for status in bench.statuses] == list(
-        range(bench.statuses[0].sequence, bench.statuses[-1].sequence + 1)
-    )
+    numbers = [status.sequence for status in bench.statuses]
+    assert numbers == sorted(set(numbers))
     assert len({status.executive_id for status in bench.statuses}) == 1
     runs = [structure.run_id for structure in bench.structures]
     assert len(set(runs)) == 3
@@ -272,6 +271,37 @@ def test_an_exception_of_a_state_reaches_the_operator_with_its_trace(make_bench:
     assert (line.severity, line.path, line.run_id) == (ExecutiveLog.ERROR, '/One', run_id)
     assert 'test_executive_runs.py' in line.text, 'where it was raised'
     assert '/One' in bench.status.message
+
+
+def test_what_escapes_from_a_state_ends_the_run_in_order(make_bench: Make) -> None:
+    class Exits(Step):
+        def on_exit(self, userdata: Any) -> None:
+            exits.append(self.exit_reason)
+
+    def leave(_userdata: Any) -> str:
+        raise SystemExit('\0\udcff')
+
+    exits: list[Any] = []
+    bench = make_bench(single(lambda: Exits(execute=leave)))
+    bench.start()
+    assert bench.wait_idle() == 'error'
+    assert len(exits) == 1
+    assert 'SystemExit' in bench.status.message
+    bench.start()
+
+
+def test_a_command_that_comes_when_the_run_has_ended_is_answered(make_bench: Make) -> None:
+    bench = make_bench(two_steps)
+    bench.start()
+    bench.wait_active('/Second')
+    run = bench.executive.run
+    assert run is not None
+    bench.applied(ExecutiveCommand.FORCE, path='/Second', outcome='done')
+    bench.wait_idle()
+    answers: list[str | None] = []
+    run.force('/Second', 'done', '', answers.append)
+    run.set_autonomy(1, '', answers.append)
+    assert answers == ['the run has ended'] * 2
 
 
 class SlowStop(EventState):

@@ -52,7 +52,7 @@ class ScriptedServer:
         name: str,
         script: Script,
         *,
-        accept: bool = True,
+        accept: Callable[[], bool] = lambda: True,
         on_cancel: Callable[[ServerGoalHandle], CancelResponse] | None = None,
     ) -> None:
         self.runtime = NodeRuntime('scripted_server', args=())
@@ -60,7 +60,6 @@ class ScriptedServer:
         self.ended: list[int] = []
         self.cancels = 0
         self._script = script
-        self._accept = accept
         self._on_cancel = on_cancel
         self._release: dict[int, Future] = {}
         self.server = self.runtime.call(
@@ -69,7 +68,7 @@ class ScriptedServer:
                 action_type,
                 name,
                 execute_callback=self._execute,
-                goal_callback=lambda _goal: GoalResponse.ACCEPT if self._accept else GoalResponse.REJECT,
+                goal_callback=lambda _goal: GoalResponse.ACCEPT if accept() else GoalResponse.REJECT,
                 cancel_callback=self._cancel,
                 result_timeout=10,
                 **names.deep_action_services(),

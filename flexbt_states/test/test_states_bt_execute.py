@@ -3,16 +3,24 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.action import CancelResponse
-from state_bench import ScriptedServer, StateBench, ends, wait_until
+from state_bench import DEADLINE, ScriptedServer, StateBench, ends, wait_until
 
+from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
+from flexbt_onboard.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behavior_run import RunRequest
+from flexbt_onboard.executive import open_executive
+from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.state_machine import OperatableStateMachine
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
 
@@ -86,7 +94,7 @@ def test_without_a_server_the_state_fails_soon_and_says_so(bench: StateBench) ->
 
 
 def test_a_rejected_goal_is_failed(bench: StateBench) -> None:
-    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)), accept=False)
+    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)), accept=lambda: False)
     run = bench.run_state(execute)
     assert run.wait() == 'failed'
     assert 'reject' in run.errors()
@@ -144,6 +152,54 @@ def test_a_stop_while_the_cancel_takes_long_waits_for_the_confirmation(bench: St
     server.resolve(released)
     assert run.wait() == 'preempted'
     assert server.active == 0
+
+
+def test_a_stop_before_the_goal_is_accepted_leaves_no_goal_active(bench: StateBench) -> None:
+    asked, go = threading.Event(), threading.Event()
+
+    def accept() -> bool:
+        asked.set()
+        return go.wait(DEADLINE)
+
+    server = hanging(bench, accept=accept)
+    run = bench.run_state(execute)
+    assert asked.wait(DEADLINE)
+    run.behavior_run.stop('test')
+    go.set()
+    assert run.wait() == 'preempted'
+    assert (len(server.goals), server.active) == (1, 0)
+
+
+def test_a_goal_that_is_accepted_too_late_is_failed_and_canceled(bench: StateBench) -> None:
+    go = threading.Event()
+    server = hanging(bench, accept=lambda: go.wait(DEADLINE))
+    run = bench.run_state(execute)
+    assert run.wait() == 'failed'
+    assert 'bt_executor' in run.errors()
+    go.set()
+    wait_until(lambda: server.goals and not server.active, 'the late goal is canceled')
+
+
+def test_the_end_of_the_executive_leaves_no_goal_active(bench: StateBench) -> None:
+    server = hanging(bench)
+
+    class Drive(Behavior):
+        manifest = BehaviorManifest('Drive')
+
+        def create(self) -> OperatableStateMachine:
+            machine = OperatableStateMachine(outcomes=['end'])
+            with machine:
+                OperatableStateMachine.add('Drive', execute(), dict.fromkeys(('done', 'canceled', 'failed'), 'end'))
+            return machine
+
+    entry = BehaviorEntry('Drive', 'test', Drive.manifest, (), Drive)
+    runtime = NodeRuntime('onboard_executive', args=())
+    executive = open_executive(runtime, ExecutiveParameters(peers=()), BehaviorLibrary([entry]))
+    runtime.call(lambda: executive.start(RunRequest(entry, (), (), 3), 'start'))
+    wait_until(lambda: server.active, 'goal active')
+    assert server.goals[0].owner == '/onboard_executive'
+    runtime.close()
+    assert (server.active, server.cancels) == (0, 1)
 
 
 def test_a_tree_that_takes_too_long_is_canceled_and_failed(bench: StateBench) -> None:
