@@ -69,6 +69,8 @@ ANOTHER_GOAL = 'another goal instead of the plan'
 REJECTED = 'plan sent to recovery'
 RECOVERY_FORCED = 'driving sent to recovery'
 STOPPED = 'behavior stopped while driving'
+AUTONOMOUS = 'plan accepted by the robot itself'
+GIVEN_UP = 'recovery given up, behavior failed'
 
 
 def navigate_split(operator: ScriptedOperator, report: DemoReport) -> None:
@@ -95,7 +97,7 @@ def navigate_split(operator: ScriptedOperator, report: DemoReport) -> None:
 
     operator.give_goal(third)
     operator.choose(_wait_plan(operator), 'done')
-    operator.wait_driven(1.5)
+    operator.wait_driven(3.2)
     operator.force('/FollowPath', 'failed')
     operator.wait_state('/Recover')
     _wait_asked_again(operator)
@@ -117,12 +119,16 @@ def navigate_split(operator: ScriptedOperator, report: DemoReport) -> None:
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     report.take(AUTONOMOUS)
 
-    operator.decline()
-    operator.wait_end('finished')
-    report.take(FINISHED)
+    operator.give_goal(second)
+    operator.wait_driven(1.0)
+    operator.force('/FollowPath', 'failed')
+    operator.wait_state('/Recover')
+    operator.force('/Recover', 'failed')
+    _check_rest(operator)
+    operator.wait_end('failed')
+    report.goals.append(operator.close_goal('given up', must_reach=False))
+    report.take(GIVEN_UP)
 
-
-AUTONOMOUS = 'plan accepted by the robot at autonomy Full'
 
 DEMONSTRATIONS = {
     1: Demonstration(
@@ -136,7 +142,7 @@ DEMONSTRATIONS = {
         2,
         'planner, controller and recovery are three trees',
         'Navigate Split',
-        (ACCEPTED, ANOTHER_GOAL, REJECTED, RECOVERY_FORCED, STOPPED, AUTONOMOUS, FINISHED),
+        (ACCEPTED, ANOTHER_GOAL, REJECTED, RECOVERY_FORCED, STOPPED, AUTONOMOUS, GIVEN_UP),
         navigate_split,
     ),
 }

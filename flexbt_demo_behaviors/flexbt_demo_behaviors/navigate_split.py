@@ -83,7 +83,7 @@ class NavigateSplit(Behavior):
             )
             OperatableStateMachine.add(
                 'PublishPath',
-                PublishOnceState('accepted_path', 'nav_msgs/Path'),
+                PublishOnceState('proposed_path', 'nav_msgs/Path'),
                 transitions={'done': 'JudgePath'},
                 autonomy={'done': Autonomy.Off},
                 remapping={'message': 'path'},

@@ -260,11 +260,18 @@ class ScriptedOperator:
 
 
 def _check_running(view: View) -> None:
-    """Raise DemoError when the behavior has ended, so that nothing of it can come any more."""
+    """Raise DemoError when the behavior has ended, or waits for a person where the script knows of no question."""
     snapshot = view.snapshot
-    if snapshot is not None and snapshot.run_id and snapshot.state is ExecutiveState.IDLE:
+    if snapshot is None:
+        return
+    if snapshot.run_id and snapshot.state is ExecutiveState.IDLE:
         why = f': {snapshot.message}' if snapshot.message else ''
         raise DemoError(f'the behavior {snapshot.behavior} ended by {snapshot.outcome!r} before its time{why}')
+    for decision in snapshot.decisions:
+        if decision.kind is DecisionKind.TRANSITION:
+            raise DemoError(
+                f'{decision.path} waits for a person to confirm {decision.outcome!r}, which is not expected'
+            )
 
 
 def _described(view: View) -> str:

@@ -133,6 +133,15 @@ def test_a_behavior_that_ends_before_its_time_is_an_error_at_once(operator: Scri
         operator.wait_state('/Drive', timeout=60.0)
 
 
+def test_a_transition_that_nobody_expects_to_confirm_is_an_error_at_once(
+    operator: ScriptedOperator, link: Link
+) -> None:
+    blocked = Decision('q3', DecisionKind.TRANSITION, path='/Recover', outcome='failed', required_autonomy=2)
+    link.show(replace(RUNNING, decisions=(blocked,)))
+    with pytest.raises(DemoError, match=r"/Recover waits.*'failed'"):
+        operator.wait_question(DecisionKind.INPUT, '/AskGoal', timeout=60.0)
+
+
 def test_the_end_has_to_be_the_expected_one(operator: ScriptedOperator, link: Link) -> None:
     link.show(replace(RUNNING, state=ExecutiveState.IDLE, outcome='failed'))
     operator.wait_end('failed')
