@@ -17,7 +17,7 @@ from flexbt_common.node_runtime import NodeRuntime
 DEADLINE = 20.0
 PROGRAM = """
 import sys
-from flexbt_common.liveliness import GRACE_SECONDS, LEASE_SECONDS, LivelinessToken, LivelinessWatch
+from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import run_node
 
 def setup(runtime):
