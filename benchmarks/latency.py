@@ -34,6 +34,7 @@ from domain_coordinator import domain_id
 
 DEADLINE = 20.0
 FLEXBE_MEAN_MS = 54.0
+LEAF_SECONDS = 0.15  # long enough for the status, which comes at 20 Hz at most, to show the state of the tree
 
 
 def executable(package: str, name: str) -> str:
@@ -73,7 +74,7 @@ class Probe:
 
         pause = Future(executor=self.runtime.node.executor)
         steady = self.runtime.steady
-        steady.call_at(steady.now() + 0.03, lambda: self.runtime.post(lambda: pause.set_result(None)))
+        steady.call_at(steady.now() + LEAF_SECONDS, lambda: self.runtime.post(lambda: pause.set_result(None)))
         await pause
         self.result_sent = time.time()
         handle.succeed()
