@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`make demo` as a user without a terminal has it: real processes, the scripted operator, an exit code to rely on."""
+
+import os
+import signal
+import subprocess
+import time
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+from PIL import Image
+
+MARK = 'FLEXBT_TEST_MARK'
+DEMO_SECONDS = 60.0  # of wall time, for each demonstration at speed factor 10
+END_SECONDS = 2.0
+SLACK = 3.0  # of a machine that has more to do than this
+
+
+@pytest.fixture
+def mark() -> Iterator[str]:
+    """A word in the environment of everything that a test starts; whatever still runs afterwards is ended."""
+    word = uuid.uuid4().hex
+    yield word
+    for pid in marked(word):
+        os.kill(pid, signal.SIGKILL)
+
+
+def marked(word: str) -> dict[int, str]:
+    """The running processes with that word in their environment, with their command lines."""
+    found = {}
+    for directory in Path('/proc').glob('[0-9]*'):
+        try:
+            if f'{MARK}={word}'.encode() in (directory / 'environ').read_bytes():
+                found[int(directory.name)] = (directory / 'cmdline').read_bytes().replace(b'\0', b' ').decode()
+        except OSError:
+            continue  # it has ended, or is somebody else's
+    return found
+
+
+def start(mark: str, output: Path, *arguments: str) -> subprocess.Popen[str]:
+    environment = {key: value for key, value in os.environ.items() if key not in ('ROS_DOMAIN_ID', 'DEMO', 'SPEED')}
+    program = Path(get_package_prefix('flexbt_demo_behaviors')) / 'lib/flexbt_demo_behaviors/demo'
+    return subprocess.Popen(
+        [str(program), '--output', str(output), *arguments],
+        env=environment | {MARK: mark},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def wait_for_line(process: subprocess.Popen[str], text: str) -> list[str]:
+    """Read what the demonstration prints up to the line with this text."""
+    assert process.stdout is not None
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if text in line:
+            return lines
+    raise AssertionError(f'the demonstration ended without {text!r}:\n{"".join(lines)}')
+
+
+@pytest.mark.parametrize('number', [1, 2])
+def test_a_demonstration_reaches_its_goals_and_takes_every_branch(number: int, mark: str, tmp_path: Path) -> None:
+    before = time.monotonic()
+    process = start(mark, tmp_path, '--demo', str(number))
+    output, _ = process.communicate(timeout=180)
+    assert process.returncode == 0, output
+    assert time.monotonic() - before < DEMO_SECONDS, output
+    assert 'NOT TAKEN' not in output
+    assert f'Demonstration {number}' in output
+    file = tmp_path / f'demo{number}.png'
+    assert str(file) in output
+    with Image.open(file) as image:
+        assert image.format == 'PNG'
+    assert marked(mark) == {}
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_every_process_and_is_no_success(number: signal.Signals, mark: str, tmp_path: Path) -> None:
+    process = start(mark, tmp_path, '--demo', '1')
+    wait_for_line(process, '/Drive')
+    assert len(marked(mark)) == 5
+    before = time.monotonic()
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=30)
+    assert time.monotonic() - before < END_SECONDS + SLACK
+    assert process.returncode == 128 + number
+    assert marked(mark) == {}
+    logs = ''.join(log.read_text() for log in (tmp_path / 'logs').iterdir())
+    assert 'Traceback' not in output + logs
+
+
+def test_a_process_that_dies_fails_the_demonstration_and_is_named(mark: str, tmp_path: Path) -> None:
+    process = start(mark, tmp_path, '--demo', '1')
+    wait_for_line(process, '/Drive')
+    (victim,) = (pid for pid, command in marked(mark).items() if 'lib/flexbt_sim/navigation' in command)
+    os.kill(victim, signal.SIGKILL)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert 'process navigation ended with signal 9' in output
+    assert 'ready, with the interfaces of' in output  # its last lines
+    assert marked(mark) == {}
