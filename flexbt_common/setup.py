@@ -16,7 +16,7 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='What every FlexBT node shares: typed values, clocks, action calls with deadlines, liveliness, start and stop.',
+    description='What FlexBT nodes share: typed values, clocks, calls with deadlines, liveliness, start and stop.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [

@@ -66,9 +66,9 @@ class NodeRuntime:
         override what the arguments say.
         """
         self._closed = threading.Event()
-        self._on_close: list[Callable[[], None]] = []
+        self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
-        self._posted: deque[Callable[[], None]] = deque()
+        self._posted: deque[Callable[[], object]] = deque()
         self._calls: set[Future[Any]] = set()
         self._lock = threading.Lock()
         self._context = rclpy.Context()
@@ -119,7 +119,7 @@ class NodeRuntime:
         """Whether the end has begun for the executor; what is posted now is dropped."""
         return self._closed.is_set()
 
-    def post(self, fn: Callable[[], None]) -> None:
+    def post(self, fn: Callable[[], object]) -> None:
         """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
 
         What it raises is logged and given to :meth:`on_fault`. After :meth:`close` nothing is run any more.
@@ -165,7 +165,7 @@ class NodeRuntime:
             with self._lock:
                 self._calls.discard(future)
 
-    def on_close(self, fn: Callable[[], None]) -> None:
+    def on_close(self, fn: Callable[[], object]) -> None:
         """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.
 
         It has to come back soon: a process has 2 s to end.
@@ -212,7 +212,7 @@ class NodeRuntime:
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def _post_locked(self, fn: Callable[[], None]) -> None:
+    def _post_locked(self, fn: Callable[[], object]) -> None:
         self._posted.append(fn)
         if len(self._posted) == 1:
             self._doorbell.trigger()
@@ -220,17 +220,24 @@ class NodeRuntime:
     def _run_posted(self) -> None:
         # One callback serves all that has been posted up to now; what comes meanwhile rings again, so that
         # messages and timers get their turn.
-        for _ in range(len(self._posted)):
-            fn = self._posted[0]
-            try:
-                fn()
-            except Exception as error:
-                self.report_fault(error, f'posted {getattr(fn, "__qualname__", fn)}')
+        try:
+            for _ in range(len(self._posted)):
+                self._run_first_posted()
+        finally:
+            with self._lock:
+                if self._posted:
+                    self._doorbell.trigger()
+
+    def _run_first_posted(self) -> None:
+        fn = self._posted[0]
+        try:
+            fn()
+        except Exception as error:
+            self.report_fault(error, f'posted {getattr(fn, "__qualname__", fn)}')
+        finally:
+            # Only now: while it is there, nobody else rings.
             with self._lock:
                 self._posted.popleft()
-        with self._lock:
-            if self._posted:
-                self._doorbell.trigger()
 
     def _spin(self) -> None:
         faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)

@@ -101,7 +101,7 @@ def test_an_abort_carries_the_servers_reason(link: ActionServerLink, server: Scr
     outcome = done.wait()
     assert outcome.status is GoalStatus.ABORTED
     assert 'scripted abort' in outcome.reason
-    assert outcome.result.error_msg == 'scripted abort'
+    assert outcome.result is not None and outcome.result.error_msg == 'scripted abort'
 
 
 def test_a_rejected_goal(link: ActionServerLink, server: ScriptedServer) -> None:
@@ -241,7 +241,7 @@ def test_a_callback_that_raises_does_not_stop_the_node(
 def test_a_lost_result_is_asked_for_again(
     link: ActionServerLink, server: ScriptedServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lost = []
+    lost: list[Any] = []
     arrived = ActionCall._result_arrived
 
     def lose_first(self: ActionCall, future: Any) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -39,8 +40,13 @@ def test_posted_work_runs_in_order_on_the_executor_thread() -> None:
         seen: list[int] = []
         threads: set[bool] = set()
         done = threading.Event()
+
+        def note(number: int) -> None:
+            seen.append(number)
+            threads.add(runtime.on_executor_thread)
+
         for number in range(200):
-            runtime.post(lambda number=number: (seen.append(number), threads.add(runtime.on_executor_thread)))
+            runtime.post(partial(note, number))
         runtime.post(done.set)
         assert done.wait(DEADLINE)
         assert seen == list(range(200))
@@ -52,9 +58,9 @@ def test_call_gives_the_value_or_the_error_and_works_on_the_executor_thread_too(
         assert runtime.call(lambda: 7) == 7
         assert runtime.call(lambda: runtime.call(lambda: 8)) == 8
         with pytest.raises(KeyError):
-            runtime.call(lambda: {}['x'])
+            runtime.call(lambda: dict[str, int]()['x'])
         release = threading.Event()
-        runtime.post(lambda: release.wait(DEADLINE) and None)
+        runtime.post(lambda: release.wait(DEADLINE))
         with pytest.raises(TimeoutError, match='caller'):
             runtime.call(lambda: 9, timeout=0.05)
         release.set()

@@ -41,7 +41,7 @@ def test_a_response(link: ServiceLink) -> None:
         )
         serve(server, answer)  # appears while it is waited for
         outcome = outcomes.get(timeout=DEADLINE)
-        assert outcome.ok and outcome.response.message == 'fine'
+        assert outcome.response is not None and outcome.response.message == 'fine'
         assert call.done and call.outcome is outcome
 
 

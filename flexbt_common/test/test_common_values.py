@@ -72,6 +72,7 @@ class MessageGenerator:
 
     def fields(self, name: str, depth: int = 0) -> dict[str, Any]:
         message = resolve_type(name).message
+        assert message is not None
         slots = zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True)
         return {field: self.slot(slot, depth) for field, slot in slots}
 

@@ -58,12 +58,9 @@ class BtServer:
         reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
 
-        def serve() -> None:
-            self.execute = ExecuteServer(runtime, parameters, store, boards, services, reader)
-            self.load = LoadServer(runtime, store, reader)
-            self.data = DataServers(runtime, boards, self.execute.wake)
-
-        runtime.call(serve)
+        self.execute = runtime.call(lambda: ExecuteServer(runtime, parameters, store, boards, services, reader))
+        self.load = runtime.call(lambda: LoadServer(runtime, store, reader))
+        self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake))
         self.alive = LivelinessToken(runtime)
         logger.info(f'ready: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
 
