@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The README's package of one's own, taken literally from its text: it builds, and its behavior runs an errand."""
+
+import os
+import re
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+from domain_coordinator import domain_id
+from rclpy.node import Node
+
+import flexbt_onboard.executive_parameters
+import flexbt_server.parameters
+import flexbt_sim.navigation_parameters
+import flexbt_sim.simulator_parameters
+import flexbt_states
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_console.command_table import COMMANDS
+from flexbt_server.node_types import node_registry
+
+README = Path(__file__).parents[2] / 'README.md'
+FENCE = '```'
+OUTCOME_TIMEOUT_S = 120
+
+
+def files_of_package(text: str) -> dict[str, str]:
+    """The files that the section shows: each fenced block after a paragraph that begins with a name in backquotes."""
+    section = text[text.index('## Make it yours') : text.index('### Build and run it')]
+    files: dict[str, str] = {}
+    name = ''
+    lines = iter(section.splitlines())
+    for line in lines:
+        begun = re.match(r'`([\w./]+\.\w+)`', line)
+        if begun:
+            name = begun.group(1)
+        elif line.startswith(FENCE) and name:
+            files[name] = '\n'.join(iter(lambda: next(lines), FENCE)) + '\n'
+            name = ''
+    return files
+
+
+def commands(text: str) -> list[str]:
+    """The shell commands of the section on building and running."""
+    section = text[text.index('### Build and run it') :]
+    begin = section.index(f'{FENCE}sh') + len(f'{FENCE}sh')
+    return [line for line in section[begin : section.index(FENCE, begin)].splitlines() if line.strip()]
+
+
+def named(text: str) -> set[str]:
+    """What the reference names in code form, in tables: whole, and its first word."""
+    reference = re.sub(f'{FENCE}.*?{FENCE}', '', text[text.index('## Reference') :], flags=re.DOTALL)
+    words = re.findall(r'`([^`]+)`', reference)
+    return {*words, *(word.split()[0] for word in words)}
+
+
+def test_the_reference_names_every_node_state_and_command() -> None:
+    known = named(README.read_text(encoding='utf-8'))
+    nodes = {manifest.id for manifest in node_registry(lambda _point, _error: None)}
+    assert nodes - known == set()
+    assert set(flexbt_states.__all__) - known == set()
+    assert {command.name for command in COMMANDS} - known == set()
+
+
+@pytest.mark.parametrize(
+    'declare',
+    [
+        flexbt_onboard.executive_parameters.declare_parameters,
+        flexbt_server.parameters.declare_parameters,
+        flexbt_sim.navigation_parameters.declare_parameters,
+        flexbt_sim.simulator_parameters.declare_parameters,
+    ],
+    ids=lambda declare: declare.__module__,
+)
+def test_the_reference_names_every_parameter(
+    declare: Callable[[Node], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with domain_id() as domain:
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+        with NodeRuntime.open('readme') as runtime:
+            before = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
+            runtime.call(lambda: declare(runtime.node))
+            declared = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
+    assert declared > before
+    assert declared - before - named(README.read_text(encoding='utf-8')) == set()
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    """A user's workspace with the package, in what is the home directory of the test."""
+    package = tmp_path / 'errands_ws' / 'src' / 'errands'
+    files = files_of_package(README.read_text(encoding='utf-8'))
+    for name, content in files.items():
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text(content, encoding='utf-8')
+    for name in ('resource/errands', 'errands/__init__.py'):
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).touch()
+    assert set(files) == {
+        'package.xml',
+        'setup.py',
+        'setup.cfg',
+        'errands/count_state.py',
+        'errands/path_shorter_than.py',
+        'errands/behavior.py',
+        'trees/errand.xml',
+    }
+    return tmp_path
+
+
+def test_the_package_of_the_readme_builds_and_runs_an_errand(workspace: Path) -> None:
+    first, *rest = commands(README.read_text(encoding='utf-8'))
+    assert first.startswith('. tools/env.sh')  # the environment of this test is that one
+    # The last command watches until it is interrupted, here for a limited time; then the background processes end.
+    script = ["trap 'kill $(jobs -p)' EXIT", *rest]
+    assert script[-1].startswith('console watch')
+    script[-1] = f'console watch --json --timeout {OUTCOME_TIMEOUT_S}'
+    programs = ('flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_console')
+    path = [f'{get_package_prefix(name)}/lib/{name}' for name in programs]
+    with domain_id() as domain:
+        process = subprocess.Popen(
+            ['bash', '-e', '-c', '\n'.join(script)],
+            env=os.environ
+            | {
+                'HOME': str(workspace),
+                'PATH': os.pathsep.join([*path, os.environ['PATH']]),
+                'ROS_DOMAIN_ID': str(domain),
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                'FLEXBT_ROOT': str(README.parent),
+            },
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        lines: list[str] = []
+        assert process.stdout is not None
+        try:
+            for line in process.stdout:
+                lines.append(line)
+                if re.search(r'"outcome": *"\w+"', line):
+                    break
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+    assert lines, 'nothing was printed'
+    assert re.search(r'"outcome": *"finished"', lines[-1]), ''.join(lines)
