@@ -3,10 +3,10 @@
 
 1. From the leaf's result to the transition of the state machine: the time from the moment at which the action server of
    a leaf ends its goal to the entry of the next HFSM state (leaf, tree, BtExecute result, executive).
-2. From an operator's command to its effect: the time from publishing a FORCE command to the entry of the state that it
-   leads to.
+2. From an operator's command to its effect: the time from publishing a FORCE command to the entry of the state that
+   it leads to.
 
-Both ends are stamped on the machine's system clock. FlexBE 2.3.3 at its default rate of 10 Hz needs 54 ms on average and
+Both ends are stamped on the system clock. FlexBE 2.3.3 at its default rate of 10 Hz needs 54 ms on average and
 99 ms at the 95th percentile for the second (engine alone, measured on the same kind of machine).
 
 Usage: latency.py [--samples N] [--output FILE.json]
@@ -26,6 +26,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,16 +43,26 @@ def executable(package: str, name: str) -> str:
     return str(Path(get_package_prefix(package)) / 'lib' / package / name)
 
 
+def install_probe(directory: Path) -> None:
+    """Make the behavior known to processes that have ``directory`` on their Python path, as its installation would."""
+    here = Path(__file__).parent
+    metadata = directory / 'latency_probe-0.dist-info'
+    metadata.mkdir()
+    (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: latency_probe\nVersion: 0\n')
+    (metadata / 'entry_points.txt').write_text('[flexbt.behaviors]\nlatency_probe = latency_probe:LatencyProbe\n')
+    (directory / 'latency_probe.py').symlink_to(here / 'latency_probe.py')
+
+
 class Probe:
     """The leaf's action server and the operator, in this process."""
 
     def __init__(self, runtime: Any) -> None:
-        from flexbt_common import names
-        from flexbt_common.action_call import ActionLinks
-        from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
         from rclpy.action import ActionServer
 
+        from flexbt_common import names
+        from flexbt_common.action_call import ActionLinks
         from flexbt_common.navigation_interfaces import load
+        from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 
         self.runtime = runtime
         self.changed = threading.Condition()
@@ -87,6 +98,10 @@ class Probe:
                 self.entered[active.path] = active.entered.sec + active.entered.nanosec / 1e9
             self.changed.notify_all()
 
+    def entered_after(self, path: str, before: float) -> bool:
+        """Whether a state was entered after a time."""
+        return self.entered.get(path, 0.0) > before
+
     def wait(self, condition: Callable[[], Any], what: str) -> Any:
         """The first true value of the condition, which is looked at after each status."""
         end = time.monotonic() + DEADLINE
@@ -114,10 +129,15 @@ class Probe:
 
         ended: list[Any] = []
         done = threading.Event()
+
+        def on_done(outcome: Any) -> None:
+            ended.append(outcome)
+            done.set()
+
         ActionCall(
             self.links.link(BtLoad, 'bt_loader'),
             BtLoad.Goal(xml=xml),
-            on_done=lambda outcome: (ended.append(outcome), done.set()),
+            on_done=on_done,
             server_timeout=DEADLINE,
         )
         if not done.wait(DEADLINE) or ended[0].status.name != 'SUCCEEDED':
@@ -126,9 +146,10 @@ class Probe:
 
 def measure(samples: int) -> dict[str, list[float]]:
     """Latencies in ms."""
+    from latency_probe import TREE_XML
+
     from flexbt_common.node_runtime import NodeRuntime
     from flexbt_msgs.msg import ExecutiveCommand
-    from flexbt_system_tests.latency_probe import TREE_XML
 
     result_to_transition, command_to_effect = [], []
     with NodeRuntime.open('latency_probe') as runtime:
@@ -146,7 +167,7 @@ def measure(samples: int) -> dict[str, list[float]]:
             result_to_transition.append((probe.entered['/Decide'] - probe.result_sent) * 1e3)
             before = probe.entered.get('/Tree', 0.0)
             sent = probe.command(ExecutiveCommand.FORCE, decision_id=decision.id, path='/Decide', outcome='again')
-            probe.wait(lambda before=before: probe.entered['/Tree'] > before, 'the effect')
+            probe.wait(partial(probe.entered_after, '/Tree', before), 'the effect')
             command_to_effect.append((probe.entered['/Tree'] - sent) * 1e3)
         probe.command(ExecutiveCommand.STOP)
         probe.wait(lambda: probe.status.state == probe.status.IDLE, 'the end')
@@ -164,8 +185,14 @@ def main() -> int:
     parser.add_argument('--samples', type=int, default=200)
     parser.add_argument('--output', type=Path, default=Path('out/latency.json'))
     arguments = parser.parse_args()
-    with domain_id() as domain, tempfile.TemporaryDirectory() as logs:
-        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST', ROS_LOG_DIR=logs)
+    with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
+        install_probe(Path(directory))
+        os.environ.update(
+            ROS_DOMAIN_ID=str(domain),
+            ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
+            ROS_LOG_DIR=directory,
+            PYTHONPATH=f'{directory}{os.pathsep}{os.environ.get("PYTHONPATH", "")}',
+        )
         processes = [
             subprocess.Popen([executable('flexbt_server', 'bt_server')]),
             subprocess.Popen([executable('flexbt_onboard', 'onboard_executive')]),

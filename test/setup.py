@@ -20,8 +20,5 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [],
-        'flexbt.behaviors': [
-            'latency_probe = flexbt_system_tests.latency_probe:LatencyProbe',
-        ],
     },
 )
