@@ -19,7 +19,6 @@ setup(
     description='What FlexBT nodes share: typed values, clocks, calls with deadlines, liveliness, start and stop.',
     license='BSD-3-Clause',
     entry_points={
-        'console_scripts': [
-        ],
+        'console_scripts': [],
     },
 )

@@ -12,7 +12,7 @@ from flexbt_common.names import deep_action_services
 from flexbt_common.node_runtime import NodeRuntime
 
 
-class _StatusListener(ActionClient):  # type: ignore[misc]  # rclpy has no types
+class _StatusListener(ActionClient):
     """An action client that passes the server's list of goals on, also of goals whose acceptance it does not know."""
 
     on_status: Callable[[bytes, int], None]

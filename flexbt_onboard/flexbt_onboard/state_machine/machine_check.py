@@ -125,8 +125,8 @@ def _data_flow(path: str, machine: OperatableStateMachine) -> Iterator[str]:
             if name not in written and key not in optional:
                 shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
                 yield (
-                    f'{child_path(path, child.label)}: reads userdata key {shown}, which no state of {path} writes, and '
-                    f'which is neither an input nor a default of the machine{_hint(name, written)}'
+                    f'{child_path(path, child.label)}: reads userdata key {shown}; no state of {path} writes it, and '
+                    f'it is neither an input nor a default of the machine{_hint(name, written)}'
                 )
     for key in machine.output_keys:
         if key not in written:
