@@ -145,7 +145,12 @@ def test_the_package_of_the_readme_builds_and_runs_an_errand(workspace: Path) ->
                 if re.search(r'"outcome": *"\w+"', line):
                     break
         finally:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+            os.killpg(process.pid, signal.SIGTERM)
+            try:
+                process.communicate(timeout=10)  # the pipe is open as long as any of the processes lives
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.communicate()
+                raise
     assert lines, 'nothing was printed'
     assert re.search(r'"outcome": *"finished"', lines[-1]), ''.join(lines)
