@@ -23,10 +23,13 @@ class Bell:
 
     def wait(self, clock: Clock, until: float | None) -> None:
         """Sleep until the bell is rung or ``clock`` shows ``until`` (None: no time); takes the ring."""
+        with self._condition:
+            if self._rung:  # no alarm for nothing
+                self._rung = False
+                return
         timer = clock.call_at(until, self.ring) if until is not None else None
         with self._condition:
-            while not self._rung:
-                self._condition.wait()
+            self._condition.wait_for(lambda: self._rung)
             self._rung = False
         if timer is not None:
             timer.cancel()

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, Protocol
 
+from flexbt_common.bell import Bell
 from flexbt_common.errors import FlexbtError
 from flexbt_common.values import from_entry
 from flexbt_msgs.msg import (
@@ -90,8 +91,8 @@ class BehaviorRun:
         self._request = request
         self._services = services
         self._observer = observer
-        self._condition = threading.Condition()
-        self._is_rung = False
+        self._bell = Bell()
+        self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._is_announced = False
         self._has_changed = False
@@ -131,7 +132,7 @@ class BehaviorRun:
 
     def stop(self, reason: str) -> None:
         """Stop the run; :meth:`RunObserver.run_ended` follows when everything is at rest."""
-        with self._condition:
+        with self._lock:
             if self._stop_reason is None:
                 self._stop_reason = reason
             machine = self._machine
@@ -160,7 +161,7 @@ class BehaviorRun:
         self._command(lambda machine, once: machine.set_autonomy(level, path, once), answer)
 
     def _command(self, send: Callable[[MachineRun, Answer], None], answer: Answer) -> None:
-        with self._condition:
+        with self._lock:
             machine = self._machine
             if machine is not None and not self._is_over:
                 self._unanswered.append(answer)
@@ -169,7 +170,7 @@ class BehaviorRun:
             return
 
         def once(reason: str | None) -> None:
-            with self._condition:
+            with self._lock:
                 if answer not in self._unanswered:
                     return
                 self._unanswered.remove(answer)
@@ -179,7 +180,7 @@ class BehaviorRun:
 
     def _answer_the_rest(self) -> None:
         """A command that came while the machine ended is answered as well."""
-        with self._condition:
+        with self._lock:
             self._is_over = True
             rest, self._unanswered = self._unanswered, []
         for answer in rest:
@@ -230,9 +231,9 @@ class BehaviorRun:
             userdata=userdata,
             services=self._services,
             steady=self._services.runtime.steady,
-            on_wake=self._ring,
+            on_wake=self._bell.ring,
         )
-        with self._condition:
+        with self._lock:
             is_stopped = self._stop_reason is not None
             self._machine = machine
         if is_stopped:
@@ -264,7 +265,7 @@ class BehaviorRun:
                     if self._has_changed:
                         self._has_changed = False
                         self._show()
-                    self._sleep(machine.next_wake)
+                    self._bell.wait(self._services.runtime.clock, machine.next_wake)
                 return machine.outcome or ERROR, machine.message
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
@@ -279,24 +280,6 @@ class BehaviorRun:
         if machine is not None:
             self._view.update(machine)
         self._observer.changed()
-
-    def _sleep(self, until: float | None) -> None:
-        """Wait until somebody rings, or until a time of the run's clock."""
-        with self._condition:
-            if self._is_rung:
-                self._is_rung = False
-                return
-        timer = None if until is None else self._services.runtime.clock.call_at(until, self._ring)
-        with self._condition:
-            self._condition.wait_for(lambda: self._is_rung)
-            self._is_rung = False
-        if timer is not None:
-            timer.cancel()
-
-    def _ring(self) -> None:
-        with self._condition:
-            self._is_rung = True
-            self._condition.notify()
 
 
 def _structure(definition: MachineDefinition, run_id: str, behavior: str) -> BehaviorStructure:
