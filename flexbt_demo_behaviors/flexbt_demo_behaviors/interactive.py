@@ -19,15 +19,15 @@ from flexbt_demo_behaviors.supervision import EndedProcess, ProcessGroup
 INTRODUCTION = """
 The robot is ready, and the behavior "{behavior}" has been started: it asks you where to go.
 
-  input {place}          answer with a place ("places" lists them), or with x y yaw: input 1.5 2.0 0
-  force canceled        leave a state by an outcome of your choice, for instance to give another goal
+  {place:<21} answer with a place ("places" lists them), or with x y yaw: 1.5 2.0 0
+  force canceled        take the goal back while the robot drives, to give another one
   autonomy full         let the robot decide alone; low: decide more yourself
-  help                  all commands;  stop ends the behavior, quit ends the demonstration
+  help                  all commands; stop ends the behavior, quit ends the demonstration
 """
 
 SPLIT_INTRODUCTION = """\
-  confirm               accept the plan that is shown; force canceled asks for another goal, force failed
-  recovers
+  confirm               accept the plan that is shown, or answer with another outcome:
+  canceled, failed      asks for another goal, sends the robot to recovery
 """
 
 
