@@ -66,6 +66,7 @@ class PlannerServer:
     async def _execute(self, handle: ServerGoalHandle, action_type: Any, goals: Sequence[Any]) -> Any:
         began = self._runtime.steady.now()
         result = action_type.Result()
+        await self._robot.known()
         try:
             start, poses = self._checked(handle.request, goals)
             planned = await self._in_thread(self._robot.planner, start, poses)

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid
+from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
@@ -18,6 +19,9 @@ from flexbt_sim.motions import Velocity
 from flexbt_sim.navigation_parameters import NavigationParameters
 from flexbt_sim.planner import GridPlanner
 from flexbt_sim.ros_messages import map_of, pose_of, seconds_of, twist
+
+KNOWN_TIMEOUT: Final = 1.0
+"""How long a request waits for the first pose and the map, s of wall time."""
 
 
 class RobotInterface:
@@ -33,11 +37,30 @@ class RobotInterface:
         self._grid: OccupancyGrid | None = None
         self._costmap: Costmap | None = None
         self._planner: GridPlanner | None = None
+        self._waiting: list[Future] = []
         node = runtime.node
         node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
+
+    def known(self) -> Future:
+        """Completes when pose and map are known, or after ``KNOWN_TIMEOUT``: a server that has just started has
+        neither, and as in Nav2 that is a reason to wait for a moment, not to fail.
+        """
+        future = Future(executor=self._runtime.node.executor)
+        self._waiting.append(future)
+        self._tell_waiting()
+        if not future.done():
+            steady = self._runtime.steady
+            steady.call_at(steady.now() + KNOWN_TIMEOUT, lambda: self._runtime.post(lambda: _complete(future)))
+        return future
+
+    def _tell_waiting(self) -> None:
+        if self._pose is not None and self._grid is not None:
+            for future in self._waiting:
+                _complete(future)
+            self._waiting.clear()
 
     @property
     def pose(self) -> Pose:
@@ -80,8 +103,15 @@ class RobotInterface:
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self._pose = pose_of(message.pose)
+        self._tell_waiting()
         self._on_pose(self._pose, seconds_of(message.header.stamp))
 
     def _receive_map(self, grid: OccupancyGrid) -> None:
         self._grid = grid
         self.clear_costmap()
+        self._tell_waiting()
+
+
+def _complete(future: Future) -> None:
+    if not future.done():
+        future.set_result(None)
