@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import pytest
 
-if TYPE_CHECKING:
-    from pytest import Config
 
-
-def pytest_configure(config: Config) -> None:
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests() -> None:
     """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later."""
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 

@@ -106,7 +106,7 @@ def test_exit_code_4_when_nobody_answers(executives: Any) -> None:
     assert done.returncode == 4 and 'may have been applied' in done.stdout
 
 
-def test_exit_code_5_without_an_executive(domain: int) -> None:
+def test_exit_code_5_without_an_executive() -> None:
     done = console('status', '--json', namespace='nobody', timeout='0.5')
     assert done.returncode == 5
     assert json.loads(done.stdout)['result'] == 'no_link'

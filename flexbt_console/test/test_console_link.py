@@ -89,7 +89,7 @@ def test_a_stale_answer_is_refused_by_the_executive(executives: Any) -> None:
         assert operator.state_of(operator.requests.answer(view, '', '3 4')) is CommandState.REFUSED
 
 
-def test_the_end_and_the_return_of_the_executive_are_seen(domain: int) -> None:
+def test_the_end_and_the_return_of_the_executive_are_seen() -> None:
     with station('restart') as operator:
         with NodeRuntime.open('onboard_executive', namespace='restart') as runtime:
             executive = ScriptedExecutive(runtime, faults=Faults(swallow_commands=True))
@@ -117,7 +117,7 @@ def test_two_executives_at_one_link_are_reported(executives: Any) -> None:
         operator.wait(lambda view: '2 executives' in view.problem)
 
 
-def test_nobody_there(domain: int) -> None:
+def test_nobody_there() -> None:
     with station('nobody') as operator, pytest.raises(NoLinkError, match='ROS_DOMAIN_ID'):
         operator.link.live_view(0.2)
 

@@ -95,7 +95,7 @@ def test_a_mission_at_the_prompt(executives: Any) -> None:
     assert COLOUR.search(terminal.output)
 
 
-def test_no_color_and_sigterm(domain: int) -> None:
+def test_no_color_and_sigterm() -> None:
     terminal = Terminal('--namespace', 'quiet', NO_COLOR='1')
     terminal.read_until(b'NO EXECUTIVE')
     os.kill(terminal.pid, signal.SIGTERM)

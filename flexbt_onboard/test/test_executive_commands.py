@@ -15,8 +15,6 @@ from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveCommand, ExecutiveStatus, PendingDecision
 from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
 
-pytestmark = pytest.mark.usefixtures('ros_domain')
-
 START, STOP, CONFIRM, FORCE = (
     ExecutiveCommand.START,
     ExecutiveCommand.STOP,

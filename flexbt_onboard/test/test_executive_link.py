@@ -27,8 +27,6 @@ from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_par
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
 from flexbt_onboard.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 
-pytestmark = pytest.mark.usefixtures('ros_domain')
-
 
 class Hold(EventState):
     """Stays until it is forced."""

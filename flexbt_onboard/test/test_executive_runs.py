@@ -15,8 +15,6 @@ from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, Ex
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
 
-pytestmark = pytest.mark.usefixtures('ros_domain')
-
 START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
 IDLE, STARTING, RUNNING, STOPPING = (
     ExecutiveStatus.IDLE,

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix
-from domain_coordinator import domain_id
 from rclpy.node import Node
 
 import flexbt_onboard.executive_parameters
@@ -76,14 +75,12 @@ def test_the_reference_names_every_node_state_and_command() -> None:
     ids=lambda declare: declare.__module__,
 )
 def test_the_reference_names_every_parameter(
-    declare: Callable[[Node], object], monkeypatch: pytest.MonkeyPatch
+    declare: Callable[[Node], object],
 ) -> None:
-    with domain_id() as domain:
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-        with NodeRuntime.open('readme') as runtime:
-            before = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
-            runtime.call(lambda: declare(runtime.node))
-            declared = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
+    with NodeRuntime.open('readme') as runtime:
+        before = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
+        runtime.call(lambda: declare(runtime.node))
+        declared = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
     assert declared > before
     assert declared - before - named(README.read_text(encoding='utf-8')) == set()
 
@@ -120,37 +117,34 @@ def test_the_package_of_the_readme_builds_and_runs_an_errand(workspace: Path) ->
     script[-1] = f'console watch --json --timeout {OUTCOME_TIMEOUT_S}'
     programs = ('flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_console')
     path = [f'{get_package_prefix(name)}/lib/{name}' for name in programs]
-    with domain_id() as domain:
-        process = subprocess.Popen(
-            ['bash', '-e', '-c', '\n'.join(script)],
-            env=os.environ
-            | {
-                'HOME': str(workspace),
-                'PATH': os.pathsep.join([*path, os.environ['PATH']]),
-                'ROS_DOMAIN_ID': str(domain),
-                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                'FLEXBT_ROOT': str(README.parent),
-            },
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        lines: list[str] = []
-        assert process.stdout is not None
+    process = subprocess.Popen(
+        ['bash', '-e', '-c', '\n'.join(script)],
+        env=os.environ
+        | {
+            'HOME': str(workspace),
+            'PATH': os.pathsep.join([*path, os.environ['PATH']]),
+            'FLEXBT_ROOT': str(README.parent),
+        },
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    lines: list[str] = []
+    assert process.stdout is not None
+    try:
+        for line in process.stdout:
+            lines.append(line)
+            if re.search(r'"outcome": *"\w+"', line):
+                break
+    finally:
+        os.killpg(process.pid, signal.SIGTERM)
         try:
-            for line in process.stdout:
-                lines.append(line)
-                if re.search(r'"outcome": *"\w+"', line):
-                    break
-        finally:
-            os.killpg(process.pid, signal.SIGTERM)
-            try:
-                process.communicate(timeout=10)  # the pipe is open as long as any of the processes lives
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.communicate()
-                raise
+            process.communicate(timeout=10)  # the pipe is open as long as any of the processes lives
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            raise
     assert lines, 'nothing was printed'
     assert re.search(r'"outcome": *"finished"', lines[-1]), ''.join(lines)

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stop, and death of each process while the robot drives: at rest in time, seen in time, and used again afterwards."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.action import BtExecute
+from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_system_tests.probe import Probe
+from flexbt_system_tests.stack import Stack
+
+KITCHEN = (10.0, 2.3)
+
+BRAKING_SECONDS = 0.26 / 2.5
+REST_AFTER_STOP = 0.5 + BRAKING_SECONDS
+REST_AFTER_DEATH = 1.0
+SEEN_AFTER_DEATH = 3.0
+
+QUIET_SECONDS = 1.5
+"""A robot that has not moved for so long is at rest."""
+
+
+@pytest.fixture
+def stack(tmp_path: Path) -> Iterator[Stack]:
+    with Stack(tmp_path) as stack:
+        stack.start_all()
+        yield stack
+
+
+@pytest.fixture
+def probe(stack: Stack) -> Iterator[Probe]:
+    with NodeRuntime.open('probe') as runtime:
+        probe = Probe(runtime)
+        probe.wait_ready()
+        yield probe
+
+
+def rest_after(probe: Probe, moment: float) -> float:
+    """Seconds from a moment to the robot's last movement, once it has not moved for a while."""
+    probe.wait(lambda: time.monotonic() - max(probe.moved_at, moment) > QUIET_SECONDS, 'robot at rest')
+    return probe.moved_at - moment
+
+
+def drive_again(probe: Probe) -> None:
+    """Everything works as before."""
+    probe.drive_to(*KITCHEN)
+    probe.stop()
+    probe.wait_state(ExecutiveStatus.IDLE)
+
+
+def test_stop_while_driving_brings_the_robot_to_rest_and_leaves_no_goal(stack: Stack, probe: Probe) -> None:
+    probe.drive_to(*KITCHEN)
+    stopped = probe.stop()
+    probe.wait_state(ExecutiveStatus.IDLE)
+    assert probe.status is not None
+    assert probe.status.outcome == 'preempted'
+    assert rest_after(probe, stopped) < REST_AFTER_STOP
+    for action in ('bt_executor', 'follow_path', 'compute_path_to_pose', 'operator_input'):
+        assert probe.active_goals(action) == 0, action
+
+
+@pytest.mark.parametrize('victim', ['bt_server', 'navigation'])
+def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe: Probe) -> None:
+    probe.drive_to(*KITCHEN)
+    killed = stack.kill(victim)
+    probe.wait(lambda: probe.peer_alive(victim) is False, f'{victim} shown as dead')
+    assert time.monotonic() - killed < SEEN_AFTER_DEATH
+    assert rest_after(probe, killed) < REST_AFTER_DEATH
+    assert stack.running() == {'simulator', 'navigation', 'bt_server', 'onboard_executive'} - {victim}
+    assert probe.status is not None
+    assert probe.status.state == ExecutiveStatus.RUNNING, 'the behavior goes on: what to do now is for the operator'
+    stack.start(victim)
+    probe.wait(lambda: probe.peer_alive(victim), f'{victim} alive again')
+    probe.stop()
+    drive_again(probe)
+
+
+def test_an_executive_that_is_killed_while_driving(stack: Stack, probe: Probe) -> None:
+    probe.drive_to(*KITCHEN)
+    killed = stack.kill('onboard_executive')
+    assert rest_after(probe, killed) < REST_AFTER_DEATH
+    # The operator sees it by the heartbeat that does not come.
+    assert probe.status is not None
+    assert probe.status_at - killed < probe.status.heartbeat_period
+    assert 2.5 * probe.status.heartbeat_period < SEEN_AFTER_DEATH
+    assert stack.running() == {'simulator', 'navigation', 'bt_server'}
+    probe.wait(lambda: probe.active_goals('bt_executor') == 0, 'the tree of the dead executive ended')
+    dead = probe.status.executive_id
+    stack.start('onboard_executive')
+    probe.wait(lambda: probe.status is not None and probe.status.executive_id != dead, 'another executive')
+    probe.wait_ready()
+    drive_again(probe)
+
+
+def test_a_simulator_that_is_killed_while_driving(stack: Stack, probe: Probe) -> None:
+    probe.drive_to(*KITCHEN)
+    killed = stack.kill('simulator')
+    probe.wait(lambda: probe.peer_alive('simulator') is False, 'simulator shown as dead')
+    assert time.monotonic() - killed < SEEN_AFTER_DEATH
+    # Simulated time stands still now, and yet no goal hangs and the operator's stop works.
+    probe.wait(lambda: probe.active_goals('follow_path') == 0, 'the goal of the motion ended')
+    probe.stop()
+    probe.wait_state(ExecutiveStatus.IDLE)
+    stack.start('simulator')
+    probe.wait_ready()
+    drive_again(probe)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_every_process_ends_in_time_and_in_order_while_the_robot_drives(
+    number: signal.Signals, stack: Stack, probe: Probe
+) -> None:
+    probe.drive_to(*KITCHEN)
+    for name in ('onboard_executive', 'bt_server', 'navigation', 'simulator'):
+        ending = stack.end(name, number, timeout=5.0)
+        assert ending.exit_code == 0, ending
+        assert ending.seconds < 2.0, ending
+        assert 'Traceback' not in ending.output, ending
+
+
+def test_a_result_says_why_when_navigation_is_not_there(tmp_path: Path) -> None:
+    with Stack(tmp_path) as stack, NodeRuntime.open('probe') as runtime:
+        stack.start('bt_server')
+        probe = Probe(runtime)
+        goal = BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/trees/recovery.xml')
+        outcome = probe.call(BtExecute, 'bt_executor', goal)
+        assert outcome.result is not None
+        assert outcome.result.code == BtExecute.Result.FAILURE
+        assert 'clear_entirely' in outcome.result.message or 'no ' in outcome.result.message
+        assert outcome.result.failed_node
