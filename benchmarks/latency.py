@@ -49,8 +49,8 @@ def install_probe(directory: Path) -> None:
     metadata = directory / 'latency_probe-0.dist-info'
     metadata.mkdir()
     (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: latency_probe\nVersion: 0\n')
-    (metadata / 'entry_points.txt').write_text('[flexbt.behaviors]\nlatency_probe = latency_probe:LatencyProbe\n')
-    (directory / 'latency_probe.py').symlink_to(here / 'latency_probe.py')
+    (metadata / 'entry_points.txt').write_text('[flexbt.behaviors]\nlatency_probe = _latency_probe:LatencyProbe\n')
+    (directory / '_latency_probe.py').symlink_to(here / '_latency_probe.py')
 
 
 class Probe:
@@ -146,7 +146,7 @@ class Probe:
 
 def measure(samples: int) -> dict[str, list[float]]:
     """Latencies in ms."""
-    from latency_probe import TREE_XML
+    from _latency_probe import TREE_XML
 
     from flexbt_common.node_runtime import NodeRuntime
     from flexbt_msgs.msg import ExecutiveCommand
@@ -194,8 +194,8 @@ def main() -> int:
             PYTHONPATH=f'{directory}{os.pathsep}{os.environ.get("PYTHONPATH", "")}',
         )
         processes = [
-            subprocess.Popen([executable('flexbt_server', 'bt_server')]),
-            subprocess.Popen([executable('flexbt_onboard', 'onboard_executive')]),
+            subprocess.Popen([executable(package, name), '--ros-args', '--log-level', 'warn'])
+            for package, name in (('flexbt_server', 'bt_server'), ('flexbt_onboard', 'onboard_executive'))
         ]
         try:
             figures = {what: summary(values) for what, values in measure(arguments.samples).items()}
