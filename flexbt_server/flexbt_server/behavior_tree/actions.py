@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
-from .blackboard import EMPTY
+from typing import Any
+
+from .blackboard import EMPTY, Entry
 from .errors import BlackboardError, ConversionError
 from .leaves import LeafNode, SyncAction
-from .port_types import STRING
+from .node import NodeConfig
+from .port_types import STRING, PortType
 from .ports import inout_port, input_port
 from .status import FAILURE, SUCCESS, NodeKind, NodeStatus
 
@@ -43,25 +46,49 @@ class SetBlackboard(SyncAction):
     same way, anything else only to an entry of the same type: FAILURE when it was declared but never written.
     """
 
-    __slots__ = ()
+    __slots__ = ('_lock', '_ready', '_source', '_text')
 
     ports = {
         'value': input_port(description='text, or {key} of the entry to be copied'),
         'output_key': inout_port(STRING, description='key to be written'),
     }
 
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        value = config.values.get('value')
+        self._source = None if value is None else value.key
+        self._text = '' if value is None else value.text
+        self._lock = config.blackboard.lock
+        # For constant text and key: the entry, its type, and what the text means in that type.
+        self._ready: tuple[Entry, PortType | None, Any] | None = None
+
+    def execute(self) -> NodeStatus:
+        ready = self._ready
+        if ready is not None:
+            entry, kind, value = ready
+            if entry.present and entry.type is kind:
+                with self._lock:
+                    entry.value = value
+                    entry.sequence += 1
+                self.status = SUCCESS
+                return SUCCESS
+        return super().execute()
+
     def tick(self) -> NodeStatus:
         key: str = self.get_input('output_key')
-        source = self.port_key('value')
+        source = self._source
         board = self.blackboard
         if source is None:
-            self._write_text(key, self.port_text('value') or '')
+            entry, value = self._write_text(key, self._text)
+            kind = entry.type
+            if self.port_key('output_key') is None and (kind is None or kind.immutable):
+                self._ready = entry, kind, value
             return SUCCESS
-        entry = board.entry(source)
-        if entry is None:
+        copied = board.entry(source)
+        if copied is None:
             raise self._port_error('value', 'the blackboard has no such entry')
         with board.lock:
-            value, kind = entry.value, entry.type
+            value, kind = copied.value, copied.type
             if board.entry(key) is None:
                 board.declare(key, kind)
         if value is EMPTY:
@@ -72,24 +99,24 @@ class SetBlackboard(SyncAction):
             board.copy(key, value, kind)
         return SUCCESS
 
-    def _write_text(self, key: str, text: str) -> None:
+    def _write_text(self, key: str, text: str) -> tuple[Entry, Any]:
+        """Gives the entry, and the value that it has now."""
         board = self.blackboard
         with board.lock:
             entry = board.entry(key)
             if entry is None:
                 entry = board.declare(key, STRING)
-                entry.write(text)
-                return
             kind = entry.type
-            if kind is None or kind.category == 'text':
-                entry.write(text)
-                return
-            if kind.from_text is None:
-                raise BlackboardError(f'entry [{key}] of type {kind.name} cannot be written as text')
-            try:
-                entry.write(kind.parse(text))
-            except ConversionError as error:
-                raise BlackboardError(f'entry [{key}]: {error}') from error
+            value: Any = text
+            if kind is not None and kind.category != 'text':
+                if kind.from_text is None:
+                    raise BlackboardError(f'entry [{key}] of type {kind.name} cannot be written as text')
+                try:
+                    value = kind.parse(text)
+                except ConversionError as error:
+                    raise BlackboardError(f'entry [{key}]: {error}') from error
+            entry.write(value)
+        return entry, value
 
 
 class UnsetBlackboard(SyncAction):

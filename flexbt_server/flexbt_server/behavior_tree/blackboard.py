@@ -9,7 +9,6 @@ topmost scope. An entry gets its type from the first port or value that is not t
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from enum import Enum
 from typing import Any, Final
@@ -27,23 +26,28 @@ EMPTY: Final = _Empty.EMPTY
 
 
 class Entry:
-    """One entry: ``value`` (EMPTY until written), ``type`` (None: not fixed yet), number of writes, and time of the
-    last one (monotonic, s). ``present`` is False once the entry was removed from its blackboard."""
+    """One entry: ``value`` (EMPTY until written), ``type`` (None: not fixed yet), and the number of writes.
+    ``present`` is False once the entry was removed from its blackboard."""
 
-    __slots__ = ('present', 'sequence', 'stamp', 'type', 'value')
+    __slots__ = ('present', 'sequence', 'type', 'value')
 
     def __init__(self, type: PortType | None) -> None:
         self.value: Any = EMPTY
         self.type = type
         self.sequence = 0
-        self.stamp = 0.0
         self.present = True
+
+    @classmethod
+    def constant(cls, value: Any) -> Entry:
+        """An entry of no blackboard, that holds a value for good."""
+        entry = cls(None)
+        entry.value = value
+        return entry
 
     def write(self, value: Any) -> None:
         """Takes the value as it is. The caller holds the lock and has checked the type."""
         self.value = value
         self.sequence += 1
-        self.stamp = time.monotonic()
 
 
 class Blackboard:

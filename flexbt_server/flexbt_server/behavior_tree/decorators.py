@@ -89,17 +89,16 @@ class Repeat(DecoratorNode):
 
     def execute(self) -> NodeStatus:
         cycles: int = self.get_input('num_cycles')
-        again = self._count < cycles or cycles == -1
+        count = self._count
+        child = self.child
         self.status = RUNNING
-        while again:
-            child = self.child
+        while count < cycles or cycles == -1:
             was_idle = child.status is IDLE
             status = self._tick()
             if status is SUCCESS:
-                self._count += 1
-                again = self._count < cycles or cycles == -1
+                self._count = count = count + 1
                 child.status = IDLE
-                if again and was_idle:
+                if was_idle and (count < cycles or cycles == -1):
                     self.context.woken = True
                     return RUNNING
             elif status is FAILURE:

@@ -33,16 +33,13 @@ class Instance(NamedTuple):
     depth: int
 
 
-class _Pending(NamedTuple):
-    """A node still to be made, and where it belongs."""
+class _Scope(NamedTuple):
+    """Where nodes belong: a tree within the running tree."""
 
-    definition: NodeDefinition
     tree: TreeDefinition
     file: str
-    scope: str
+    path: str
     board: Blackboard
-    siblings: list[TreeNode]
-    depth: int
 
 
 def instantiate(library: TreeLibrary, key: TreeKey, blackboard: Blackboard, context: TreeContext) -> Instance:
@@ -62,18 +59,18 @@ class _Builder:
         self._nodes: list[TreeNode] = []
         self._definitions: list[NodeDefinition] = []
         self._families: list[tuple[TreeNode, list[TreeNode]]] = []
-        self._pending: list[_Pending] = []
+        # Nodes to be made: definition, scope, the list of siblings that it joins, depth.
+        self._pending: list[tuple[NodeDefinition, _Scope, list[TreeNode], int]] = []
 
     def build(self, key: TreeKey, blackboard: Blackboard) -> Instance:
         main = self._library.definition(key)
         self._subtrees[''] = SubTreeInstance('', key.id, blackboard)
-        top: list[TreeNode] = []
-        self._pending.append(_Pending(main.root, main, key.file, '', blackboard, top, 1))
+        self._pending.append((main.root, _Scope(main, key.file, '', blackboard), [], 1))
         depth = 0
         while self._pending:
-            item = self._pending.pop()
-            depth = max(depth, item.depth)
-            self._make(item)
+            definition, scope, siblings, level = self._pending.pop()
+            depth = max(depth, level)
+            self._make(definition, scope, siblings, level)
         if self._errors:
             raise TreeLoadError(self._errors)
         for node, children in reversed(self._families):
@@ -81,45 +78,54 @@ class _Builder:
                 node.attach(children)
         return Instance(tuple(self._nodes), tuple(self._definitions), tuple(self._subtrees.values()), depth)
 
-    def _make(self, item: _Pending) -> None:
-        definition = item.definition
-        if definition.tree_id is None:
-            self._declare_entries(item)
+    def _make(self, definition: NodeDefinition, scope: _Scope, siblings: list[TreeNode], level: int) -> None:
+        manifest = definition.manifest
+        tree_id = definition.tree_id
+        if tree_id is None and definition.values:
+            self._declare_entries(definition, scope)
         config = NodeConfig(
-            definition.tree_id or definition.manifest.id,
+            tree_id or manifest.id,
             definition.name,
             len(self._nodes) + 1,
-            item.scope,
+            scope.path,
             self._context,
-            item.board,
+            scope.board,
             definition.values,
         )
-        node = definition.manifest.node_class(config)
+        node = manifest.node_class(config)
         self._nodes.append(node)
         self._definitions.append(definition)
-        item.siblings.append(node)
-        children: list[TreeNode] = []
-        self._families.append((node, children))
-        if definition.tree_id is not None:
-            self._enter(item, node, children)
-        else:
+        siblings.append(node)
+        if tree_id is not None:
+            children: list[TreeNode] = []
+            self._families.append((node, children))
+            self._enter(definition, tree_id, scope, node, children, level)
+        elif definition.children:
+            children = []
+            self._families.append((node, children))
             for child in reversed(definition.children):
-                self._pending.append(item._replace(definition=child, siblings=children, depth=item.depth + 1))
+                self._pending.append((child, scope, children, level + 1))
 
-    def _enter(self, item: _Pending, node: TreeNode, children: list[TreeNode]) -> None:
+    def _enter(
+        self,
+        definition: NodeDefinition,
+        tree_id: str,
+        scope: _Scope,
+        node: TreeNode,
+        children: list[TreeNode],
+        level: int,
+    ) -> None:
         """Makes the scope of a sub-tree, and lets its root follow."""
-        definition = item.definition
-        assert definition.tree_id is not None
-        key = self._library.find(definition.tree_id, item.file)
+        key = self._library.find(tree_id, scope.file)
         assert key is not None
         path = node.path
         if path in self._subtrees:
             message = f'two sub-trees have the path [{path}]; give them different names'
-            self._errors.append(item.tree.error(definition, message, 'name'))
-        board = Blackboard(item.board)
+            self._errors.append(scope.tree.error(definition, message, 'name'))
+        board = Blackboard(scope.board)
         values = dict(definition.values)
         if not definition.autoremap:
-            for name, port in self._library.model(definition.tree_id).items():
+            for name, port in self._library.model(tree_id).items():
                 if name not in values and port.default is not None:
                     values[name] = PortValue(port.default, pointer_key(port.default, name))
         for name, value in values.items():
@@ -129,13 +135,13 @@ class _Builder:
                 # Constants belong to the scope itself. They are text: each reader converts them to what it wants.
                 board.set(name, value.text)
         board.enable_autoremap(definition.autoremap)
-        self._subtrees[path] = SubTreeInstance(path, definition.tree_id, board)
+        self._subtrees[path] = SubTreeInstance(path, tree_id, board)
         tree = self._library.definition(key)
-        self._pending.append(_Pending(tree.root, tree, key.file, path, board, children, item.depth + 1))
+        self._pending.append((tree.root, _Scope(tree, key.file, path, board), children, level + 1))
 
-    def _declare_entries(self, item: _Pending) -> None:
+    def _declare_entries(self, definition: NodeDefinition, scope: _Scope) -> None:
         """Gives the entries that the ports of a node point to the types of the ports."""
-        definition, board = item.definition, item.board
+        board = scope.board
         for name, port in definition.manifest.ports.items():
             value = definition.values.get(name)
             if value is None or value.key is None:
@@ -146,7 +152,7 @@ class _Builder:
                     board.declare(value.key, port.type)
                     continue
             except BlackboardError as error:
-                self._errors.append(item.tree.error(definition, f'port [{name}]: {error}', name))
+                self._errors.append(scope.tree.error(definition, f'port [{name}]: {error}', name))
                 continue
             known = entry.type
             # An entry of text can be read as anything that can be written as text.
@@ -155,4 +161,4 @@ class _Builder:
                     f'port [{name}] uses the blackboard entry [{value.key}] with the type {port.type.name}, '
                     f'but it has the type {known.name} already; use another key, or another blackboard'
                 )
-                self._errors.append(item.tree.error(definition, message, name))
+                self._errors.append(scope.tree.error(definition, message, name))

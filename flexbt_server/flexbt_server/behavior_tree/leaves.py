@@ -70,7 +70,9 @@ class Condition(LeafNode):
             status = self.tick()
         except Exception as error:
             raise self.fault(error) from error
-        if status is not SKIPPED:
+        if status is SUCCESS or status is FAILURE:
+            self.status = status
+        elif status is not SKIPPED:
             self.status = self.checked(status)
         return status
 

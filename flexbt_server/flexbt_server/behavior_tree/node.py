@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from flexbt_common.clock import Clock
 
@@ -29,10 +28,11 @@ from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStat
 Execute = Callable[[], NodeStatus]
 
 NO_PORTS: Mapping[str, Port] = {}
+NOTHING_READ: dict[str, Any] = {}
+"""What a node that has not read a port yet remembers of entries: shared, and never written."""
 
 
-@dataclass(frozen=True, slots=True)
-class NodeConfig:
+class NodeConfig(NamedTuple):
     """What a node is made with. Pass it on to ``super().__init__`` unchanged."""
 
     id: str
@@ -65,7 +65,7 @@ class TreeNode(ABC):
         self.blackboard = config.blackboard
         self._scope = config.scope
         self._values = config.values
-        self._entries: dict[str, Entry] | None = None
+        self._entries: dict[str, tuple[Entry, type[Any]]] = NOTHING_READ
 
     def __repr__(self) -> str:
         return f'<{self.id} [{self.path}] {self.status.name}>'
@@ -120,35 +120,52 @@ class TreeNode(ABC):
 
     def get_input(self, port: str) -> Any:
         """The value of an input port, converted to its type. Raises PortError when there is none that fits."""
+        known = self._entries.get(port)
+        if known is not None:
+            entry, ready = known
+            content = entry.value
+            if content.__class__ is ready and entry.present:
+                return content
+        return self._read_input(port)
+
+    def _read_input(self, port: str) -> Any:
+        """As :meth:`get_input`; remembers for it where the value is, and of which class it needs no conversion."""
         value = self._values.get(port)
         if value is None:
             return self._absent_input(port)
+        declared = self._readable(port).type
         if value.key is None:
             if value.literal is not NO_DEFAULT:
+                self._remember(port, Entry.constant(value.literal), value.literal.__class__)
                 return value.literal
-            kind = self._readable(port).type
-            if kind is None or kind.from_text is None:
+            if declared is None or declared.from_text is None:
                 return value.text
             try:
-                return kind.parse(value.text)
+                return declared.parse(value.text)
             except ConversionError as error:
                 raise self._port_error(port, str(error)) from error
-        entry = self._entry(port, value.key)
+        entry = self.blackboard.entry(value.key)
         if entry is None:
             raise self._port_error(port, 'the blackboard has no such entry')
         content = entry.value
         if content is EMPTY:
             raise self._port_error(port, 'the entry was never written')
-        declared = self._readable(port).type
         if declared is None:
             return content
         # Integers have bounds; those of an entry of the same type were kept when it was written.
-        if content.__class__ is declared.python_type and (declared.category != 'integer' or entry.type is declared):
-            return content
+        if declared.category != 'integer' or entry.type is declared:
+            self._remember(port, entry, declared.python_type)
+            if content.__class__ is declared.python_type:
+                return content
         try:
             return cast(content, declared)
         except ConversionError as error:
             raise self._port_error(port, str(error)) from error
+
+    def _remember(self, port: str, entry: Entry, ready: type[Any]) -> None:
+        if self._entries is NOTHING_READ:
+            self._entries = {}
+        self._entries[port] = entry, ready
 
     def get_input_or(self, port: str, default: Any) -> Any:
         """The value of an input port; ``default`` when it is not given, or its entry is missing or was never written.
@@ -160,7 +177,7 @@ class TreeNode(ABC):
             declared = self._readable(port)
             return default if declared.default is NO_DEFAULT else declared.default
         if value.key is not None:
-            entry = self._entry(port, value.key)
+            entry = self.blackboard.entry(value.key)
             if entry is None or entry.value is EMPTY:
                 return default
         return self.get_input(port)
@@ -180,7 +197,7 @@ class TreeNode(ABC):
             raise self._port_error(port, f"an output has to point to the blackboard, as in {{key}}, not '{given.text}'")
         kind = declared.type
         try:
-            if kind is not None and value.__class__ is not kind.python_type:
+            if kind is not None and (value.__class__ is not kind.python_type or kind.category == 'integer'):
                 value = cast(value, kind)
             self.blackboard.set(given.key, value, kind)
         except (BlackboardError, ConversionError) as error:
@@ -214,18 +231,6 @@ class TreeNode(ABC):
         if declared.default is not NO_DEFAULT:
             return declared.default
         raise self._port_error(port, 'it is not given in the XML, and has no default')
-
-    def _entry(self, port: str, key: str) -> Entry | None:
-        """The entry that an input points to, remembered as long as it exists."""
-        entries = self._entries
-        if entries is None:
-            entries = self._entries = {}
-        entry = entries.get(port)
-        if entry is None or not entry.present:
-            entry = self.blackboard.entry(key)
-            if entry is not None:
-                entries[port] = entry
-        return entry
 
     def _port_error(self, port: str, reason: str) -> PortError:
         value = self._values.get(port)

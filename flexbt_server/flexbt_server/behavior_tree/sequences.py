@@ -30,6 +30,13 @@ class _OrderedControl(ControlNode):
 
     def _finish(self, status: NodeStatus) -> NodeStatus:
         """All children were passed: rewinds, and gives ``status`` unless they were all skipped."""
+        if not self._skipped:
+            # Each has completed, and has nothing to be halted.
+            for child in self.children:
+                child.status = IDLE
+            self._index = 0
+            self.status = status
+            return status
         all_skipped = self._skipped == len(self.children)
         self.reset_children()
         self._index = self._skipped = 0

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from flexbt_common.clock import Clock, SteadyClock
 
 from .blackboard import Blackboard
+from .call_stack import with_room
 from .context import TransitionObserver, TreeContext
 from .definition import NodeDefinition
 from .errors import NodeExecutionError, PortError
@@ -21,11 +21,6 @@ from .observation import observe, unobserve
 from .status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
 
 _logger = logging.getLogger(__name__)
-
-# Nested Python frames per level of a tree (a node whose tick is Python code in a base class of ours has three), and
-# what host and leaves need on top.
-_FRAMES_PER_LEVEL = 4
-_FRAMES_OF_HOST = 1000
 
 
 class Failure(NamedTuple):
@@ -71,11 +66,10 @@ class Tree:
         self.definitions: tuple[NodeDefinition, ...] = instance.definitions
         self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
         self.root = self.nodes[0]
-        self._entry = entry_point(self.root)
+        self._entry = with_room(entry_point(self.root), instance.depth)
         self._max_rounds = max_rounds
         self._failure: Failure | None = None
         self._status = IDLE
-        _make_room_for_frames(instance.depth)
         self.context.on_wake = on_wake
         if on_transition is not None:
             self.observe(on_transition)
@@ -220,14 +214,3 @@ class Tree:
             chain.append(node.path)
             cause = node.failure_cause()
         return Failure(node.path, node.failure_reason(), tuple(chain))
-
-
-def _make_room_for_frames(depth: int) -> None:
-    """Lets Python nest as many calls as a tree of this depth needs.
-
-    The limit holds for the whole process, so it is only ever raised. It guards the C stack against recursion without
-    end; calls from Python to Python, which ticks are, do not use the C stack.
-    """
-    needed = depth * _FRAMES_PER_LEVEL + _FRAMES_OF_HOST
-    if sys.getrecursionlimit() < needed:
-        sys.setrecursionlimit(needed)

@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a tick of a behavior tree costs: this engine, BehaviorTree.CPP (through the wheel behaviortreepy) and py_trees.
+
+Shapes: (a) a sequence of leaves, (b) a reactive fallback over conditions, (c) a chain of decorators, (d) sub-trees with
+remapped ports that are written and read, (e) scripts and pre-conditions, and (f) a sequence of leaves written in Python
+for this engine and for the wheel. The engines take turns within each round, so that the noise of the machine meets
+them alike; what counts is the median of the ratios of the rounds.
+
+A second table has the loading of a file, again and for the first time, and the memory of a node.
+
+Usage: bt_tick.py [--rounds N] [--sizes 100,1000,10000] [--shapes a,b,...] [--output FILE.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import importlib
+import json
+import statistics
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_server.behavior_tree import (
+    Condition,
+    NodeRegistry,
+    NodeStatus,
+    Tree,
+    TreeDocument,
+    TreeLibrary,
+    builtin_registry,
+    load_xml,
+)
+
+TARGET_NATIVE: Final = 0.7
+TARGET_PYTHON: Final = 0.5
+TARGET_PY_TREES: Final = 30.0
+NODES_PER_SAMPLE: Final = 60_000
+"""Nodes ticked for one sample of an engine."""
+
+CHAIN_DEPTH: Final = 200
+"""Nodes of a chain in one tree: XML may nest 256 deep, so long chains go through sub-trees."""
+
+Tick = Callable[[], object]
+
+
+def document(*trees: str) -> str:
+    """An XML file of trees; the first is the main one."""
+    bodies = ''.join(f'<BehaviorTree ID="T{number}">{body}</BehaviorTree>' for number, body in enumerate(trees))
+    return f'<root BTCPP_format="4" main_tree_to_execute="T0">{bodies}</root>'
+
+
+def leaves(count: int) -> str:
+    return document(f'<Sequence>{"<AlwaysSuccess/>" * (count - 1)}</Sequence>')
+
+
+def conditions(count: int) -> str:
+    return document(f'<ReactiveFallback>{"<AlwaysFailure/>" * (count - 1)}</ReactiveFallback>')
+
+
+def decorators(count: int) -> str:
+    trees: list[str] = []
+    left = count
+    while left > 0:
+        depth = min(CHAIN_DEPTH, left) - 1
+        left -= depth + 1
+        inner = f'<SubTree ID="T{len(trees) + 1}"/>' if left > 0 else '<AlwaysSuccess/>'
+        trees.append('<Inverter>' * depth + inner + '</Inverter>' * depth)
+    return document(*trees)
+
+
+def subtrees(count: int) -> str:
+    """Two nodes of each sub-tree use an entry of the caller: one writes it, the other reads it."""
+    call = '<SubTree ID="T1" in="{value}" out="{value}"/>'
+    inner = (
+        '<Sequence><SetBlackboard value="1" output_key="out"/>'
+        '<Repeat num_cycles="{out}"><AlwaysSuccess/></Repeat></Sequence>'
+    )
+    calls = call * max(1, (count - 2) // 5)
+    return document(f'<Sequence><SetBlackboard value="1" output_key="value"/>{calls}</Sequence>', inner)
+
+
+def scripts(count: int) -> str:
+    """Half of the nodes are scripts, the others have a pre-condition."""
+    pair = '<Script code="n := n + 1; ok := n &gt; 0"/><AlwaysSuccess _failureIf="n &lt; 0 || !ok"/>'
+    return document(f'<Sequence><Script code="n := 0; ok := true"/>{pair * ((count - 2) // 2)}</Sequence>')
+
+
+def python_leaves(count: int) -> str:
+    return document(f'<Sequence>{"<PythonCondition/>" * (count - 1)}</Sequence>')
+
+
+SHAPES: Final[dict[str, tuple[str, Callable[[int], str]]]] = {
+    'a': ('sequence of leaves', leaves),
+    'b': ('reactive fallback over conditions', conditions),
+    'c': ('chain of decorators', decorators),
+    'd': ('sub-trees, remapped ports', subtrees),
+    'e': ('scripts and pre-conditions', scripts),
+    'f': ('sequence of Python leaves', python_leaves),
+}
+
+
+class PythonCondition(Condition):
+    """A leaf of a user."""
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.SUCCESS
+
+
+def registry() -> NodeRegistry:
+    made = builtin_registry()
+    made.register('PythonCondition', PythonCondition)
+    return made
+
+
+def our_tree(xml: str, nodes: NodeRegistry) -> Tree:
+    return Tree(TreeLibrary().stage([load_xml(xml, 'bench.xml', nodes)]), 'T0')
+
+
+class Wheel:
+    """BehaviorTree.CPP. The factory lives as long as its trees."""
+
+    def __init__(self) -> None:
+        self._library = importlib.import_module('behaviortreepy')
+
+    def tree(self, xml: str) -> tuple[Any, Any]:
+        factory = self._library.BehaviorTreeFactory()
+        success = self._library.NodeStatus.SUCCESS
+        factory.register_simple_condition('PythonCondition', lambda node: success)
+        return factory, factory.create_tree_from_text(xml)
+
+
+def py_trees_tick(shape: str, count: int) -> Tick | None:
+    """The same shape in py_trees; None where it has no such thing (conditions of a script, remapped ports)."""
+    from py_trees import behaviours, composites, decorators, logging
+
+    logging.level = logging.Level.ERROR
+    root: Any
+    if shape in 'af':
+        root = composites.Sequence('root', memory=False)
+        root.add_children([behaviours.Success(name='leaf') for _ in range(count - 1)])
+    elif shape == 'b':
+        root = composites.Selector('root', memory=False)
+        root.add_children([behaviours.Failure(name='leaf') for _ in range(count - 1)])
+    elif shape == 'c' and count <= 1000:  # its time grows with the square of the depth
+        root = behaviours.Success(name='leaf')
+        for _ in range(count - 1):
+            root = decorators.Inverter(name='inverter', child=root)
+    else:
+        return None
+    tick: Tick = root.tick_once
+    return tick
+
+
+def sample(tick: Tick, nodes: int, repetitions: int) -> float:
+    """ns of a tick for each node."""
+    began = time.perf_counter_ns()
+    for _ in range(repetitions):
+        tick()
+    return (time.perf_counter_ns() - began) / repetitions / nodes
+
+
+def compare(shape: str, count: int, rounds: int, wheel: Wheel) -> dict[str, Any]:
+    """Medians (ns for a node and tick) and medians of ratios of one shape."""
+    xml = SHAPES[shape][1](count)
+    ours = our_tree(xml, registry())
+    nodes = len(ours.nodes)
+    factory, theirs = wheel.tree(xml)
+    engines: dict[str, Tick] = {'flexbt': ours.tick_exactly_once, 'btcpp': theirs.tick_exactly_once}
+    slow = py_trees_tick(shape, count)
+    if slow is not None:
+        engines['py_trees'] = slow
+    samples: dict[str, list[float]] = {name: [] for name in engines}
+    gc.collect()
+    for tick in engines.values():
+        tick()
+    for _ in range(rounds):
+        for name, tick in engines.items():
+            repetitions = NODES_PER_SAMPLE // nodes
+            samples[name].append(sample(tick, nodes, max(1, repetitions if name != 'py_trees' else repetitions // 40)))
+    del theirs, factory
+    row: dict[str, Any] = {'shape': shape, 'nodes': nodes}
+    row |= {name: statistics.median(values) for name, values in samples.items()}
+    row['ratio'] = median_ratio(samples['flexbt'], samples['btcpp'])
+    if slow is not None:
+        row['times faster than py_trees'] = 1 / median_ratio(samples['flexbt'], samples['py_trees'])
+    return row
+
+
+def median_ratio(ours: Sequence[float], theirs: Sequence[float]) -> float:
+    return statistics.median(one / other for one, other in zip(ours, theirs, strict=True))
+
+
+def loading(count: int, rounds: int, wheel: Wheel) -> dict[str, Any]:
+    """Seconds to load a file of so many nodes, and bytes of a node of a running tree."""
+    pieces = '<Inverter name="n"><Repeat num_cycles="5"><AlwaysFailure/></Repeat></Inverter>' * 3 + '<AlwaysSuccess/>'
+    groups = ''.join(f'<Sequence name="group {number}">{pieces}</Sequence>' for number in range(count // 11))
+    xml = document(f'<Fallback>{groups}</Fallback>')
+    nodes = registry()
+
+    def first() -> TreeDocument:
+        return load_xml(xml, 'bench.xml', nodes)
+
+    def btcpp() -> object:
+        return wheel.tree(xml)
+
+    loads: dict[str, list[float]] = {'flexbt': [], 'btcpp': []}
+    for _ in range(rounds):
+        for name, load in (('flexbt', first), ('btcpp', btcpp)):
+            gc.collect()
+            began = time.perf_counter()
+            kept = load()
+            loads[name].append(time.perf_counter() - began)
+            del kept
+    library = TreeLibrary().stage([first()])
+    builds = []
+    for _ in range(rounds):
+        gc.collect()
+        began = time.perf_counter()
+        tree = Tree(library, 'T0')
+        builds.append(time.perf_counter() - began)
+    del tree
+    gc.collect()
+    tracemalloc.start()
+    tree = Tree(library, 'T0')
+    of_node = tracemalloc.get_traced_memory()[0] / len(tree.nodes)
+    tracemalloc.stop()
+    return {
+        'nodes': len(tree.nodes),
+        'first load, s': statistics.median(loads['flexbt']),
+        'again (definition known), s': statistics.median(builds),
+        'btcpp load and build, s': statistics.median(loads['btcpp']),
+        'bytes of a node': of_node,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--rounds', type=int, default=15)
+    parser.add_argument('--sizes', default='100,1000,10000')
+    parser.add_argument('--shapes', default=','.join(SHAPES))
+    parser.add_argument('--output', type=Path, default=Path('out/bt_tick.json'))
+    arguments = parser.parse_args()
+    wheel = Wheel()
+    print(f'{"ns for a node and tick":36}{"nodes":>7}{"FlexBT":>9}{"BT.CPP":>9}{"py_trees":>10}{"ratio":>8}{"x":>7}')
+    rows = []
+    for shape in arguments.shapes.split(','):
+        for count in map(int, arguments.sizes.split(',')):
+            row = compare(shape, count, arguments.rounds, wheel)
+            rows.append(row)
+            slow = f'{row["py_trees"]:10.0f}' if 'py_trees' in row else f'{"":10}'
+            times = f'{row["times faster than py_trees"]:7.0f}' if 'py_trees' in row else ''
+            print(
+                f'({shape}) {SHAPES[shape][0]:32}{row["nodes"]:7}{row["flexbt"]:9.1f}{row["btcpp"]:9.1f}'
+                f'{slow}{row["ratio"]:8.2f}{times}',
+                flush=True,
+            )
+    print(
+        f'targets: ratio to BT.CPP at most {TARGET_NATIVE} for native leaves, {TARGET_PYTHON} for those in Python (f); '
+        f'{TARGET_PY_TREES:.0f} times faster than py_trees'
+    )
+    loaded = loading(10_000, arguments.rounds, wheel)
+    for what, value in loaded.items():
+        print(f'{what:36}{value:12.4g}')
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    arguments.output.write_text(json.dumps({'tick': rows, 'loading': loaded}, indent=2) + '\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
