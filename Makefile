@@ -2,13 +2,15 @@
 # The commands of the workspace; the work is done by tools/workspace.sh. Each command sets up what it needs.
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench clean distclean
+N ?= 20000
+SEED ?= 0
+.PHONY: help setup demo test lint bench conformance clean distclean
 .NOTPARALLEL:
 
 help:  ## this text
 	@echo 'FlexBT. The commands (each does the set-up by itself, and only what is missing of it):'
 	@echo
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 	@echo
 	@echo '  . tools/env.sh   a shell with everything of the workspace: bt_server, console, colcon, Python imports'
 	@echo
@@ -29,6 +31,9 @@ lint:  ## ruff, mypy, shellcheck
 
 bench:  ## the benchmarks; figures into out/bench
 	@tools/workspace.sh bench
+
+conformance:  ## the BT engine against BehaviorTree.CPP, event by event: N=20000 random trees from SEED=0 on
+	@tools/workspace.sh run python3 flexbt_server/test/bt_conformance.py --count $(N) --seed $(SEED)
 
 clean:  ## remove what was built: build, install, log, out
 	@tools/workspace.sh clean
