@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,8 +15,9 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
 from flexbt_common import names
-from flexbt_common.action_call import ActionCall, ActionLinks, GoalOutcome
+from flexbt_common.action_call import ActionLinks
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sent_goal import SentGoal
 from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import (
     BackUp,
@@ -192,47 +192,6 @@ class Navigation:
     def _is_path_valid(self, request: Any, response: Any) -> Any:
         response.is_valid = self.path_valid and bool(request.path.poses)
         return response
-
-
-class SentGoal:
-    """A goal of the client, with its feedback and its end."""
-
-    def __init__(self, link: Any, goal: Any) -> None:
-        self.feedback: list[Any] = []
-        self.accepted = threading.Event()
-        self._ended = threading.Event()
-        self.outcomes: list[GoalOutcome] = []
-        self.call = ActionCall(
-            link,
-            goal,
-            on_done=self._done,
-            on_feedback=self.feedback.append,
-            on_accepted=self.accepted.set,
-            server_timeout=DEADLINE,
-            accept_timeout=DEADLINE,
-        )
-
-    def _done(self, outcome: GoalOutcome) -> None:
-        self.outcomes.append(outcome)
-        self._ended.set()
-
-    @property
-    def ended(self) -> bool:
-        """Whether there is an outcome."""
-        return self._ended.is_set()
-
-    def wait(self, timeout: float = DEADLINE) -> GoalOutcome:
-        """The outcome."""
-        assert self._ended.wait(timeout), 'the goal did not end'
-        assert len(self.outcomes) == 1
-        return self.outcomes[0]
-
-    @property
-    def result(self) -> Any:
-        """The result message."""
-        outcome = self.wait()
-        assert outcome.result is not None, outcome.reason
-        return outcome.result
 
 
 class Client:

@@ -18,6 +18,7 @@ from flexbt_common import names
 from flexbt_common.action_call import GoalStatus
 from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sent_goal import SentGoal
 from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute, FollowPath
 from flexbt_msgs.msg import TreeStatus, TreeStructure
@@ -90,8 +91,6 @@ def test_a_goal_that_cannot_run_is_an_error_with_a_reason(
 
 
 def test_an_input_that_cannot_be_read_is_an_error_that_names_it(world: World) -> None:
-    from server_world import SentGoal
-
     from flexbt_msgs.msg import BlackboardEntry
 
     world.client.load_tree('<AlwaysSuccess/>')

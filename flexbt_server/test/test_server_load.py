@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from server_world import DEADLINE, SentGoal, World, document, open_world, until
+from server_world import DEADLINE, World, document, open_world, until
 
 from flexbt_common.action_call import GoalStatus
+from flexbt_common.sent_goal import SentGoal
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 

@@ -40,6 +40,9 @@ class Motion(Protocol):
             NavigationError: it cannot go on.
         """
 
+    def update(self, costmap: Costmap) -> None:
+        """There is a new map."""
+
 
 @dataclass(frozen=True)
 class TurnLimits:
@@ -89,6 +92,9 @@ class SpinMotion:
             return None
         return Velocity(0.0, math.copysign(self._limits.speed(remaining), remaining))
 
+    def update(self, costmap: Costmap) -> None:
+        """Whatever the map, a circle turns on the spot."""
+
 
 class DriveMotion:
     """Drives straight, forward or backward, for a distance."""
@@ -115,6 +121,9 @@ class DriveMotion:
         if collides(self._costmap, pose, velocity, seconds):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of driving')
         return velocity
+
+    def update(self, costmap: Costmap) -> None:
+        self._costmap = costmap
 
 
 def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -> bool:

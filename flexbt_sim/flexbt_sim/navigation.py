@@ -10,26 +10,22 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import Any, Final
-
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
+from typing import Any
 
 from flexbt_common import names, navigation_interfaces
 from flexbt_common.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.node_runtime import NodeRuntime, run_node
+from flexbt_sim.action_results import GoalEnd
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.motion_server import RESULT_TIMEOUT, MotionArbiter, MotionEnd, MotionServer
+from flexbt_sim.motion_server import MotionArbiter, MotionServer
 from flexbt_sim.motions import DriveMotion, SpinMotion
 from flexbt_sim.navigation_parameters import declare_parameters
 from flexbt_sim.path_follower import PathFollower, ProgressChecker
 from flexbt_sim.planner_server import PlannerServer
+from flexbt_sim.request_checks import check_id, finite, path_in_map
 from flexbt_sim.robot_interface import RobotInterface
-from flexbt_sim.ros_messages import duration_message, pose_of, seconds_of
-
-WAIT_FEEDBACK_SECONDS: Final = 0.5
-"""Time between two feedback messages of wait, s."""
+from flexbt_sim.ros_messages import seconds_of
+from flexbt_sim.wait_server import WaitServer
 
 
 class Navigation:
@@ -44,8 +40,6 @@ class Navigation:
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_parameters(runtime.node))
         self._types = navigation_interfaces.load(self._parameters.interfaces)
-        self._arbiter = MotionArbiter(runtime, self._parameters.pose_timeout)
-        self._waits: dict[bytes, Future] = {}
         runtime.call(self._serve)
         self._watches = [
             LivelinessWatch(runtime, owner, partial(self._on_owner, owner)) for owner in self._parameters.owner_nodes
@@ -56,8 +50,8 @@ class Navigation:
 
     def _serve(self) -> None:
         runtime, types = self._runtime, self._types
-        self._robot = RobotInterface(runtime, self._parameters, self._arbiter.on_pose)
-        self._arbiter.attach(self._robot)
+        self._robot = RobotInterface(runtime, self._parameters)
+        self._arbiter = MotionArbiter(runtime, self._robot, self._parameters.pose_timeout)
         PlannerServer(runtime, self._parameters, types, self._robot)
         motions = (
             (
@@ -71,7 +65,9 @@ class Navigation:
             (
                 types.Spin,
                 names.SPIN,
-                lambda request: SpinMotion(float(request.target_yaw), seconds_of(request.time_allowance)),
+                lambda request: SpinMotion(
+                    finite(request.target_yaw, 'target_yaw'), seconds_of(request.time_allowance)
+                ),
                 lambda motion: types.Spin.Feedback(angular_distance_traveled=float(motion.turned)),
             ),
             (
@@ -89,7 +85,7 @@ class Navigation:
         )
         for action_type, name, make, feedback in motions:
             MotionServer(runtime, self._arbiter, action_type, name, make, feedback)
-        self._serve_wait()
+        self._waits = WaitServer(runtime, types.Wait)
         for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP):
             runtime.node.create_service(types.ClearEntireCostmap, name, self._clear)
         runtime.node.create_service(types.IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
@@ -97,90 +93,38 @@ class Navigation:
     # -- motions -----------------------------------------------------------------------------------------------------
 
     def _follow(self, request: Any) -> PathFollower:
-        ids = self._parameters.controller_ids
-        if request.controller_id and request.controller_id not in ids:
-            raise NavigationError(
-                'INVALID_CONTROLLER', f'there is no controller {request.controller_id!r}; known: {ids}'
-            )
+        parameters = self._parameters
+        check_id(request.controller_id, parameters.controller_ids, 'controller', 'INVALID_CONTROLLER')
+        check_id(request.goal_checker_id, parameters.goal_checker_ids, 'goal checker', 'UNKNOWN')
+        check_id(request.progress_checker_id, parameters.progress_checker_ids, 'progress checker', 'UNKNOWN')
+        path = path_in_map(request.path, parameters.map_frame)
         running = self._arbiter.running
         progress: ProgressChecker | None = None
         speed = 0.0
         if running is not None and isinstance(running.motion, PathFollower):
             progress, speed = running.motion.progress, running.motion.speed
-        path = [pose_of(stamped.pose) for stamped in request.path.poses]
-        follower = PathFollower(path, self._robot.costmap, self._parameters.follower, progress)
+        follower = PathFollower(path, self._robot.costmap, parameters.follower, progress)
         follower.speed = speed
         return follower
 
     def _back_up(self, request: Any) -> DriveMotion:
-        if request.target.y or request.target.z:
-            raise NavigationError(
-                'INVALID_INPUT', 'only straight motions are possible: target.y and target.z have to be 0'
-            )
-        distance, speed = -abs(float(request.target.x)), -abs(float(request.speed))
-        return self._straight(distance, speed, request)
+        return self._straight(-abs(request.target.x), -abs(request.speed), request)
 
     def _drive(self, request: Any) -> DriveMotion:
+        return self._straight(request.target.x, request.speed, request)
+
+    def _straight(self, distance: float, speed: float, request: Any) -> DriveMotion:
+        finite(distance, 'target.x')
+        finite(speed, 'speed')
         if request.target.y or request.target.z:
             raise NavigationError(
                 'INVALID_INPUT', 'only straight motions are possible: target.y and target.z have to be 0'
             )
-        distance, speed = float(request.target.x), float(request.speed)
-        if distance * speed < 0.0:
-            raise NavigationError('INVALID_INPUT', f'distance {distance:g} and speed {speed:g} have opposite signs')
-        return self._straight(distance, speed, request)
-
-    def _straight(self, distance: float, speed: float, request: Any) -> DriveMotion:
         if speed == 0.0:
             raise NavigationError('INVALID_INPUT', 'the speed is 0')
+        if distance * speed < 0.0:
+            raise NavigationError('INVALID_INPUT', f'distance {distance:g} and speed {speed:g} have opposite signs')
         return DriveMotion(distance, speed, seconds_of(request.time_allowance), self._robot.costmap)
-
-    # -- wait --------------------------------------------------------------------------------------------------------
-
-    def _serve_wait(self) -> None:
-        server = ActionServer(
-            self._runtime.node,
-            self._types.Wait,
-            names.WAIT,
-            self._wait,
-            cancel_callback=self._on_cancel_wait,
-            result_timeout=RESULT_TIMEOUT,
-            **names.deep_action_services(),
-        )
-        self._runtime.on_close(lambda: self._runtime.call(server.destroy))
-
-    async def _wait(self, handle: ServerGoalHandle) -> Any:
-        clock = self._runtime.clock
-        began = clock.now()
-        end = began + seconds_of(handle.request.time)
-        over = Future(executor=self._runtime.node.executor)
-        key = bytes(handle.goal_id.uuid)
-        self._waits[key] = over
-        alarm = clock.call_at(end, partial(self._runtime.post, partial(_resolve, over, 'succeed')))
-        self._tell_time_left(handle, end)
-        if handle.is_cancel_requested:
-            _resolve(over, 'canceled')
-        how = await over
-        alarm.cancel()
-        del self._waits[key]
-        getattr(handle, how)()
-        return self._types.Wait.Result(total_elapsed_time=duration_message(max(0.0, clock.now() - began)))
-
-    def _tell_time_left(self, handle: ServerGoalHandle, end: float) -> None:
-        if not handle.is_active:
-            return
-        now = self._runtime.clock.now()
-        handle.publish_feedback(self._types.Wait.Feedback(time_left=duration_message(max(0.0, end - now))))
-        if now + WAIT_FEEDBACK_SECONDS < end:
-            tell = partial(self._tell_time_left, handle, end)
-            self._runtime.clock.call_at(now + WAIT_FEEDBACK_SECONDS, partial(self._runtime.post, tell))
-
-    def _on_cancel_wait(self, handle: ServerGoalHandle) -> CancelResponse:
-        over = self._waits.get(bytes(handle.goal_id.uuid))
-        if over is not None:
-            # rclpy makes the goal CANCELING only after this callback.
-            self._runtime.post(partial(_resolve, over, 'canceled'))
-        return CancelResponse.ACCEPT
 
     # -- services ----------------------------------------------------------------------------------------------------
 
@@ -189,8 +133,8 @@ class Navigation:
         return response
 
     def _is_path_valid(self, request: Any, response: Any) -> Any:
-        poses = [pose_of(stamped.pose) for stamped in request.path.poses]
         try:
+            poses = path_in_map(request.path, self._parameters.map_frame)
             costmap, here = self._robot.costmap, self._robot.pose
         except NavigationError as error:
             self._runtime.node.get_logger().warning(f'is_path_valid: {error}')
@@ -211,16 +155,11 @@ class Navigation:
             self._end_all(f'{owner}, which gives the goals, has died')
 
     def _end_all(self, reason: str) -> None:
-        if self._arbiter.running is not None or self._waits:
+        if self._arbiter.running is not None or self._waits.busy:
             self._runtime.node.get_logger().error(f'every goal is ended: {reason}')
-        self._arbiter.end(MotionEnd(code='UNKNOWN', message=reason))
-        for over in self._waits.values():
-            _resolve(over, 'abort')
-
-
-def _resolve(future: Future, value: str) -> None:
-    if not future.done():
-        future.set_result(value)
+        end = GoalEnd(code='UNKNOWN', message=reason)
+        self._arbiter.end(end)
+        self._waits.end_all(end)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -22,6 +22,8 @@ class NavigationParameters:
     owner_nodes: tuple[str, ...]
     planner_ids: tuple[str, ...]
     controller_ids: tuple[str, ...]
+    goal_checker_ids: tuple[str, ...]
+    progress_checker_ids: tuple[str, ...]
     inflation: Inflation
     follower: FollowerLimits
     map_frame: str
@@ -55,6 +57,12 @@ def declare_parameters(node: Node) -> NavigationParameters:
         owner_nodes=strings('owner_nodes', [names.BT_SERVER], 'nodes whose death cancels every goal; [""] for none'),
         planner_ids=strings('planner_ids', ['GridBased'], 'names under which the planner is known'),
         controller_ids=strings('controller_ids', ['FollowPath'], 'names under which the controller is known'),
+        goal_checker_ids=strings(
+            'goal_checker_ids', ['general_goal_checker', 'goal_checker'], 'names under which the goal checker is known'
+        ),
+        progress_checker_ids=strings(
+            'progress_checker_ids', ['progress_checker'], 'names under which the progress checker is known'
+        ),
         inflation=Inflation(
             robot_radius=real('robot_radius', inflation.robot_radius, 0.01, 2.0, 'radius of the robot, m'),
             radius=real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),

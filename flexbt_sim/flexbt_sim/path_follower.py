@@ -111,6 +111,10 @@ class PathFollower:
         self.speed = velocity.linear
         return velocity
 
+    def update(self, costmap: Costmap) -> None:
+        """See :class:`flexbt_sim.motions.Motion`."""
+        self._costmap = costmap
+
     def _pursue(self, pose: Pose) -> Velocity:
         limits = self._limits
         carrot = self._carrot(pose)

@@ -15,13 +15,15 @@ from rclpy.task import Future
 from flexbt_common import names
 from flexbt_common.navigation_interfaces import NavigationInterfaces
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_sim.action_results import CANCELED, RESULT_TIMEOUT, SUCCEEDED, GoalEnd, finish
+from flexbt_sim.costmap import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.geometry import Pose
-from flexbt_sim.motion_server import RESULT_TIMEOUT
 from flexbt_sim.navigation_parameters import NavigationParameters
 from flexbt_sim.planner import GridPlanner
+from flexbt_sim.request_checks import check_id, pose_in_map
 from flexbt_sim.robot_interface import RobotInterface
-from flexbt_sim.ros_messages import duration_message, path_message, pose_of
+from flexbt_sim.ros_messages import duration_message, path_message
 
 
 class PlannerServer:
@@ -37,6 +39,7 @@ class PlannerServer:
         self._runtime = runtime
         self._parameters = parameters
         self._robot = robot
+        self._planner: tuple[Costmap, GridPlanner] | None = None
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix='planner')
         self._plan_topic = runtime.node.create_publisher(Path, names.PLAN, 1)
         runtime.on_close(lambda: self._pool.shutdown(wait=False, cancel_futures=True))
@@ -66,51 +69,44 @@ class PlannerServer:
     async def _execute(self, handle: ServerGoalHandle, action_type: Any, goals: Sequence[Any]) -> Any:
         began = self._runtime.steady.now()
         result = action_type.Result()
-        await self._robot.known()
+        end = CANCELED
         try:
-            start, poses = self._checked(handle.request, goals)
-            planned = await self._in_thread(self._robot.planner, start, poses)
+            planned = await self._planned(handle, goals)
+            if planned and not handle.is_cancel_requested:
+                stamp = self._runtime.clock.stamp()
+                result.path = path_message(planned, self._parameters.map_frame, stamp)
+                self._plan_topic.publish(result.path)
+                end = SUCCEEDED
         except NavigationError as error:
-            result.error_code = int(getattr(action_type.Result, error.code, action_type.Result.UNKNOWN))
-            result.error_msg = str(error)
-            handle.abort()
-            return result
+            end = GoalEnd(code=error.code, message=str(error))
+        except Exception as error:
+            self._runtime.report_fault(error, 'the planner')
+            end = GoalEnd(code='UNKNOWN', message=f'fault in the planner: {error!r}')
         result.planning_time = duration_message(self._runtime.steady.now() - began)
-        if handle.is_cancel_requested:
-            handle.canceled()
-            return result
-        result.path = path_message(planned, self._parameters.map_frame, self._runtime.node.get_clock().now().to_msg())
-        self._plan_topic.publish(result.path)
-        handle.succeed()
-        return result
+        return finish(handle, result, end)
+
+    async def _planned(self, handle: ServerGoalHandle, goals: Sequence[Any]) -> list[Pose]:
+        await self._robot.known()
+        start, poses = self._checked(handle.request, goals)
+        return await self._in_thread(handle, self._robot.costmap, start, poses)
 
     def _checked(self, request: Any, goals: Sequence[Any]) -> tuple[Pose, list[Pose]]:
         parameters = self._parameters
-        if request.planner_id and request.planner_id not in parameters.planner_ids:
-            known = ', '.join(parameters.planner_ids)
-            raise NavigationError('INVALID_PLANNER', f'there is no planner {request.planner_id!r}; known: {known}')
+        frame = parameters.map_frame
+        check_id(request.planner_id, parameters.planner_ids, 'planner', 'INVALID_PLANNER')
         if not goals:
             raise NavigationError('NO_VIAPOINTS_GIVEN', 'the goal has no poses')
-        stamped = [*goals, request.start] if request.use_start else list(goals)
-        for pose in stamped:
-            if pose.header.frame_id not in ('', parameters.map_frame):
-                raise NavigationError(
-                    'TF_ERROR', f'no transform from frame {pose.header.frame_id!r} to {parameters.map_frame!r} is known'
-                )
-        start = pose_of(request.start.pose) if request.use_start else self._robot.pose
-        return start, [pose_of(goal.pose) for goal in goals]
+        poses = [pose_in_map(goal, frame, 'the goal', 'GOAL_OUTSIDE_MAP') for goal in goals]
+        if request.use_start:
+            return pose_in_map(request.start, frame, 'the start', 'START_OUTSIDE_MAP'), poses
+        return self._robot.pose, poses
 
-    def _in_thread(self, planner: GridPlanner, start: Pose, goals: Sequence[Pose]) -> Future:
+    def _in_thread(self, handle: ServerGoalHandle, costmap: Costmap, start: Pose, goals: Sequence[Pose]) -> Future:
         future = Future(executor=self._runtime.node.executor)
 
         def work() -> None:
             try:
-                path: list[Pose] = []
-                here = start
-                for goal in goals:
-                    leg = planner.plan(here, goal)
-                    path += leg[1:] if path else leg
-                    here = goal
+                path = [] if handle.is_cancel_requested else self._plan(costmap, start, goals)
             except Exception as error:
                 failure = error
                 self._runtime.post(lambda: future.set_exception(failure))
@@ -119,3 +115,16 @@ class PlannerServer:
 
         self._pool.submit(work)
         return future
+
+    def _plan(self, costmap: Costmap, start: Pose, goals: Sequence[Pose]) -> list[Pose]:
+        """On the thread of the planner."""
+        if self._planner is None or self._planner[0] is not costmap:
+            self._planner = costmap, GridPlanner(costmap)
+        planner = self._planner[1]
+        path: list[Pose] = []
+        here = start
+        for goal in goals:
+            leg = planner.plan(here, goal)
+            path += leg[1:] if path else leg
+            here = goal
+        return path

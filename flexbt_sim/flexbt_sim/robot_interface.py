@@ -13,30 +13,36 @@ from rclpy.task import Future
 from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_sim.costmap import Costmap
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.errors import NavigationError, SimulationError
 from flexbt_sim.geometry import Pose
 from flexbt_sim.motions import Velocity
 from flexbt_sim.navigation_parameters import NavigationParameters
-from flexbt_sim.planner import GridPlanner
-from flexbt_sim.ros_messages import map_of, pose_of, seconds_of, twist
+from flexbt_sim.occupancy_map import OccupancyMap
+from flexbt_sim.request_checks import check_frame, pose_in_map
+from flexbt_sim.ros_messages import map_of, seconds_of, twist
 
 KNOWN_TIMEOUT: Final = 1.0
 """How long a request waits for the first pose and the map, s of wall time."""
 
+COMPLAINT_SECONDS: Final = 5.0
+"""Time between two lines of the log about poses that cannot be used."""
+
 
 class RobotInterface:
-    """On the executor thread. ``on_pose(pose, time)`` is called for each new pose; time is that of the pose, s."""
+    """On the executor thread.
 
-    def __init__(
-        self, runtime: NodeRuntime, parameters: NavigationParameters, on_pose: Callable[[Pose, float], None]
-    ) -> None:
+    ``on_pose(pose, time)`` is called for each new pose; time is that of the pose, s. ``on_map()`` is called for each
+    new map.
+    """
+
+    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters) -> None:
         self._runtime = runtime
         self._parameters = parameters
-        self._on_pose = on_pose
+        self.on_pose: Callable[[Pose, float], None] = lambda _pose, _time: None
+        self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
-        self._grid: OccupancyGrid | None = None
+        self._world: OccupancyMap | None = None
         self._costmap: Costmap | None = None
-        self._planner: GridPlanner | None = None
         self._waiting: list[Future] = []
         node = runtime.node
         node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
@@ -57,7 +63,7 @@ class RobotInterface:
         return future
 
     def _tell_waiting(self) -> None:
-        if self._pose is not None and self._grid is not None:
+        if self._pose is not None and self._world is not None:
             for future in self._waiting:
                 _complete(future)
             self._waiting.clear()
@@ -75,21 +81,14 @@ class RobotInterface:
     def costmap(self) -> Costmap:
         """The inflated map. Raises NavigationError UNKNOWN while there is no map."""
         if self._costmap is None:
-            if self._grid is None:
+            if self._world is None:
                 raise NavigationError('UNKNOWN', f'there is no map: nothing on {self._parameters.map_topic}')
-            self._costmap = Costmap(map_of(self._grid), self._parameters.inflation)
+            self._costmap = Costmap(self._world, self._parameters.inflation)
         return self._costmap
-
-    @property
-    def planner(self) -> GridPlanner:
-        """A planner on the costmap."""
-        if self._planner is None:
-            self._planner = GridPlanner(self.costmap)
-        return self._planner
 
     def clear_costmap(self) -> None:
         """Forget what was made of the map; it is made anew from the last message when it is needed."""
-        self._costmap = self._planner = None
+        self._costmap = None
 
     def drive(self, velocity: Velocity) -> None:
         """Send a velocity command."""
@@ -102,14 +101,25 @@ class RobotInterface:
             self._commands.publish(command)
 
     def _receive_pose(self, message: PoseStamped) -> None:
-        self._pose = pose_of(message.pose)
+        try:
+            self._pose = pose_in_map(message, self._parameters.map_frame, 'the pose of the robot', 'TF_ERROR')
+        except NavigationError as error:
+            # They come at a high rate.
+            self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+            return
         self._tell_waiting()
-        self._on_pose(self._pose, seconds_of(message.header.stamp))
+        self.on_pose(self._pose, seconds_of(message.header.stamp))
 
     def _receive_map(self, grid: OccupancyGrid) -> None:
-        self._grid = grid
+        try:
+            check_frame(grid.header.frame_id, self._parameters.map_frame, 'the map')
+            self._world = map_of(grid)
+        except SimulationError as error:
+            self._runtime.node.get_logger().error(f'ignored: {error}')
+            return
         self.clear_costmap()
         self._tell_waiting()
+        self.on_map()
 
 
 def _complete(future: Future) -> None:

@@ -13,6 +13,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, Quaternion, Twist
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 
+from flexbt_sim.errors import SimulationError
 from flexbt_sim.geometry import Pose, wrap
 from flexbt_sim.motions import Velocity
 from flexbt_sim.occupancy_map import OccupancyMap
@@ -57,9 +58,9 @@ def stamped(pose: Pose, frame: str, stamp: Time) -> PoseStamped:
 
 
 def pose_of(message: PoseMessage) -> Pose:
-    """A pose in the plane, from a message; an orientation of all zeros counts as heading 0."""
+    """A pose in the plane, from a message. A quaternion of any length will do; one of all zeros means heading 0."""
     q = message.orientation
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)) if (q.w or q.z) else 0.0
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
     return Pose(float(message.position.x), float(message.position.y), wrap(yaw))
 
 
@@ -96,6 +97,15 @@ def grid_message(world: OccupancyMap, frame: str, stamp: Time) -> OccupancyGrid:
 
 
 def map_of(grid: OccupancyGrid) -> OccupancyMap:
-    """A map, from a message."""
-    cells = numpy.frombuffer(grid.data, numpy.int8).reshape(grid.info.height, grid.info.width)
-    return OccupancyMap(cells, float(grid.info.resolution), pose_of(grid.info.origin))
+    """A map, from a message.
+
+    Raises:
+        SimulationError: the message contradicts itself, or says nothing.
+    """
+    info, origin = grid.info, pose_of(grid.info.origin)
+    if not info.width * info.height == len(grid.data) > 0:
+        raise SimulationError(f'a map of {info.width} x {info.height} cells came with {len(grid.data)} of them')
+    if not 0.0 < info.resolution < math.inf or not all(map(math.isfinite, origin)):
+        raise SimulationError(f'a map with cells of {info.resolution} m at {tuple(origin)} is no map')
+    cells = numpy.frombuffer(grid.data, numpy.int8).reshape(info.height, info.width)
+    return OccupancyMap(cells, float(info.resolution), origin)

@@ -24,10 +24,12 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime, run_node
+from flexbt_sim.errors import SimulationError
 from flexbt_sim.geometry import Pose
 from flexbt_sim.lidar import Lidar
 from flexbt_sim.occupancy_map import load_map
 from flexbt_sim.pacing import Pacer
+from flexbt_sim.placement import check_place
 from flexbt_sim.robot import Robot
 from flexbt_sim.ros_messages import grid_message, pose_message, pose_of, quaternion, stamped, time_message
 from flexbt_sim.simulator_parameters import SPEED_FACTOR, declare_parameters
@@ -35,8 +37,9 @@ from flexbt_sim.simulator_parameters import SPEED_FACTOR, declare_parameters
 STEP: Final = 0.01
 """Simulated time of one step, s."""
 
-STEPS_PER_CLOCK: Final = 2
-"""Steps between two messages of /clock."""
+STEPS_PER_CLOCK: Final = 3
+"""Steps between two messages of /clock. It costs every node of the robot a wake-up, unless it comes together with the
+odometry, which has this period too by default."""
 
 
 class Simulator:
@@ -52,6 +55,10 @@ class Simulator:
         self._parameters = runtime.call(lambda: declare_parameters(runtime.node))
         parameters = self._parameters
         self._world = load_map(parameters.map)
+        try:
+            self._check_place(parameters.initial_pose)
+        except SimulationError as error:
+            raise SimulationError(f"parameter 'initial_pose': {error}") from None
         self._robot = Robot(self._world, parameters.initial_pose, parameters.limits)
         self._lidar = Lidar(self._world, parameters.lidar, parameters.seed)
         self._steps = 0
@@ -104,7 +111,16 @@ class Simulator:
         self._pacer.command_received()
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
-        self._place(pose_of(message.pose.pose))
+        frame = message.header.frame_id
+        try:
+            if frame not in ('', self._parameters.map_frame):
+                raise SimulationError(f'frame {frame!r} is not known; give the pose in {self._parameters.map_frame!r}')
+            pose = pose_of(message.pose.pose)
+            self._check_place(pose)
+        except SimulationError as error:
+            self._runtime.node.get_logger().error(f'{names.INITIAL_POSE} refused, the robot stays: {error}')
+            return
+        self._place(pose)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         self._place(self._parameters.initial_pose)
@@ -118,6 +134,9 @@ class Simulator:
                 self._pacer.factor = float(change.value)
         return SetParametersResult(successful=True)
 
+    def _check_place(self, pose: Pose) -> None:
+        check_place(self._world, pose, self._parameters.limits.radius)
+
     def _place(self, pose: Pose) -> None:
         with self._lock:
             self._robot.place(pose)
@@ -129,12 +148,11 @@ class Simulator:
             while not self._pacer.stopped:
                 for _ in range(STEPS_PER_CLOCK):
                     self._step()
-                self._clock.publish(Clock(clock=time_message(self.now)))
                 self._pacer.wait(STEPS_PER_CLOCK * STEP)
         except Exception as error:
             # Without a world there is nothing to simulate: the process must not look alive.
             self._runtime.report_fault(error, 'the world')
-            self._runtime.node.destroy_publisher(self._clock)
+            self._runtime.post(lambda: self._runtime.node.destroy_publisher(self._clock))
             raise
 
     def _step(self) -> None:
@@ -142,9 +160,14 @@ class Simulator:
             self._steps += 1
             self._robot.step(self.now, STEP)
             pose, linear, angular = self._robot.pose, self._robot.linear, self._robot.angular
-        if self._steps % self._steps_per_scan == 0 and self._scan.get_subscription_count():
+        scans = self._steps % self._steps_per_scan == 0 and self._scan.get_subscription_count() > 0
+        moves = self._steps % self._steps_per_odom == 0
+        if scans or moves or self._steps % STEPS_PER_CLOCK == 0:
+            # First, so that no message is from the future.
+            self._clock.publish(Clock(clock=time_message(self.now)))
+        if scans:
             self._publish_scan(pose)
-        if self._steps % self._steps_per_odom == 0:
+        if moves:
             commands = self._pacer.commands
             self._publish_pose(pose, linear, angular)
             if self._pacer.factor == 0.0 and self._is_driven():

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
 from flexbt_common import names
@@ -61,6 +61,10 @@ def declare_parameters(node: Node) -> SimulatorParameters:
         limits = [FloatingPointRange(from_value=least, to_value=most)]
         return float(declare(name, default, description, read_only, floating_point_range=limits))
 
+    def whole(name: str, default: int, least: int, most: int, description: str) -> int:
+        limits = [IntegerRange(from_value=least, to_value=most)]
+        return int(declare(name, default, description, integer_range=limits))
+
     factor = 'seconds of the simulated world per second; 0 for as fast as whoever drives the robot keeps up'
     real(SPEED_FACTOR, 1.0, 0.0, 1000.0, factor, read_only=False)
     limits, lidar = RobotLimits(), LidarModel()
@@ -69,10 +73,20 @@ def declare_parameters(node: Node) -> SimulatorParameters:
     )
     if len(pose) != 3:
         raise SimulationError(f"parameter 'initial_pose': expected [x, y, yaw], got {pose}")
+    lidar = LidarModel(
+        beams=whole('scan_beams', lidar.beams, 1, 100_000, 'beams of the lidar'),
+        range_min=real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),
+        range_max=real('scan_range_max', lidar.range_max, 0.1, 100.0, 'm'),
+        noise=real('scan_noise', lidar.noise, 0.0, 1.0, 'standard deviation of a range, m'),
+    )
+    if lidar.range_min >= lidar.range_max:
+        raise SimulationError(
+            f"parameter 'scan_range_min': {lidar.range_min:g} m is not below 'scan_range_max' {lidar.range_max:g} m"
+        )
     return SimulatorParameters(
         map=Path(declare('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()),
         initial_pose=Pose(*(float(value) for value in pose)),
-        seed=int(declare('seed', 0, 'seed of all random numbers')),
+        seed=whole('seed', 0, 0, 2**63 - 1, 'seed of all random numbers'),
         limits=RobotLimits(
             linear_speed=real('linear_speed', limits.linear_speed, 0.01, 10.0, 'greatest speed, m/s'),
             angular_speed=real('angular_speed', limits.angular_speed, 0.01, 20.0, 'greatest turning speed, rad/s'),
@@ -81,13 +95,8 @@ def declare_parameters(node: Node) -> SimulatorParameters:
             radius=real('radius', limits.radius, 0.01, 2.0, 'radius of the robot, m'),
             watchdog=real('watchdog', limits.watchdog, 0.05, 10.0, 'time without a command after which it brakes, s'),
         ),
-        lidar=LidarModel(
-            beams=int(declare('scan_beams', lidar.beams, 'beams of the lidar')),
-            range_min=real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),
-            range_max=real('scan_range_max', lidar.range_max, 0.1, 100.0, 'm'),
-            noise=real('scan_noise', lidar.noise, 0.0, 1.0, 'standard deviation of a range, m'),
-        ),
-        odom_rate=real('odom_rate', 30.0, 1.0, 100.0, 'rate of odometry, pose and transforms, Hz of simulated time'),
+        lidar=lidar,
+        odom_rate=real('odom_rate', 33.3, 1.0, 100.0, 'rate of odometry, pose and transforms, Hz of simulated time'),
         scan_rate=real('scan_rate', 5.0, 0.1, 50.0, 'rate of the scans, Hz of simulated time'),
         stamped_cmd_vel=bool(declare('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist')),
         cmd_vel_topic=str(declare('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands')),

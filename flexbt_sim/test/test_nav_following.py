@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""follow_path in the simulator: arriving, replanning, stopping, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from nav_msgs.msg import Path
+from sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
+
+from flexbt_common.action_call import GoalStatus
+from flexbt_msgs.action import FollowPath
+from flexbt_sim.occupancy_map import load_map
+from flexbt_sim.robot import RobotLimits
+from flexbt_sim.simulator_parameters import built_in_map
+
+Result = FollowPath.Result
+LIMITS = RobotLimits()
+EAST = (11.2, 4.45)
+
+
+@pytest.fixture(scope='module')
+def world() -> Iterator[Probe]:
+    with open_world() as probe:
+        yield probe
+
+
+def test_the_robot_arrives_round_the_walls_and_tells_how_far_it_is(world: Probe) -> None:
+    start = world.place(DOCK)
+    path = world.plan(OFFICE).result.path
+    goal = world.follow(path, controller_id='FollowPath', goal_checker_id='general_goal_checker')
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert goal.result.error_code == Result.NONE
+    rest = world.wait_at_rest()
+    assert rest.distance(OFFICE) < 0.15
+    assert abs(math.remainder(rest.yaw - OFFICE[2], math.tau)) < 0.15
+    walls = load_map(built_in_map())
+    driven = [seen for seen in world.sightings if seen.time >= start.time]
+    assert min(walls.clearance(seen.x, seen.y) for seen in driven) >= LIMITS.radius - walls.resolution / 2.0
+    left = [message.distance_to_goal for message in goal.feedback]
+    assert left[0] == pytest.approx(sum(map(_length, pairwise(path.poses))), rel=0.1)
+    assert left[-1] < 0.3
+    assert all(later < earlier + 0.1 for earlier, later in pairwise(left))
+    assert max(message.speed for message in goal.feedback) == pytest.approx(LIMITS.linear_speed)
+
+
+def _length(ends: tuple[Any, Any]) -> float:
+    a, b = (one.pose.position for one in ends)
+    return math.dist((a.x, a.y), (b.x, b.y))
+
+
+def test_new_paths_are_gone_over_to_without_slowing_down(world: Probe) -> None:
+    world.place(DOCK)
+    goals = [world.follow(line(DOCK, EAST))]
+    began = world.wait_driving(0.25)
+    for _ in range(4):
+        here = world.later(0.6)
+        goals.append(world.follow(line((here.x, here.y), EAST)))
+    last = world.later(0.6)
+    assert min(world.speeds([seen for seen in world.sightings if began.time <= seen.time <= last.time])) > 0.24
+    for replaced in goals[:-1]:
+        result = aborted(replaced, Result.NONE)
+        assert 'newer' in result.error_msg
+    goals[-1].call.cancel()
+    assert goals[-1].wait().status is GoalStatus.CANCELED
+
+
+def test_a_canceled_robot_is_at_rest_in_time(world: Probe) -> None:
+    world.place(DOCK)
+    world.set_speed_factor(1.0)
+    try:
+        goal = world.follow(line(DOCK, EAST))
+        asked = world.wait_driving(0.25)
+        goal.call.cancel()
+        assert goal.wait().status is GoalStatus.CANCELED
+        rest = world.wait_at_rest()
+        assert rest.time - asked.time < 0.5 + LIMITS.linear_speed / LIMITS.linear_acceleration
+        assert world.commands[-1] == (0.0, 0.0)
+    finally:
+        world.set_speed_factor(10.0)
+
+
+def _broken(index: int, **fields: float) -> Path:
+    path = line(DOCK, EAST)
+    place = path.poses[index].pose
+    for name, value in fields.items():
+        setattr(place.orientation if name in ('z', 'w') else place.position, name, value)
+    return path
+
+
+REFUSED = {
+    'empty': ({'path': Path()}, Result.INVALID_PATH, 'no poses'),
+    'frame': ({'path': line(DOCK, EAST, 'odom')}, Result.TF_ERROR, "'odom'"),
+    'nan': ({'path': _broken(7, x=math.nan)}, Result.INVALID_PATH, 'pose 7'),
+    'infinite': ({'path': _broken(-1, y=math.inf)}, Result.INVALID_PATH, 'inf'),
+    'nan heading': ({'path': _broken(-1, z=math.nan)}, Result.INVALID_PATH, 'nan'),
+    'controller': ({'path': line(DOCK, EAST), 'controller_id': 'MPPI'}, Result.INVALID_CONTROLLER, "'MPPI'"),
+    'goal checker': ({'path': line(DOCK, EAST), 'goal_checker_id': 'exact'}, Result.UNKNOWN, "'exact'"),
+    'progress checker': ({'path': line(DOCK, EAST), 'progress_checker_id': 'none'}, Result.UNKNOWN, "'none'"),
+}
+
+
+@pytest.mark.parametrize('case', REFUSED)
+def test_what_cannot_be_followed_is_refused_with_nav2s_code(world: Probe, case: str) -> None:
+    fields, code, said = REFUSED[case]
+    there = world.place(DOCK)
+    result = aborted(world.follow(**fields), code)
+    assert said in result.error_msg
+    assert world.later(0.3)[1:] == there[1:]
+
+
+def test_a_refused_path_leaves_the_one_that_is_followed(world: Probe) -> None:
+    world.place(DOCK)
+    goal = world.follow(line(DOCK, EAST))
+    world.wait_driving()
+    began = world.now
+    assert world.follow(Path()).wait().status is GoalStatus.ABORTED
+    last = world.later(0.5)
+    assert min(world.speeds([seen for seen in world.sightings if began.time <= seen.time <= last.time])) > 0.2
+    assert not goal.ended
+    goal.call.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+
+
+def test_a_path_into_a_wall_ends_before_it(world: Probe) -> None:
+    world.place(DOCK)
+    aborted(world.follow(line(DOCK, (DOCK[0], 6.5))), Result.NO_VALID_CONTROL)
+    rest = world.wait_at_rest()
+    assert rest.y < 5.4 - LIMITS.radius
+
+
+def test_a_path_to_where_the_robot_is_ends_with_the_turn(world: Probe) -> None:
+    world.place(DOCK)
+    path = Path(poses=[pose((DOCK[0], DOCK[1], 2.0))])
+    assert world.follow(path).wait().status is GoalStatus.SUCCEEDED
+    rest = world.wait_at_rest()
+    assert rest.distance(DOCK) < 0.02
+    assert rest.yaw == pytest.approx(2.0, abs=0.15)
+
+
+def test_clients_that_take_the_robot_from_each_other_end_with_one_goal(world: Probe) -> None:
+    world.place(DOCK)
+    goals = []
+    for number in range(10):
+        goals.append(world.follow(line(DOCK, EAST if number % 2 else (0.8, 4.0))))
+        world.later(0.2)
+    *replaced, last = goals
+    assert {goal.wait().status for goal in replaced} == {GoalStatus.ABORTED}
+    assert not last.ended
+    last.call.cancel()
+    assert last.wait().status is GoalStatus.CANCELED
+    world.wait_at_rest()

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""spin, backup, drive_on_heading: what Nav2's own tests ask of them, and one motion at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point
+from sim_world import DOCK, Probe, Sighting, aborted, line, open_world
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.sent_goal import SentGoal
+from flexbt_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
+from flexbt_sim.ros_messages import seconds_of
+
+FREE = (4.0, 4.45, 0.0)
+"""Free on all sides for a metre."""
+
+
+@pytest.fixture(scope='module')
+def world() -> Iterator[Probe]:
+    with open_world() as probe:
+        yield probe
+
+
+def spin(world: Probe, angle: float, allowance: int = 0) -> SentGoal:
+    """Turn, rad, within s."""
+    return world.send(names.SPIN, target_yaw=angle, time_allowance=Duration(sec=allowance))
+
+
+def drive(
+    world: Probe, action: str, distance: float, speed: float = 0.2, allowance: int = 0, y: float = 0.0
+) -> SentGoal:
+    """Drive, m, at m/s, within s."""
+    return world.send(action, target=Point(x=distance), speed=speed, time_allowance=Duration(sec=allowance))
+
+
+def turned(sightings: list[Sighting]) -> float:
+    """How far the robot has turned, rad."""
+    return math.fsum(math.remainder(later.yaw - earlier.yaw, math.tau) for earlier, later in pairwise(sightings))
+
+
+@pytest.mark.parametrize('angle', [0.35, -3.49, 1.57, -0.1, 7.5, 0.0])
+def test_spin_turns_by_the_angle_and_stays_where_it_is(world: Probe, angle: float) -> None:
+    start = world.place(FREE)
+    goal = spin(world, angle, 20)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert goal.result.error_code == Spin.Result.NONE
+    rest = world.wait_at_rest()
+    assert rest.distance(FREE) < 0.02
+    assert turned([seen for seen in world.sightings if seen.time >= start.time]) == pytest.approx(angle, abs=0.1)
+    told = [message.angular_distance_traveled for message in goal.feedback]
+    assert told == sorted(told, key=abs)
+    assert all(0.0 <= value * math.copysign(1.0, angle) <= abs(angle) + 0.1 for value in told)
+    assert goal.result.total_elapsed_time.sec <= abs(angle) / 0.4 + 1.0
+
+
+@pytest.mark.parametrize(
+    ('action', 'distance', 'speed', 'driven'),
+    [
+        (names.BACKUP, 0.3, 0.15, -0.3),
+        (names.BACKUP, -0.3, -0.15, -0.3),
+        (names.DRIVE_ON_HEADING, 0.5, 0.2, 0.5),
+        (names.DRIVE_ON_HEADING, -0.4, -0.1, -0.4),
+        (names.DRIVE_ON_HEADING, 0.0, 0.1, 0.0),
+    ],
+)
+def test_straight_motions_drive_their_distance(
+    world: Probe, action: str, distance: float, speed: float, driven: float
+) -> None:
+    world.place(FREE)
+    goal = drive(world, action, distance, speed, allowance=20)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert goal.result.error_code == BackUp.Result.NONE
+    rest = world.wait_at_rest()
+    assert rest.x - FREE[0] == pytest.approx(driven, abs=0.05)
+    assert rest.y == pytest.approx(FREE[1], abs=1e-3)
+    told = [message.distance_traveled for message in goal.feedback]
+    assert told == sorted(told)
+    assert not told or told[-1] <= abs(driven) + 0.05
+
+
+@pytest.mark.parametrize(
+    ('action', 'fields', 'code', 'said'),
+    [
+        (names.SPIN, {'target_yaw': math.nan}, Spin.Result.UNKNOWN, 'target_yaw is nan'),
+        (names.SPIN, {'target_yaw': math.inf}, Spin.Result.UNKNOWN, 'target_yaw is inf'),
+        (names.BACKUP, {'target': Point(x=0.3, y=0.1), 'speed': 0.1}, BackUp.Result.INVALID_INPUT, 'target.y'),
+        (names.BACKUP, {'target': Point(x=math.nan), 'speed': 0.1}, BackUp.Result.INVALID_INPUT, 'target.x is nan'),
+        (names.BACKUP, {'target': Point(x=0.3), 'speed': math.inf}, BackUp.Result.INVALID_INPUT, 'speed is'),
+        (names.BACKUP, {'target': Point(x=0.3), 'speed': 0.0}, BackUp.Result.INVALID_INPUT, 'speed is 0'),
+        (
+            names.DRIVE_ON_HEADING,
+            {'target': Point(x=0.3), 'speed': -0.1},
+            DriveOnHeading.Result.INVALID_INPUT,
+            'opposite signs',
+        ),
+        (
+            names.DRIVE_ON_HEADING,
+            {'target': Point(x=0.3, z=math.nan), 'speed': 0.1},
+            DriveOnHeading.Result.INVALID_INPUT,
+            'target.z',
+        ),
+        (
+            names.DRIVE_ON_HEADING,
+            {'target': Point(x=math.inf), 'speed': 0.1},
+            DriveOnHeading.Result.INVALID_INPUT,
+            'target.x is inf',
+        ),
+    ],
+)
+def test_what_cannot_be_driven_is_refused_with_nav2s_code(
+    world: Probe, action: str, fields: dict[str, Any], code: int, said: str
+) -> None:
+    there = world.place(FREE)
+    result = aborted(world.send(action, **fields), code)
+    assert said in result.error_msg
+    assert world.later(0.3)[1:] == there[1:]
+
+
+@pytest.mark.parametrize(
+    ('action', 'fields', 'code'),
+    [
+        (names.SPIN, {'target_yaw': 6.0}, Spin.Result.TIMEOUT),
+        (names.BACKUP, {'target': Point(x=1.0), 'speed': 0.1}, BackUp.Result.TIMEOUT),
+        (names.DRIVE_ON_HEADING, {'target': Point(x=1.0), 'speed': 0.1}, DriveOnHeading.Result.TIMEOUT),
+    ],
+)
+def test_what_takes_longer_than_allowed_times_out_and_stops(
+    world: Probe, action: str, fields: dict[str, Any], code: int
+) -> None:
+    world.place(FREE)
+    result = aborted(world.send(action, time_allowance=Duration(sec=1), **fields), code)
+    assert 1.0 <= seconds_of(result.total_elapsed_time) < 2.0
+    world.wait_at_rest()
+
+
+def test_no_motion_is_driven_into_a_wall(world: Probe) -> None:
+    cases = (
+        (names.BACKUP, (0.6, 4.45, 0.0), 1.0, 0.2, BackUp.Result.COLLISION_AHEAD),
+        (names.DRIVE_ON_HEADING, (0.6, 4.45, math.pi), 1.0, 0.2, DriveOnHeading.Result.COLLISION_AHEAD),
+        (names.DRIVE_ON_HEADING, (0.6, 4.45, 0.0), -1.0, -0.2, DriveOnHeading.Result.COLLISION_AHEAD),
+    )
+    for action, place, distance, speed, code in cases:
+        world.place(place)
+        aborted(drive(world, action, distance, speed), code)
+        assert world.wait_at_rest().x > 0.15 + 0.22
+
+
+@pytest.mark.parametrize('action', [names.SPIN, names.BACKUP, names.DRIVE_ON_HEADING])
+def test_a_cancel_stops_a_motion(world: Probe, action: str) -> None:
+    start = world.place(FREE)
+    goal = spin(world, 20.0) if action == names.SPIN else drive(world, action, 3.0)
+    world.wait(lambda: world.moving() and goal.feedback, 'the robot moving')
+    goal.call.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    rest = world.wait_at_rest()
+    assert world.commands[-1] == (0.0, 0.0)
+    assert 0.0 < rest.distance(start[1:]) + abs(rest.yaw) < 2.0
+
+
+def test_goals_that_are_canceled_before_they_have_begun_do_not_move_the_robot(world: Probe) -> None:
+    world.place(FREE)
+    goals = [spin(world, 3.0) for _ in range(5)]
+    for goal in goals:
+        goal.call.cancel()
+    assert {goal.wait().status for goal in goals} <= {GoalStatus.CANCELED, GoalStatus.ABORTED}
+    assert goals[-1].wait().status is GoalStatus.CANCELED
+    assert world.wait_at_rest().distance(FREE) < 0.01
+
+
+def test_a_newer_turn_replaces_an_older_one(world: Probe) -> None:
+    world.place(FREE)
+    older = spin(world, 3.0)
+    world.wait(lambda: world.moving() and older.feedback, 'the robot turning')
+    newer = spin(world, -0.5)
+    aborted(older, Spin.Result.NONE)
+    assert newer.wait().status is GoalStatus.SUCCEEDED
+
+
+def test_a_turn_takes_the_robot_from_the_path_and_the_path_does_not_take_it_back(world: Probe) -> None:
+    world.place(DOCK)
+    path = world.follow(line(DOCK, (11.2, 4.45)))
+    world.wait_driving()
+    turn = spin(world, 1.57)
+    aborted(path, FollowPath.Result.NONE)
+    began = len(world.commands)
+    assert turn.wait().status is GoalStatus.SUCCEEDED
+    world.wait_at_rest()
+    assert {linear for linear, _ in world.commands[began:]} == {0.0}
+
+
+def test_a_path_takes_the_robot_from_a_turn(world: Probe) -> None:
+    world.place(DOCK)
+    turn = spin(world, 20.0)
+    world.wait(lambda: world.moving() and turn.feedback, 'the robot turning')
+    path = world.follow(line(DOCK, (2.0, 4.45)))
+    assert turn.wait().status is GoalStatus.ABORTED
+    assert path.wait().status is GoalStatus.SUCCEEDED
+    assert world.wait_at_rest().distance((2.0, 4.45)) < 0.15

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""compute_path_to_pose and compute_path_through_poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from sim_world import DEADLINE, DOCK, OFFICE, Probe, aborted, open_world, pose
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.sent_goal import SentGoal
+from flexbt_msgs.action import ComputePathThroughPoses, ComputePathToPose
+from flexbt_sim.ros_messages import pose_of
+
+Result = ComputePathToPose.Result
+Through = ComputePathThroughPoses.Result
+KITCHEN = (10.0, 2.3, 0.0)
+IN_WALL = (1.0, 3.45)
+FAR_AWAY = (100.0, 100.0)
+NOWHERE = (math.nan, 1.0)
+
+
+@pytest.fixture(scope='module')
+def world() -> Iterator[Probe]:
+    with open_world() as probe:
+        yield probe
+
+
+def through(world: Probe, *places: tuple[float, ...], **fields: Any) -> SentGoal:
+    """Ask for a path through places."""
+    return world.send(names.COMPUTE_PATH_THROUGH_POSES, goals=[pose(place) for place in places], **fields)
+
+
+def ends(path: Path) -> tuple[PoseStamped, PoseStamped]:
+    """First and last pose."""
+    return path.poses[0], path.poses[-1]
+
+
+def at(stamped: PoseStamped, place: tuple[float, ...]) -> bool:
+    """Whether a pose is at a place (x, y), or also has the heading of one (x, y, yaw)."""
+    return math.dist(pose_of(stamped.pose)[: len(place)], place) < 1e-6
+
+
+def test_a_path_leads_from_the_robot_to_exactly_the_goal(world: Probe) -> None:
+    world.place(DOCK)
+    plans: list[Path] = []
+    subscription = world.runtime.call(
+        lambda: world.runtime.node.create_subscription(Path, names.PLAN, plans.append, names.latched())
+    )
+    goal = world.plan(OFFICE, planner_id='GridBased')
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert goal.result.error_code == Result.NONE
+    path = goal.result.path
+    first, last = ends(path)
+    assert at(first, DOCK[:2])
+    assert at(last, OFFICE)
+    assert {stamped.header.frame_id for stamped in path.poses} == {path.header.frame_id} == {'map'}
+    assert path.header.stamp.sec + path.header.stamp.nanosec * 1e-9 == pytest.approx(world.now.time, abs=1.0)
+    spent = goal.result.planning_time
+    assert 0.0 < spent.sec + spent.nanosec * 1e-9 < 5.0
+    world.runtime.call(lambda: world.runtime.node.destroy_subscription(subscription))
+
+
+def test_a_start_of_ones_own_is_used_only_when_asked_for(world: Probe) -> None:
+    world.place(DOCK)
+    assert at(ends(world.plan(OFFICE, start=pose(KITCHEN), use_start=True).result.path)[0], KITCHEN[:2])
+    assert at(ends(world.plan(OFFICE, start=pose(KITCHEN)).result.path)[0], DOCK[:2])
+    assert at(ends(world.plan(OFFICE, start=pose(NOWHERE, 'odom')).result.path)[0], DOCK[:2])
+
+
+REFUSED = {
+    'planner': ({'goal': pose(OFFICE), 'planner_id': 'SmacPlanner'}, Result.INVALID_PLANNER, "'SmacPlanner'"),
+    'frame': ({'goal': pose(OFFICE, 'odom')}, Result.TF_ERROR, "'odom'"),
+    'frame of the start': (
+        {'goal': pose(OFFICE), 'start': pose(DOCK, 'base_link'), 'use_start': True},
+        Result.TF_ERROR,
+        "'base_link'",
+    ),
+    'goal outside': ({'goal': pose(FAR_AWAY)}, Result.GOAL_OUTSIDE_MAP, '100.00'),
+    'goal nowhere': ({'goal': pose(NOWHERE)}, Result.GOAL_OUTSIDE_MAP, 'nan'),
+    'goal of infinity': ({'goal': pose((0.0, -math.inf))}, Result.GOAL_OUTSIDE_MAP, 'inf'),
+    'heading of the goal': ({'goal': pose((*OFFICE[:2], math.nan))}, Result.GOAL_OUTSIDE_MAP, 'nan'),
+    'goal in a wall': ({'goal': pose(IN_WALL)}, Result.GOAL_OCCUPIED, '3.45'),
+    'goal too near to a wall': ({'goal': pose((1.0, 3.7))}, Result.GOAL_OCCUPIED, '3.70'),
+    'start outside': (
+        {'goal': pose(OFFICE), 'start': pose(FAR_AWAY), 'use_start': True},
+        Result.START_OUTSIDE_MAP,
+        '100.00',
+    ),
+    'start nowhere': (
+        {'goal': pose(OFFICE), 'start': pose(NOWHERE), 'use_start': True},
+        Result.START_OUTSIDE_MAP,
+        'nan',
+    ),
+    'start in a wall': (
+        {'goal': pose(OFFICE), 'start': pose((1.6, 1.25)), 'use_start': True},
+        Result.START_OCCUPIED,
+        '1.25',
+    ),
+}
+
+
+@pytest.mark.parametrize('case', REFUSED)
+def test_what_cannot_be_planned_is_refused_with_nav2s_code(world: Probe, case: str) -> None:
+    fields, code, said = REFUSED[case]
+    result = aborted(world.send(names.COMPUTE_PATH_TO_POSE, **fields), code)
+    assert said in result.error_msg
+    assert not result.path.poses
+
+
+def test_a_path_through_places_visits_them_in_order_without_double_poses(world: Probe) -> None:
+    world.place(DOCK)
+    goal = through(world, KITCHEN, (6.0, 4.0), OFFICE)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    poses = goal.result.path.poses
+    visits = [
+        [index for index, stamped in enumerate(poses) if at(stamped, place)]
+        for place in ((10.0, 2.3), (6.0, 4.0), OFFICE[:2])
+    ]
+    assert all(len(found) == 1 for found in visits)
+    assert visits == sorted(visits)
+    assert visits[-1] == [len(poses) - 1]
+    assert not [one for one, other in pairwise(poses) if one.pose.position == other.pose.position]
+
+
+@pytest.mark.parametrize(
+    ('places', 'fields', 'code'),
+    [
+        ((), {}, Through.NO_VIAPOINTS_GIVEN),
+        ((KITCHEN, IN_WALL, OFFICE), {}, Through.GOAL_OCCUPIED),
+        ((KITCHEN, NOWHERE), {}, Through.GOAL_OUTSIDE_MAP),
+        ((KITCHEN,), {'planner_id': 'x'}, Through.INVALID_PLANNER),
+        ((KITCHEN,), {'start': pose(FAR_AWAY), 'use_start': True}, Through.START_OUTSIDE_MAP),
+    ],
+)
+def test_one_leg_that_cannot_be_planned_fails_the_whole_path(
+    world: Probe, places: tuple[Any, ...], fields: dict[str, Any], code: int
+) -> None:
+    result = aborted(through(world, *places, **fields), code)
+    assert not result.path.poses
+
+
+def test_every_one_of_many_requests_at_once_gets_its_own_path(world: Probe) -> None:
+    """More than the ten that a service keeps by default; a newer request does not take an older one's answer."""
+    world.place(DOCK)
+    places = [(1.0 + 0.2 * number, 4.1, 0.05 * number) for number in range(40)]
+    goals = [world.plan(place) for place in places]
+    for place, goal in zip(places, goals, strict=True):
+        assert goal.wait().status is GoalStatus.SUCCEEDED
+        assert at(ends(goal.result.path)[1], place)
+
+
+def test_requests_that_are_canceled_while_they_wait_or_are_planned_end_canceled(world: Probe) -> None:
+    world.place(DOCK)
+    goals = [world.plan(KITCHEN) for _ in range(40)]
+    assert goals[-1].accepted.wait(DEADLINE)
+    for goal in goals[-10:]:
+        goal.call.cancel()
+    statuses = [goal.wait().status for goal in goals]
+    assert set(statuses[:-10]) == {GoalStatus.SUCCEEDED}
+    assert set(statuses[-10:]) <= {GoalStatus.CANCELED, GoalStatus.SUCCEEDED}
+    assert statuses[-1] is GoalStatus.CANCELED
+    assert not goals[-1].result.path.poses
+    assert goals[-1].result.error_code == Result.NONE

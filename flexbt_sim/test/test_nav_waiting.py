@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""wait: in the time of the simulation, any number at a time, beside everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from builtin_interfaces.msg import Duration
+from sim_world import DOCK, Probe, line, open_world
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.sent_goal import SentGoal
+from flexbt_sim.ros_messages import duration_message, seconds_of
+
+
+@pytest.fixture(scope='module')
+def world() -> Iterator[Probe]:
+    with open_world() as probe:
+        yield probe
+
+
+def wait(world: Probe, seconds: float) -> SentGoal:
+    """Wait, s."""
+    return world.send(names.WAIT, time=duration_message(seconds))
+
+
+def test_it_takes_the_time_asked_for_on_the_simulated_clock(world: Probe) -> None:
+    began = world.now.time
+    goals = {seconds: wait(world, seconds) for seconds in (2.0, 0.7, 1.0)}
+    for seconds, goal in goals.items():
+        assert goal.wait().status is GoalStatus.SUCCEEDED
+        assert seconds <= seconds_of(goal.result.total_elapsed_time) < seconds + 0.5
+    assert world.now.time - began >= 2.0
+    told = [seconds_of(message.time_left) for message in goals[2.0].feedback]
+    assert told[0] == pytest.approx(2.0, abs=0.1)
+    assert told == sorted(told, reverse=True)
+    assert len(told) >= 3
+
+
+@pytest.mark.parametrize('duration', [Duration(), Duration(sec=-5)])
+def test_no_time_is_over_at_once(world: Probe, duration: Duration) -> None:
+    goal = world.send(names.WAIT, time=duration)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert seconds_of(goal.result.total_elapsed_time) < 0.3
+
+
+def test_one_of_several_is_canceled_the_others_wait_on(world: Probe) -> None:
+    long, short = wait(world, 1000.0), wait(world, 1.0)
+    long.call.cancel()
+    assert long.wait().status is GoalStatus.CANCELED
+    assert short.wait().status is GoalStatus.SUCCEEDED
+
+
+def test_the_robot_drives_meanwhile(world: Probe) -> None:
+    world.place(DOCK)
+    path, pause = world.follow(line(DOCK, (1.8, 4.45))), wait(world, 3.0)
+    assert path.wait().status is GoalStatus.SUCCEEDED
+    assert pause.wait().status is GoalStatus.SUCCEEDED
