@@ -166,7 +166,7 @@ class Blackboard:
     def copy(self, key: str, value: Any, type: PortType | None) -> None:
         """Writes a value that was read from an entry of this ``type``, which the entry of ``key`` has to have as well.
 
-        Unlike :meth:`set` it converts nothing, not even numbers; an entry without a type takes that of the value.
+        Unlike :meth:`set` it converts nothing, not even numbers; an entry that is there without a type stays so.
         """
         if key.startswith('@'):
             self._root.copy(key[1:], value, type)
@@ -176,9 +176,7 @@ class Blackboard:
             entry = self._entries.get(key)
             if entry is None:
                 entry = self.declare(key, kind)
-            elif entry.type is None:
-                entry.type = kind
-            elif not entry.type.same(kind):
+            elif entry.type is not None and not entry.type.same(kind):
                 raise _type_clash(key, entry.type, kind)
             entry.write(value)
 
@@ -229,7 +227,9 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
         if kind.category not in numbers or declared.category not in numbers or declared is BOOL:
             raise _type_clash(key, declared, kind)
         try:
-            value = cast(value, declared)
+            exact = cast(value, declared)
         except ConversionError as error:
             raise BlackboardError(f'{_type_clash(key, declared, kind)}: {error}') from error
-    return value
+        # As in BehaviorTree.CPP: the first number that a declared entry gets keeps its kind, if it fits.
+        value = value if entry.value is EMPTY and kind.category == 'real' else exact
+    return float(value) if entry.value.__class__ is float and kind.category != 'text' else value
