@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bt_conformance
+import bt_random_nodes
 import bt_random_trees
 import bt_scripted
 import bt_wheel
@@ -40,8 +41,10 @@ def test_a_seed_that_once_differed(seed: int) -> None:
 def test_random_trees_are_reproducible_and_cover_the_nodes() -> None:
     cases = [bt_random_trees.make_case(seed) for seed in range(300)]
     assert cases == [bt_random_trees.make_case(seed) for seed in range(300)]
-    text = ''.join(case['xml'] for case in cases)
+    text = ''.join(case['xml'] for case in [*cases, *map(bt_random_nodes.make_case, range(100))])
     for manifest in bt_scripted.registry():
+        if manifest.id == 'TryCatch':
+            continue  # not in the library of the wheel
         assert f'<{manifest.id}' in text or f'"{manifest.id}"' in text, f'no case has a {manifest.id}'
 
 
@@ -100,13 +103,6 @@ ON_PURPOSE = [
         [['set', 'new', 'i', 3], ['tick']],
         ['i', '3'],
         ['i', '0'],
-    ),
-    (
-        'an entry that was declared as integer holds integers',
-        '<Fallback><Act name="a" _write="new:d:2.0"/><Repeat num_cycles="{new}"><Act name="b"/></Repeat></Fallback>',
-        [['tick']],
-        ['d', '2.0'],
-        ['i', '2'],
     ),
 ]
 

@@ -6,66 +6,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from bt_steps import NAMES, check, control, make
 
 from flexbt_common.clock import ManualClock
-from flexbt_server.behavior_tree import (
-    NodeConfig,
-    NodeExecutionError,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    load_xml,
-    nav2_nodes,
-)
+from flexbt_server.behavior_tree import NodeExecutionError, NodeStatus, TreeLoadError
 
-LETTERS = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'R': NodeStatus.RUNNING, 'K': NodeStatus.SKIPPED}
-NAMES = {status: letter for letter, status in LETTERS.items()}
-
-
-class Step(StatefulAction):
-    """Its name is its script, ``script_number``: one letter for each call, over and over. Calls and halts are noted."""
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
-        self.script, self.number = config.name.split('_')
-        self.calls = 0
-
-    def call(self) -> NodeStatus:
-        letter = self.script[self.calls % len(self.script)]
-        self.calls += 1
-        self.services.append(self.number + letter)
-        return LETTERS[letter]
-
-    def on_start(self) -> NodeStatus:
-        return self.call()
-
-    def on_running(self) -> NodeStatus:
-        return self.call()
-
-    def on_halted(self) -> None:
-        self.services.append(self.number + '!')
-
-
-def make(body: str, clock: ManualClock | None = None) -> tuple[Tree, list[str]]:
-    registry = builtin_registry()
-    nav2_nodes.register(registry)
-    registry.register('Step', Step)
-    calls: list[str] = []
-    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    library = TreeLibrary([load_xml(text, 'f', registry)])
-    return Tree(library, 'Main', clock=clock or ManualClock(), services=calls), calls
-
-
-def control(tag: str, *scripts: str, **ports: str) -> str:
-    attributes = ''.join(f' {name}="{value}"' for name, value in ports.items())
-    children = ''.join(f'<Step name="{script}_{index}"/>' for index, script in enumerate(scripts))
-    return f'<{tag}{attributes} name="top">{children}</{tag}>'
-
-
-# (tree, ticks): a tick is 'result calls', with '|' between the ticks.
+# Tree, and what happens to it (the notation of bt_steps).
 VECTORS: list[tuple[str, str]] = [
     # RecoveryNode
     (control('RecoveryNode', 'S', 'S'), 'S 0S'),
@@ -107,12 +53,7 @@ VECTORS: list[tuple[str, str]] = [
 
 @pytest.mark.parametrize(('body', 'expected'), VECTORS)
 def test_tick_by_tick(body: str, expected: str) -> None:
-    tree, calls = make(body)
-    for tick in expected.split('|'):
-        result, *wanted = tick.split()
-        status = tree.tick_once()
-        assert (NAMES[status], calls) == (result, wanted)
-        calls.clear()
+    check(body, expected)
 
 
 def test_an_early_child_that_runs_again_does_not_stop_the_later_ones() -> None:

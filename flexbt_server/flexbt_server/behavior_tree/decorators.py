@@ -7,7 +7,7 @@ import contextlib
 
 from .errors import PortError
 from .node import DecoratorNode, NodeConfig, TreeNode, halt_child
-from .port_types import INT
+from .port_types import BOOL, INT
 from .ports import input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 
@@ -191,6 +191,38 @@ class KeepRunningUntilFailure(DecoratorNode):
         if status is SUCCESS:
             self.child.status = IDLE
         return RUNNING
+
+
+class RunOnce(DecoratorNode):
+    """Runs the child until it has completed once, and never again as long as the tree lives, halted or not.
+
+    After that SKIPPED, or with ``then_skip`` false always the result that the child had.
+    """
+
+    __slots__ = ('_result',)
+
+    ports = {
+        'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._result: NodeStatus | None = None
+
+    def execute(self) -> NodeStatus:
+        result = self._result
+        if result is not None:
+            if self.get_input_or('then_skip', True):
+                return SKIPPED
+            self.status = result
+            return result
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self._result = status
+            self.child.status = IDLE
+            self.status = status
+        return status
 
 
 class SubTree(DecoratorNode):

@@ -246,6 +246,8 @@ class TreeNode(ABC):
         """Calls what stops the work of a node. Others have to be halted even if it raises; the tree raises it then."""
         try:
             callback()
+        except NodeExecutionError as error:
+            self.context.halt_errors.append(error)
         except Exception as error:
             fault = self.fault(error)
             fault.__cause__ = error

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parallel: ticks all children, and ends at a threshold of successes or failures."""
+"""Parallel and ParallelAll: all children are ticked, and a number of successes or failures decides."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ class Parallel(ControlNode):
             raise self.fault(f'success_count {success_count} is more than its {total} children: it can never succeed')
         if total < failures_allowed:
             raise self.fault(f'failure_count {failure_count} is more than its {total} children: it can never fail')
-        self.status = RUNNING
+        if self.status is not RUNNING:
+            self.status = RUNNING
+            self._failed = None
         completed = self._completed
         skipped = 0
         for index, tick in enumerate(self._ticks):
@@ -75,3 +77,69 @@ class Parallel(ControlNode):
     def halt(self) -> None:
         self._clear()
         super().halt()
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: no failure is one too many (failure_count="{self.port_text("failure_count")}")'
+
+
+class ParallelAll(ControlNode):
+    """Ticks all children until each has completed; FAILURE when ``max_failures`` of them or more have failed.
+
+    So the default 1 fails at the first failure, in spite of its name, but not before the other children have completed.
+    A negative number is counted from the number of children (-1: all have to fail). Skipped children count as
+    completed, but are ticked again as long as others are RUNNING; SKIPPED when all are, within one tick.
+    """
+
+    __slots__ = ('_completed', '_failures')
+
+    ports = {
+        'max_failures': input_port(INT, default='1', description='failures that are too many; negative: from the end'),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._completed: set[int] = set()
+        self._failures = 0
+
+    def execute(self) -> NodeStatus:
+        total = len(self._ticks)
+        max_failures: int = self.get_input('max_failures')
+        too_many = max_failures if max_failures >= 0 else max(total + max_failures + 1, 0)
+        if total < too_many:
+            raise self.fault(f'max_failures {max_failures} is more than its {total} children: it can never fail')
+        if self.status is not RUNNING:
+            self.status = RUNNING
+            self._failed = None
+        completed = self._completed
+        skipped = 0
+        for index, tick in enumerate(self._ticks):
+            if index not in completed:
+                status = tick()
+                if status is SUCCESS:
+                    completed.add(index)
+                elif status is FAILURE:
+                    completed.add(index)
+                    self._failures += 1
+                    self._failed = index
+                elif status is SKIPPED:
+                    skipped += 1
+        if skipped == total:
+            return SKIPPED
+        if skipped + len(completed) < total:
+            return RUNNING
+        self.reset_children()
+        status = FAILURE if self._failures >= too_many else SUCCESS
+        self._clear()
+        self.status = status
+        return status
+
+    def _clear(self) -> None:
+        self._completed.clear()
+        self._failures = 0
+
+    def halt(self) -> None:
+        self._clear()
+        super().halt()
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: no failure is one too many (max_failures="{self.port_text("max_failures")}")'

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from .errors import ConversionError
+from .status import NodeStatus
 
 Category = Literal['integer', 'real', 'bool', 'text', 'object']
 
@@ -95,6 +96,11 @@ def real_from_text(text: str) -> float:
     return float(match.group())
 
 
+def number_from_text(text: str) -> float | None:
+    """The decimal number that ``text`` is as a whole; None when it is none."""
+    return float(text) if _REAL_PREFIX.fullmatch(text) else None
+
+
 def bool_from_text(text: str) -> bool:
     """``0 1 true True TRUE false False FALSE``, and nothing else."""
     try:
@@ -116,6 +122,16 @@ UNSIGNED = _integer_type('unsigned int', 32, signed=False)
 UINT8 = _integer_type('uint8_t', 8, signed=False)
 UINT16 = _integer_type('uint16_t', 16, signed=False)
 UINT64 = _integer_type('uint64_t', 64, signed=False)
+
+
+def _status_from_text(text: str) -> NodeStatus:
+    try:
+        return NodeStatus[text]
+    except KeyError:
+        raise ConversionError(f"'{text[:40]}' is no status; write one of {' '.join(NodeStatus.__members__)}") from None
+
+
+NODE_STATUS = PortType('BT::NodeStatus', NodeStatus, from_text=_status_from_text, immutable=True)
 
 
 def list_of(element: PortType) -> PortType:

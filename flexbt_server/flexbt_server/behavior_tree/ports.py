@@ -38,6 +38,8 @@ class Port:
 
     ``type`` None accepts every type. ``default`` is used when the XML does not give the port: text as it could stand in
     the XML (a literal, or a ``{pointer}``), or a value. A required port that is not given is an error at load.
+    ``literal`` is the type of a literal where that is more than ``type`` says, such as when a pointer may be to an
+    entry of any type. Its values have to be immutable.
     """
 
     direction: PortDirection
@@ -45,6 +47,7 @@ class Port:
     default: Any = NO_DEFAULT
     description: str = ''
     required: bool = False
+    literal: PortType | None = None
 
     @property
     def readable(self) -> bool:
@@ -61,9 +64,10 @@ def input_port(
     default: Any = NO_DEFAULT,
     description: str = '',
     optional: bool = False,
+    literal: PortType | None = None,
 ) -> Port:
     """A port that the node reads. It has to be given in the XML, unless it has a default or is optional."""
-    return Port(PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional)
+    return Port(PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional, literal)
 
 
 def output_port(type: PortType | None = None, *, default: str | None = None, description: str = '') -> Port:
@@ -77,9 +81,10 @@ def inout_port(
     default: Any = NO_DEFAULT,
     description: str = '',
     optional: bool = False,
+    literal: PortType | None = None,
 ) -> Port:
     """A port that the node reads and writes."""
-    return Port(PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional)
+    return Port(PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional, literal)
 
 
 class PortValue(NamedTuple):

@@ -9,7 +9,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from . import actions, decorators, parallel, reactive, sequences, timing
+from . import (
+    actions,
+    conditionals,
+    decorators,
+    entry_updates,
+    loops,
+    parallel,
+    reactive,
+    sequences,
+    switch,
+    timing,
+    try_catch,
+)
 from .errors import ConversionError, RegistrationError
 from .leaves import LeafNode
 from .node import ControlNode, DecoratorNode, TreeNode
@@ -39,13 +51,30 @@ _BUILTIN: tuple[type[TreeNode], ...] = (
     reactive.ReactiveSequence,
     reactive.ReactiveFallback,
     parallel.Parallel,
+    parallel.ParallelAll,
+    conditionals.IfThenElse,
+    conditionals.WhileDoElse,
+    switch.Switch2,
+    switch.Switch3,
+    switch.Switch4,
+    switch.Switch5,
+    switch.Switch6,
+    try_catch.TryCatch,
     decorators.Inverter,
     decorators.ForceSuccess,
     decorators.ForceFailure,
     decorators.Repeat,
     decorators.RetryUntilSuccessful,
     decorators.KeepRunningUntilFailure,
+    decorators.RunOnce,
     decorators.SubTree,
+    loops.LoopInt,
+    loops.LoopBool,
+    loops.LoopDouble,
+    loops.LoopString,
+    entry_updates.SkipUnlessUpdated,
+    entry_updates.WaitValueUpdate,
+    entry_updates.WasEntryUpdated,
     timing.Timeout,
     timing.Delay,
     timing.Sleep,
@@ -56,23 +85,7 @@ _BUILTIN: tuple[type[TreeNode], ...] = (
 )
 
 # Those that it does not run yet: an error about them says so, and does not call them unknown.
-NOT_YET_SUPPORTED: Final = frozenset(
-    (
-        *(
-            'ParallelAll',
-            'IfThenElse',
-            'WhileDoElse',
-            'TryCatch',
-            'Switch2',
-            'Switch3',
-            'Switch4',
-            'Switch5',
-            'Switch6',
-        ),
-        *('RunOnce', 'Precondition', 'LoopInt', 'LoopBool', 'LoopDouble', 'LoopString', 'SkipUnlessUpdated'),
-        *('WaitValueUpdate', 'WasEntryUpdated', 'Script', 'ScriptCondition'),
-    )
-)
+NOT_YET_SUPPORTED: Final = frozenset(('Precondition', 'Script', 'ScriptCondition'))
 
 
 class NodeRegistry:

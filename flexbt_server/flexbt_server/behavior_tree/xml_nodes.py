@@ -189,7 +189,7 @@ class NodeReader:
         return self._literal(element, port, name, text)
 
     def _literal(self, element: Element, port: Port, name: str, text: str) -> PortValue | None:
-        kind = port.type
+        kind = port.literal or port.type
         if kind is None:
             return PortValue(text, None, text)
         if kind.from_text is None:

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""IfThenElse and WhileDoElse: a condition decides which of two branches is ticked.
+
+The first child is the condition, the second the branch for SUCCESS, the third (which may be absent) that for FAILURE.
+As in BehaviorTree.CPP the number of children is looked at when the node is ticked, so that a tree whose wrong node is
+never reached runs; and a condition that is skipped is an error, since it says neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .errors import NodeExecutionError
+from .node import ControlNode, NodeConfig, TreeNode, halt_child
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+
+
+class _Conditional(ControlNode):
+    __slots__ = ('_complete', '_has_else')
+
+    def attach(self, children: Sequence[TreeNode]) -> None:
+        super().attach(children)
+        self._complete = len(children) in (2, 3)
+        self._has_else = len(children) == 3
+
+    def _incomplete(self) -> NodeExecutionError:
+        return self.fault(f'{self.id} has 2 or 3 children (condition, branch, other branch), not {len(self.children)}')
+
+    def _undecided(self) -> NodeExecutionError:
+        return self.fault(f'the condition [{self.children[0].path}] was skipped, and so says neither yes nor no')
+
+    def _finish(self, index: int, status: NodeStatus) -> NodeStatus:
+        """Child ``index`` has decided the result."""
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt()
+            child.status = IDLE
+        if status is SKIPPED:
+            return SKIPPED
+        self._failed = index
+        self.status = status
+        return status
+
+
+class IfThenElse(_Conditional):
+    """Asks the condition once, then ticks the branch that it chose until that completes; its result is the node's.
+
+    FAILURE when the condition fails and there is no third child. In that case alone the children are not set to IDLE,
+    as in BehaviorTree.CPP: a condition that is a stateful action keeps its FAILURE, and is not asked anew, until the
+    parent of the node resets or halts it. A third child avoids that, be it AlwaysFailure.
+    """
+
+    __slots__ = ('_chosen',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._chosen = 0
+
+    def execute(self) -> NodeStatus:
+        if not self._complete:
+            raise self._incomplete()
+        self.status = RUNNING
+        ticks = self._ticks
+        chosen = self._chosen
+        if not chosen:
+            status = ticks[0]()
+            if status is SUCCESS:
+                chosen = 1
+            elif status is RUNNING:
+                return RUNNING
+            elif status is SKIPPED:
+                raise self._undecided()
+            elif self._has_else:
+                chosen = 2
+            else:
+                self._failed = 0
+                self.status = FAILURE
+                return FAILURE
+            self._chosen = chosen
+        status = ticks[chosen]()
+        if status is RUNNING:
+            return RUNNING
+        self._chosen = 0
+        return self._finish(chosen, status)
+
+    def halt(self) -> None:
+        self._chosen = 0
+        super().halt()
+
+
+class WhileDoElse(_Conditional):
+    """Asks the condition at every tick, and ticks the branch that it chooses, halting the other one.
+
+    The result of the branch is the node's. While the condition itself is RUNNING, the branches are left alone. FAILURE
+    when the condition fails and there is no third child.
+    """
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        if not self._complete:
+            raise self._incomplete()
+        self.status = RUNNING
+        ticks = self._ticks
+        status = ticks[0]()
+        if status is SUCCESS:
+            if self._has_else:
+                halt_child(self.children[2])
+            chosen = 1
+            status = ticks[1]()
+        elif status is FAILURE:
+            chosen = 0
+            if self._has_else:
+                halt_child(self.children[1])
+                chosen = 2
+                status = ticks[2]()
+        elif status is RUNNING:
+            return RUNNING
+        else:
+            self.reset_children()
+            raise self._undecided()
+        if status is RUNNING:
+            return RUNNING
+        return self._finish(chosen, status)

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""SkipUnlessUpdated, WaitValueUpdate and WasEntryUpdated: has an entry of the blackboard been written?
+
+Each node remembers the number of writes that it saw last, at first none, and for as long as the tree lives. What is
+asked is whether there was a write, not whether the value is another one. An entry that was removed and made anew counts
+its writes from the beginning; as many as before go unnoticed, as in BehaviorTree.CPP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from .blackboard import Entry
+from .leaves import LeafNode
+from .node import DecoratorNode, NodeConfig
+from .port_types import PortType
+from .ports import Port, input_port
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+
+def _key(text: str) -> str:
+    if not text:
+        raise ValueError('a key cannot be empty')
+    return text
+
+
+_PORTS: Final[Mapping[str, Port]] = {
+    'entry': input_port(
+        literal=PortType('key', str, 'text', _key, immutable=True), description='the entry: {key}, or just key'
+    )
+}
+
+
+class _Watch:
+    """The writes of the entry to which the port ``entry`` of a node points."""
+
+    __slots__ = ('_board', '_entry', '_seen', 'key')
+
+    def __init__(self, config: NodeConfig) -> None:
+        given = config.values['entry']
+        self.key = given.text if given.key is None else given.key
+        self._board = config.blackboard
+        self._entry: Entry | None = None
+        self._seen = 0
+
+    def updated(self) -> bool:
+        """Whether the entry was written since the last call. An entry that is missing was not."""
+        entry = self._entry
+        if entry is None or not entry.present:
+            self._entry = entry = self._board.entry(self.key)
+            if entry is None:
+                return False
+        writes = entry.sequence
+        updated = writes != self._seen
+        self._seen = writes
+        return updated
+
+
+class _UpdateDecorator(DecoratorNode):
+    """Ticks the child when the entry was written since the last time, and then until the child is no longer RUNNING."""
+
+    __slots__ = ('_child_running', '_watch')
+
+    ports = _PORTS
+    otherwise: ClassVar[NodeStatus]
+    """The result when the entry was not written."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._watch = _Watch(config)
+        self._child_running = False
+
+    def execute(self) -> NodeStatus:
+        if self._child_running or self._watch.updated():
+            status = self._tick()
+            self._child_running = status is RUNNING
+        else:
+            status = self.otherwise
+        if status is not SKIPPED:
+            self.status = status
+        if status is SUCCESS or status is FAILURE:
+            self.child.status = IDLE
+        return status
+
+    def halt(self) -> None:
+        self._child_running = False
+        super().halt()
+
+
+class SkipUnlessUpdated(_UpdateDecorator):
+    """Runs the child when ``entry`` was written since the last time; SKIPPED otherwise. A halt does not undo that."""
+
+    __slots__ = ()
+
+    otherwise = SKIPPED
+
+
+class WaitValueUpdate(_UpdateDecorator):
+    """Waits, RUNNING, until ``entry`` is written, and then runs the child. A halt does not undo what was seen.
+
+    The write itself asks for no wake-up: what makes it, a leaf of the tree or its host, has to tick the tree.
+    """
+
+    __slots__ = ()
+
+    otherwise = RUNNING
+
+
+class WasEntryUpdated(LeafNode):
+    """SUCCESS when ``entry`` was written since the last tick of this node; FAILURE when not, or when it is missing."""
+
+    __slots__ = ('_watch',)
+
+    kind = NodeKind.ACTION
+    ports = _PORTS
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._watch = _Watch(config)
+
+    def execute(self) -> NodeStatus:
+        status = SUCCESS if self._watch.updated() else FAILURE
+        self.status = status
+        return status
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: entry [{self._watch.key}] was not written since the last tick'

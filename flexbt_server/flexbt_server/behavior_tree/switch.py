@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Switch2 to Switch6: the value of an entry decides which child is ticked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Final
+
+from .errors import PortError
+from .node import ControlNode, NodeConfig, TreeNode, halt_child
+from .port_types import STRING, number_from_text
+from .ports import input_port
+from .status import RUNNING, SKIPPED, NodeStatus
+
+_SAME_NUMBER: Final = 2.0**-23
+"""Greatest difference at which two numbers are the same case: the resolution of a C++ float (BehaviorTree.CPP)."""
+
+
+class _Switch(ControlNode):
+    """Ticks the child of the first case that equals ``variable``, or the last child, the default, when none does.
+
+    Two texts are equal when they are the same, or are, as a whole, the same decimal number. A variable that is missing,
+    was never written, or is neither text nor number, leads to the default. The variable is read at every tick; when the
+    choice changes, the child that is RUNNING is halted. A skipped child skips the node: the default is not tried.
+    As in BehaviorTree.CPP the number of children is looked at when the node is ticked.
+    """
+
+    __slots__ = ('_choice', '_complete', '_constant', '_running', '_text')
+
+    cases: ClassVar[tuple[str, ...]]
+    """The ports of the cases."""
+
+    def __init_subclass__(cls, count: int | None = None) -> None:
+        if count is not None:
+            cls.cases = tuple(f'case_{number}' for number in range(1, count + 1))
+            cls.ports = {
+                'variable': input_port(STRING, optional=True, description='what decides: {key}, or text'),
+                **{case: input_port(STRING, optional=True, description='value for this child') for case in cls.cases},
+            }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._running: int | None = None
+        # Cases that are literals are the same at every tick: the choice is only made anew when the variable changes.
+        given = [config.values.get(case) for case in self.cases]
+        self._constant = all(value is None or value.key is None for value in given)
+        self._text: str | None = None
+        self._choice = len(self.cases)
+
+    def attach(self, children: Sequence[TreeNode]) -> None:
+        super().attach(children)
+        self._complete = len(children) == len(self.cases) + 1
+
+    def execute(self) -> NodeStatus:
+        if not self._complete:
+            raise self.fault(f'{self.id} has {len(self.cases) + 1} children, not {len(self.children)}')
+        try:
+            text: str | None = self.get_input('variable')
+        except PortError:
+            text = None
+        if text != self._text or not self._constant:
+            self._text = text
+            self._choice = self._match(text)
+        choice = self._choice
+        running = self._running
+        if running is not None and running != choice:
+            halt_child(self.children[running])
+        status = self._ticks[choice]()
+        if status is RUNNING:
+            self._running = choice
+            self.status = RUNNING
+            return RUNNING
+        self._running = None
+        if status is SKIPPED:
+            return SKIPPED
+        self.reset_children()
+        self._failed = choice
+        self.status = status
+        return status
+
+    def _match(self, variable: str | None) -> int:
+        """The child for this value of the variable."""
+        default = len(self.cases)
+        if variable is None:
+            return default
+        number = number_from_text(variable)
+        for index, case in enumerate(self.cases):
+            try:
+                text: str = self.get_input(case)
+            except PortError:
+                continue
+            if text == variable:
+                return index
+            if number is not None:
+                other = number_from_text(text)
+                if other is not None and abs(number - other) <= _SAME_NUMBER:
+                    return index
+        return default
+
+    def halt(self) -> None:
+        self._running = None
+        super().halt()
+
+
+class Switch2(_Switch, count=2):
+    __slots__ = ()
+
+
+class Switch3(_Switch, count=3):
+    __slots__ = ()
+
+
+class Switch4(_Switch, count=4):
+    __slots__ = ()
+
+
+class Switch5(_Switch, count=5):
+    __slots__ = ()
+
+
+class Switch6(_Switch, count=6):
+    __slots__ = ()
