@@ -156,7 +156,7 @@ def _read_yaml(file: Path) -> Mapping[str, Any]:
         if file.stat().st_size > MAX_YAML_BYTES:
             raise MapError(file, '', f'more than {MAX_YAML_BYTES} bytes are not the YAML of a map')
         fields = yaml.safe_load(file.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise MapError(file, '', f'cannot be read: {error}; give the YAML file of a map') from error
     if not isinstance(fields, dict):
         raise MapError(file, '', 'is not the YAML file of a map: expected image, resolution, origin and thresholds')
@@ -169,7 +169,10 @@ def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[
             if picture.width * picture.height > MAX_CELLS:
                 raise MapError(file, 'image', f'{image} has more than {MAX_CELLS} pixels')
             alpha = numpy.asarray(picture.getchannel('A')) if 'A' in picture.getbands() else None
-            grey = numpy.asarray(picture.convert('L'))
+            if picture.mode.startswith('I'):  # 16 bits, which convert() would cut off instead of scaling
+                grey = (numpy.asarray(picture) // 257).astype(numpy.uint8)
+            else:
+                grey = numpy.asarray(picture.convert('L'))
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise MapError(file, 'image', f'{image} cannot be read as PGM or PNG: {error}') from error
     return grey, alpha
@@ -190,4 +193,5 @@ def _number(file: Path, fields: Mapping[str, Any], name: str) -> float:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    # Any bound will do that keeps conversions from overflowing.
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
