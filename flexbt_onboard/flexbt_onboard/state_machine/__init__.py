@@ -6,6 +6,7 @@ clock. What a user needs is exported here.
 """
 
 from .autonomy import Autonomy
+from .command_queue import Answer
 from .decision import Decision, DecisionKind
 from .definition import (
     ERROR,
@@ -20,7 +21,7 @@ from .definition import (
 from .errors import MachineError, StateError, StateMachineError, UserDataError
 from .event_state import EventState, ExitReason, Severity
 from .machine import OperatableStateMachine, define
-from .run import Answer, MachineRun, RunObserver
+from .run import MachineRun, RunObserver
 from .userdata import UserData
 
 __all__ = [

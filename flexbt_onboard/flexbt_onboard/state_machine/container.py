@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .autonomy import is_autonomous
+from .autonomy import UNDECLARED, is_autonomous
 from .decision import Decision, DecisionKind
-from .definition import MachineDefinition, Transition
+from .definition import MachineDefinition
 from .event_state import ExitReason
 from .leaf import LeafRun
 from .userdata import Scope
@@ -32,15 +32,21 @@ class ContainerRun:
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.question: tuple[str, str | None] | None = None  # a machine asks nothing
-        self.scope = Scope({})
         self.child: LeafRun | ContainerRun | None = None
         self.decision: Decision | None = None
+        self.is_active = False
+        self.is_leaving = False
+        """Whether the child was left, and comes to rest."""
         self._children = {
             label: LeafRun(engine, child) if not isinstance(child, MachineDefinition) else ContainerRun(engine, child)
             for label, child in definition.children.items()
         }
+        remap = definition.remap
+        self._inputs = {key: remap.get(key, key) for key in definition.input_keys}
+        self._outputs = {key: remap.get(key, key) for key in definition.output_keys}
+        self._scope = Scope({})
         self._approved = False
-        self._leaving_until: float | None = None
+        self._rest = engine.new_rest_wait()
 
     def leaves(self) -> Iterator[LeafRun]:
         """All states, depth first."""
@@ -61,40 +67,35 @@ class ContainerRun:
 
     def enter(self, parent: Scope) -> None:
         """The machine becomes active, with its initial state."""
-        definition = self.definition
-        remap = definition.remap
-        self.scope = Scope(
-            definition.defaults,
-            parent,
-            {key: remap.get(key, key) for key in definition.input_keys},
-            {key: remap.get(key, key) for key in definition.output_keys},
-        )
-        self.begin()
+        self.begin(Scope(self.definition.defaults, parent, self._inputs, self._outputs))
 
-    def begin(self) -> None:
-        """Enter the initial state."""
+    def begin(self, scope: Scope) -> None:
+        """Enter the initial state, with ``scope`` as the data of the machine."""
+        self._scope = scope
         self.outcome = None
-        self.decision = None
-        self._leaving_until = None
         self.exit_reason = ExitReason.OUTCOME
+        self.is_active = True
+        self._approved = False
         self._enter_child(self._children[self.definition.initial])
 
     def leave(self, reason: ExitReason) -> None:
         """Leave everything that is active in here."""
+        self.is_active = False
+        self.is_leaving = False
+        self._rest.cancel()  # whoever leaves the machine waits for what is in it
         self._withdraw_decision()
         if self.child is not None:
-            inner = reason if reason in (ExitReason.PREEMPTED, ExitReason.FAULT) else ExitReason.PARENT_LEFT
-            self.child.leave(inner)
+            self.child.leave(reason if reason.is_of_the_run else ExitReason.PARENT_LEFT)
 
     def unsettled(self) -> str | None:
         """What is not at rest yet in here."""
         return self.child.unsettled() if self.child is not None else None
 
     def next_wake(self) -> float | None:
-        """When something in here is due next."""
-        if self._leaving_until is not None:  # a deadline of wall time; the run is rung for it
+        """When something in here is due next. What comes to rest rings by itself."""
+        if self.child is None or self.is_leaving or self.outcome is not None:
             return None
-        return self.child.next_wake() if self.child is not None and self.outcome is None else None
+        return self.child.next_wake()
 
     # -- transitions -------------------------------------------------------------------------------------------------
 
@@ -103,116 +104,83 @@ class ContainerRun:
         child = self.child
         if child is None or self.outcome is not None:
             return False
-        if self._leaving_until is not None:
-            return self._finish_leaving(child)
+        if self.is_leaving:
+            return self._pass_on(child)
         if child.outcome is None and child.advance():
             return True
-        if child.question is not None and child.outcome is None:
-            return self._consider_question(child)
-        if child.outcome is None:
-            return False
-        if not self._may_pass(child):
-            return False
-        self._begin_leaving(child)
-        return True
+        return self._consider(child)
 
     def approve(self) -> None:
         """The operator has confirmed what the child wants."""
-        child = self.child
-        assert child is not None  # there was a decision about it
-        if child.outcome is None and child.question is not None:
-            child.outcome = child.question[1]
-        self._approved = True
-        self._withdraw_decision()
+        assert self.decision is not None  # checked by the caller
+        self._settle_on(self.decision.outcome)
 
     def force(self, outcome: str) -> None:
         """The operator wants the child to be left by ``outcome``, whatever it is doing."""
-        child = self.child
-        assert child is not None  # checked by the caller
-        child.outcome = outcome
-        child.exit_reason = ExitReason.FORCED
+        assert self.child is not None  # checked by the caller
+        self.child.exit_reason = ExitReason.FORCED
+        self._settle_on(outcome)
+
+    def _settle_on(self, outcome: str) -> None:
+        assert self.child is not None  # checked by the caller
+        self.child.outcome = outcome
         self._approved = True
         self._withdraw_decision()
 
-    @property
-    def is_leaving(self) -> bool:
-        """Whether the child is being left already."""
-        return self._leaving_until is not None
-
-    def _transition(self, child: LeafRun | ContainerRun) -> Transition:
-        assert child.outcome is not None  # the caller has looked
-        return child.definition.transitions[child.outcome]
-
-    def _may_pass(self, child: LeafRun | ContainerRun) -> bool:
-        if self._approved:
+    def _consider(self, child: LeafRun | ContainerRun) -> bool:
+        """Leave the child when it wants to be left and may; otherwise ask the operator."""
+        kind, wanted, prompt = DecisionKind.TRANSITION, child.outcome, ''
+        if wanted is None:
+            if child.question is None:
+                return False
+            kind = DecisionKind.CHOICE
+            prompt, wanted = child.question
+        required = UNDECLARED if wanted is None else child.definition.transitions[wanted].autonomy
+        if wanted is not None and (self._approved or is_autonomous(required, self._engine.autonomy_of(child.path))):
+            self._leave_child(child, wanted)
             return True
-        required = self._transition(child).autonomy
-        if is_autonomous(required, self._engine.autonomy_of(child.path)):
-            self._withdraw_decision()
-            return True
-        self._decide(DecisionKind.TRANSITION, child, child.outcome or '', required, '')
-        return False
-
-    def _consider_question(self, child: LeafRun | ContainerRun) -> bool:
-        assert child.question is not None  # the caller has looked
-        prompt, suggestion = child.question
-        required = -1
-        if suggestion is not None:
-            required = child.definition.transitions[suggestion].autonomy
-            if is_autonomous(required, self._engine.autonomy_of(child.path)):
-                child.outcome = suggestion
-                return True
-        self._decide(DecisionKind.CHOICE, child, suggestion or '', required, prompt)
-        return False
-
-    def _decide(
-        self, kind: DecisionKind, child: LeafRun | ContainerRun, outcome: str, required: int, prompt: str
-    ) -> None:
         if self.decision is None:
             self.decision = self._engine.new_decision(
-                kind, child.path, outcome, child.definition.outcomes, required, prompt
+                kind, child.path, wanted or '', child.definition.outcomes, required, prompt
             )
+            self._engine.changed()
+        return False
 
     def _withdraw_decision(self) -> None:
         if self.decision is not None:
             self.decision = None
             self._engine.changed()
 
-    def _begin_leaving(self, child: LeafRun | ContainerRun) -> None:
+    def _leave_child(self, child: LeafRun | ContainerRun, outcome: str) -> None:
+        self._engine.count_transition(child.path)
         self._withdraw_decision()
         self._approved = False
-        self._engine.count_transition(child.path)
+        child.outcome = outcome
         child.leave(child.exit_reason)
-        self._leaving_until = self._engine.rest_deadline()
-        self._engine.changed()
+        # A state that raised in on_exit wants another outcome by now, which has to be considered in its turn.
+        self.is_leaving = child.outcome == outcome
 
-    def _finish_leaving(self, child: LeafRun | ContainerRun) -> bool:
-        assert self._leaving_until is not None  # the caller has looked
+    def _pass_on(self, child: LeafRun | ContainerRun) -> bool:
+        """Go on to what follows when the child has come to rest, or its time for that is over."""
         unsettled = child.unsettled()
+        if not self._rest.is_over(unsettled):
+            return False
         if unsettled is not None:
-            if self._engine.steady.now() < self._leaving_until:
-                return False
-            self._engine.fault(
-                child.path, f'was not at rest {self._engine.exit_timeout:g} s after it was left: {unsettled}'
-            )
-        self._leaving_until = None
-        transition = self._transition(child)
-        outcome = child.outcome
-        reason = child.exit_reason
+            self._engine.fault(child.path, f'was not at rest {self._rest.timeout:g} s after it was left: {unsettled}')
+        assert child.outcome is not None  # it was left by it
+        outcome, child.outcome = child.outcome, None
+        transition = child.definition.transitions[outcome]
+        self.is_leaving = False
         self.child = None
-        child.outcome = None
-        if transition.state is not None:
-            target = self._children[transition.state]
-            self._engine.observer.transition(child.path, outcome or '', target.path, reason)
-            self._enter_child(target)
-        else:
+        if transition.state is None:
             self.outcome = transition.outcome
-            self._engine.observer.transition(child.path, outcome or '', f'={transition.outcome}', reason)
-        self._engine.changed()
+            self._engine.observer.transition(child.path, outcome, f'={transition.outcome}', child.exit_reason)
+        else:
+            target = self._children[transition.state]
+            self._engine.observer.transition(child.path, outcome, target.path, child.exit_reason)
+            self._enter_child(target)
         return True
 
     def _enter_child(self, child: LeafRun | ContainerRun) -> None:
         self.child = child
-        self._approved = False
-        child.enter(self.scope)
-        self._engine.changed()
+        child.enter(self._scope)

@@ -3,6 +3,11 @@
 
 A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
 once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
+
+What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
+in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
+such outcome, the run ends by ``error``, as it does when on_start raises. Where somebody else decided that the state be
+left, that stands.
 """
 
 from __future__ import annotations
@@ -31,6 +36,11 @@ class ExitReason(Enum):
     PARENT_LEFT = 'a machine around the state was left'
     PREEMPTED = 'the run was stopped'
     FAULT = 'the state, or another one, raised an exception'
+
+    @property
+    def is_of_the_run(self) -> bool:
+        """Whether it holds for all states that are left at that moment: the whole run ends."""
+        return self in (ExitReason.PREEMPTED, ExitReason.FAULT)
 
 
 class Severity(Enum):
@@ -114,7 +124,8 @@ class EventState:
     @property
     def path(self) -> str:
         """Path of the state in its run, as in ``/Outer/Inner``."""
-        return self._leaf.path if self._leaf is not None else type(self).__name__
+        leaf = self._leaf
+        return leaf.path if leaf is not None else type(self).__name__
 
     @property
     def clock(self) -> Clock:
@@ -128,11 +139,15 @@ class EventState:
 
     def wake(self) -> None:
         """Have the state executed, or asked whether it is settled, as soon as possible. From any thread."""
-        if self._leaf is not None:
-            self._leaf.wake()
+        leaf = self._leaf  # the run may end on its thread meanwhile
+        if leaf is not None:
+            leaf.wake()
 
     def wake_at(self, time: float) -> None:
-        """Have the state executed at a time of the clock, too. Holds until the state is executed next."""
+        """Have the state executed at a time of the clock, too: each time that was asked for holds until it has come.
+
+        Call it in on_enter or execute.
+        """
         self._bound().wake_at(time)
 
     def ask(self, prompt: str, suggestion: str | None = None) -> None:
@@ -165,6 +180,7 @@ class EventState:
         self.log(Severity.ERROR, text)
 
     def _bound(self) -> LeafRun:
-        if self._leaf is None:
+        leaf = self._leaf
+        if leaf is None:
             raise StateError(f'{type(self).__name__}: is not part of a run; this works only in its callbacks')
-        return self._leaf
+        return leaf

@@ -3,27 +3,39 @@
 
 from __future__ import annotations
 
+import heapq
 import traceback
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 from flexbt_common.clock import Clock
 
 from .definition import StateDefinition
+from .errors import StateError
 from .event_state import EventState, ExitReason, Severity
 from .userdata import Scope, UserData
 
 if TYPE_CHECKING:
     from .run import MachineRun
 
-FAILED = 'failed'
+FAILED: Final = 'failed'
 """Outcome by which a state that raised is left, when it declares it."""
+
+_Result = TypeVar('_Result')
+
+
+class _Raised(Enum):
+    """What a guarded callback gives when it raised."""
+
+    RAISED = 'raised'
 
 
 class LeafRun:
     """One state for the length of a run; entered and left any number of times.
 
-    ``outcome`` is what the state wants to be left by. All methods but :meth:`wake` are for the thread of the run.
+    ``outcome`` is what the state wants to be left by, ``question`` what it asks the operator: prompt and suggestion.
+    All methods but :meth:`wake` are for the thread of the run.
     """
 
     def __init__(self, engine: MachineRun, definition: StateDefinition) -> None:
@@ -31,16 +43,18 @@ class LeafRun:
         self.definition = definition
         self.path = definition.path
         self.state: EventState = definition.state
-        self.state._leaf = self
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.entered_at = 0.0
         self.question: tuple[str, str | None] | None = None
+        self._input_keys = frozenset(self.state.input_keys)
+        self._output_keys = frozenset(self.state.output_keys)
         self._userdata: UserData | None = None
         self._woken = False
-        self._wake_time: float | None = None
+        self._wake_times: list[float] = []
         self._next_poll: float | None = None
         self._is_active = False
+        self._never_settled: str | None = None
 
     # -- what the state uses -----------------------------------------------------------------------------------------
 
@@ -61,7 +75,8 @@ class LeafRun:
 
     def wake_at(self, time: float) -> None:
         """Execute the state at a time, too."""
-        self._wake_time = time
+        if time not in self._wake_times:
+            heapq.heappush(self._wake_times, time)
 
     def ask(self, prompt: str, suggestion: str | None) -> None:
         """Let the operator choose."""
@@ -73,106 +88,126 @@ class LeafRun:
 
     # -- the life of the state ---------------------------------------------------------------------------------------
 
+    def bind(self) -> None:
+        """Take the state for this run.
+
+        Raises:
+            StateError: another run has it.
+        """
+        if self.state._leaf is not None:
+            raise StateError(
+                f'{self.path}: the state is part of a run that has not ended; define a machine for each run'
+            )
+        self.state._leaf = self
+
     def start(self) -> None:
         """Before the run."""
-        self._guarded('on_start', self.state.on_start)
+        if self._guarded('on_start', self.state.on_start) is _Raised.RAISED:
+            self._engine.abort(f'{self.path} raised in on_start')
 
     def stop(self) -> None:
-        """After the run."""
-        self._guarded('on_stop', self.state.on_stop)
-        self.state._leaf = None
+        """After the run, once."""
+        if self.state._leaf is self:
+            try:
+                self._guarded('on_stop', self.state.on_stop)
+            finally:
+                self.state._leaf = None
 
     def enter(self, scope: Scope) -> None:
         """The state becomes active."""
-        state, definition = self.state, self.definition
-        self._userdata = UserData(
-            scope, frozenset(state.input_keys), frozenset(state.output_keys), definition.remap, definition.path
-        )
+        self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self.path)
         self.outcome = None
         self.exit_reason = ExitReason.OUTCOME
         self.question = None
         self.entered_at = self.clock.now()
-        self._wake_time = None
+        self._wake_times.clear()
         self._next_poll = None
         self._woken = True  # executed at once after it was entered
+        self._never_settled = None
         self._is_active = True
-        state.exit_reason = None
-        userdata = self._userdata
-        if not self._guarded('on_enter', lambda: state.on_enter(userdata)):
+        self.state.exit_reason = None
+        self._engine.changed()  # already now, since on_enter may take long
+        if self._guarded('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
             self._fail()
 
     def advance(self) -> bool:
-        """Execute the state if there is a reason to; whether anything has happened."""
-        if self.outcome is not None or self.question is not None:
+        """Execute the state if there is a reason to; whether it wants something now."""
+        if self.outcome is not None or self.question is not None or not self._is_due():
             return False
-        now = self.clock.now()
-        if not self._is_due(now):
-            return False
-        self._woken = False
-        self._wake_time = None
-        rate = self.state.desired_rate
-        self._next_poll = None if rate is None else now + 1.0 / rate
-        userdata = self._userdata
-        assert userdata is not None  # made by enter
-        answers: list[str | None] = []
-        if not self._guarded('execute', lambda: answers.append(self.state.execute(userdata))):
-            self._fail()
-        elif answers[0] is not None and answers[0] not in self.state.outcomes:
-            self._engine.fault(
-                self.path,
-                f'execute returned {answers[0]!r}, which is none of its outcomes {", ".join(self.state.outcomes)}',
-            )
+        outcome = self._guarded('execute', self._execute)
+        if outcome is _Raised.RAISED:
             self._fail()
         else:
-            self.outcome = answers[0]
+            self.outcome = outcome
         return self.outcome is not None or self.question is not None
 
     def leave(self, reason: ExitReason) -> None:
-        """Call on_exit, once for each time the state was entered."""
+        """Call on_exit, once for each time the state was entered.
+
+        A state that raises here fails if it is left by an outcome of its own; what others decided stands.
+        """
         if not self._is_active:
             return
         self._is_active = False
-        self.state.exit_reason = reason if self.exit_reason is ExitReason.OUTCOME else self.exit_reason
-        userdata = self._userdata
-        assert userdata is not None  # made by enter
-        self._guarded('on_exit', lambda: self.state.on_exit(userdata))
+        self.state.exit_reason = reason
+        raised = self._guarded('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
+        if raised and reason is ExitReason.OUTCOME:
+            self._fail()
 
     def unsettled(self) -> str | None:
-        """What the state that was left has not finished yet."""
-        what: list[str | None] = [None]
-
-        def ask() -> None:
-            what[0] = self.state.settled()
-
-        self._guarded('settled', ask)
-        return what[0]
+        """What the state that was left has not finished yet. One that raised is not asked again: nobody knows."""
+        if self._never_settled is not None:
+            return self._never_settled
+        unsettled = self._guarded('settled', self.state.settled)
+        if unsettled is _Raised.RAISED:
+            unsettled = self._never_settled = 'settled() raised'
+        return unsettled
 
     def next_wake(self) -> float | None:
         """When it is to be executed next, apart from wake-ups."""
         if self.outcome is not None or self.question is not None:
             return None
-        times = [time for time in (self._wake_time, self._next_poll) if time is not None]
-        return min(times, default=None)
+        due = self._wake_times[0] if self._wake_times else None
+        if due is None or (self._next_poll is not None and self._next_poll < due):
+            return self._next_poll
+        return due
 
-    def _is_due(self, now: float) -> bool:
-        if self._woken:
-            return True
-        time = self.next_wake()
-        return time is not None and time <= now
+    def _is_due(self) -> bool:
+        """Whether there is a reason to execute the state, which is taken by that."""
+        now = self._engine.clock.now()
+        due = self.next_wake()
+        if not self._woken and (due is None or due > now):
+            return False
+        self._woken = False
+        while self._wake_times and self._wake_times[0] <= now:
+            heapq.heappop(self._wake_times)
+        rate = self.state.desired_rate
+        self._next_poll = None if rate is None else now + 1.0 / rate
+        return True
+
+    def _execute(self) -> str | None:
+        state = self.state
+        assert self._userdata is not None  # made by enter
+        outcome = state.execute(self._userdata)
+        if outcome is not None and (not isinstance(outcome, str) or outcome not in state.outcomes):
+            raise StateError(
+                f'{self.path}: execute returned {outcome!r}, which is none of its outcomes {", ".join(state.outcomes)}'
+            )
+        return outcome
 
     def _fail(self) -> None:
         self.exit_reason = ExitReason.FAULT
         self.question = None
-        if FAILED in self.state.outcomes:
-            self.outcome = FAILED
-        else:
+        self.outcome = FAILED if FAILED in self.state.outcomes else None
+        if self.outcome is None:
             self._engine.abort(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')
 
-    def _guarded(self, what: str, callback: Callable[[], object]) -> bool:
-        """Call a callback; whether it came back without an exception."""
+    def _guarded(
+        self, what: str, callback: Callable[..., _Result], *arguments: object
+    ) -> _Result | Literal[_Raised.RAISED]:
+        """What a callback of the state gives."""
         try:
-            callback()
+            return callback(*arguments)
         except Exception:  # code of the state: its trace goes to the operator
             self._engine.fault(self.path, f'{what} raised:\n{traceback.format_exc()}')
-            return False
-        return True
+            return _Raised.RAISED

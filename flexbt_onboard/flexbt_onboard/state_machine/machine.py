@@ -80,6 +80,9 @@ class OperatableStateMachine:
         machines = _open_machines.get()
         if not machines:
             raise StateMachineError(f"cannot add '{label}': no machine is open; use 'with machine:'")
+        given: Any = state
+        if not isinstance(given, EventState | OperatableStateMachine):
+            raise StateMachineError(f"cannot add '{label}': {given!r:.80} is neither a state object nor a machine")
         machines[-1].children.append(
             Child(label, state, dict(transitions), dict(autonomy or {}), dict(remapping or {}))
         )
@@ -134,8 +137,3 @@ def _define(
         remap=remap,
         type_name=type(machine).__name__,
     )
-
-
-def initial_userdata(machine: OperatableStateMachine, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Defaults of a root machine with ``values`` over them."""
-    return {**machine.userdata.values(), **values}

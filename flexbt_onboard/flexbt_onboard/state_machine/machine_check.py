@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from .autonomy import UNDECLARED, Autonomy
 from .definition import ERROR, PREEMPTED, ROOT_PATH, child_path
 from .event_state import EventState
+from .userdata import copied
 
 if TYPE_CHECKING:
     from .machine import Child, OperatableStateMachine
@@ -19,12 +20,8 @@ RESERVED: Final = (PREEMPTED, ERROR)
 
 def problems_of(root: OperatableStateMachine) -> Iterator[str]:
     """What is wrong with a machine and everything in it, in the order of the states."""
-    seen: dict[int, str] = {}
-    for key in root.input_keys:
-        # What a root machine reads from outside may be given at the start, so it counts as written.
-        if key.startswith('_'):
-            yield f"{ROOT_PATH}: '{key}' cannot be a userdata key: it begins with an underscore"
-    yield from _machine(root, ROOT_PATH, seen)
+    yield from _keys(ROOT_PATH, root)
+    yield from _machine(root, ROOT_PATH, {id(root): ROOT_PATH})
 
 
 def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -> Iterator[str]:
@@ -33,6 +30,7 @@ def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -
     if not machine.outcomes:
         yield f'{path}: the machine has no outcomes'
     yield from _reserved(path, machine.outcomes)
+    yield from _defaults(path, machine)
     labels: set[str] = set()
     for child in machine.children:
         own = child_path(path, child.label)
@@ -43,6 +41,7 @@ def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -
             continue
         seen[id(child.state)] = own
         yield from _transitions(own, child, machine)
+        yield from _keys(own, child.state)
         yield from _remapping(own, child)
     yield from _reachability(path, machine)
     yield from _data_flow(path, machine)
@@ -61,6 +60,21 @@ def _label(own: str, label: str, labels: Collection[str], machine: OperatableSta
         yield f"{own}: the label '{label}' is used twice"
     if label in machine.outcomes:
         yield f"{own}: '{label}' is both a state and an outcome of its machine, so that a transition to it is ambiguous"
+
+
+def _keys(path: str, owner: EventState | OperatableStateMachine) -> Iterator[str]:
+    for key in dict.fromkeys((*owner.input_keys, *owner.output_keys)):
+        if not key or key.startswith('_'):
+            yield f"{path}: '{key}' cannot be a userdata key: it is empty or begins with an underscore"
+
+
+def _defaults(path: str, machine: OperatableStateMachine) -> Iterator[str]:
+    """Each time that a machine is entered it begins with copies of its defaults."""
+    for key, value in machine.userdata.values().items():
+        try:
+            copied(value)
+        except Exception as error:  # code of the value
+            yield f"{path}: the default of userdata key '{key}', a {type(value).__name__}, cannot be copied: {error}"
 
 
 def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:

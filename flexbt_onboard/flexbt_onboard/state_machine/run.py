@@ -11,16 +11,20 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from flexbt_common.clock import Clock
 
 from .autonomy import NAMES, Autonomy
+from .command_queue import Answer, CommandQueue
 from .container import ContainerRun
 from .decision import Decision, DecisionKind
 from .definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition
+from .errors import StateMachineError
 from .event_state import ExitReason, Severity
 from .leaf import LeafRun
+from .rest import RestWait
 from .userdata import Scope
 
 EXIT_TIMEOUT: Final = 3.0
@@ -31,8 +35,14 @@ MAX_TRANSITIONS: Final = 1000
 
 _LOOP_SHOWN: Final = 10
 
-Answer = Callable[['str | None'], None]
-"""Told the fate of a command: None when it was applied, otherwise why it was refused. On the thread of the run."""
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    """How a run ends, and why its states are left by that."""
+
+    outcome: str
+    message: str
+    reason: ExitReason
 
 
 class RunObserver(Protocol):
@@ -71,68 +81,75 @@ class MachineRun:
         exit_timeout: float = EXIT_TIMEOUT,
         on_wake: Callable[[], None] | None = None,
     ) -> None:
+        if autonomy not in NAMES:
+            raise StateMachineError(_no_level(autonomy))
         self.definition = definition
         self.clock = clock
-        self.steady = steady if steady is not None else clock
         self.observer = observer
         self.services = services
-        self.exit_timeout = exit_timeout
         self.outcome: str | None = None
         self.message = ''
+        self._steady = steady if steady is not None else clock
+        self._exit_timeout = exit_timeout
         self._on_wake = on_wake
-        self._autonomy: dict[str, int] = {ROOT_PATH: autonomy}
+        self._autonomy = {node.path: autonomy for node in definition.nodes()}
         self._root = ContainerRun(self, definition)
-        self._scope = Scope({**definition.defaults, **(userdata or {})})
-        self._commands: deque[tuple[Callable[[], str | None], Answer]] = deque()
+        self._scope = Scope(definition.defaults)
+        for key, value in (userdata or {}).items():
+            self._scope.set(key, value)
+        self._commands = CommandQueue()
         self._decisions = 0
         self._transitions = 0
         self._recent: deque[str] = deque(maxlen=_LOOP_SHOWN)
-        self._end: tuple[str, str] | None = None  # outcome and message of an end that is not the machine's own
-        self._end_reason = ExitReason.PREEMPTED
+        self._end: _End | None = None
         self._preempt_reason: str | None = None
-        self._ending_until: float | None = None
-        self._started = False
+        self._rest = self.new_rest_wait()
+        self._is_started = False
         self._lock = threading.Lock()
 
     # -- life --------------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Call on_start of every state and enter the first one. Once, on the thread of the run."""
-        self._started = True
-        for leaf in self._root.leaves():
+        """Call on_start of every state and enter the first one. Once, on the thread of the run.
+
+        Raises:
+            StateMachineError: it was called before.
+            StateError: a state is part of another run, which has not ended.
+        """
+        if self._is_started:
+            raise StateMachineError('a run starts only once; make another MachineRun')
+        self._is_started = True
+        leaves = list(self._root.leaves())
+        for leaf in leaves:
+            leaf.bind()
+        for leaf in leaves:
             leaf.start()
-        self._root.scope = self._scope
-        if self._preempt_reason is None:
-            self._root.begin()
+        if self._end is None and self._preempt_reason is None:
+            self._root.begin(self._scope)
         self.changed()
         self.ring()
 
     def step(self) -> bool:
         """Do everything that can be done now. True while the run goes on."""
-        if self.outcome is not None:
-            return False
+        if self.outcome is not None or not self._is_started:
+            return self.outcome is None
         self._transitions = 0
-        while True:
-            self._take_commands()
-            self._look_for_end()
-            if self._ending_until is not None:
-                return not self._come_to_rest()
-            if not self._root.advance() and not self._commands:
-                break
+        while self._end is None:
             if self._root.outcome is not None:
-                self._finish(self._root.outcome, '')
-                return False
-        return True
-
-    @property
-    def finished(self) -> bool:
-        """Whether the run has ended and every state was told."""
-        return self.outcome is not None
+                self._end = _End(self._root.outcome, '', ExitReason.OUTCOME)
+            elif self._preempt_reason is not None:
+                self._end = _End(PREEMPTED, self._preempt_reason, ExitReason.PREEMPTED)
+            else:
+                is_commanded = self._commands.apply_next()
+                if not self._root.advance() and not is_commanded and self._end is None:
+                    return True
+        self._commands.refuse('the run is ending')
+        return not self._come_to_rest(self._end)
 
     @property
     def next_wake(self) -> float | None:
         """When a step is due if nothing rings before, on the run's clock; None when nothing is."""
-        return None if self._ending_until is not None else self._root.next_wake()
+        return self._root.next_wake() if self._end is None else None
 
     # -- what the operator sees --------------------------------------------------------------------------------------
 
@@ -146,15 +163,8 @@ class MachineRun:
         return [machine.decision for machine in self._machines() if machine.decision is not None]
 
     def autonomy_of(self, path: str) -> int:
-        """The level that holds for a state: that of the smallest sub-tree around it for which one was set."""
-        while path not in self._autonomy:
-            path = path.rpartition('/')[0] or ROOT_PATH
+        """The level that holds for a state or machine: the one that was set last for it, or for what is around it."""
         return self._autonomy[path]
-
-    @property
-    def is_ending(self) -> bool:
-        """Whether the run was told to stop and is not at rest yet."""
-        return self._preempt_reason is not None or self._ending_until is not None
 
     # -- commands; from any thread -----------------------------------------------------------------------------------
 
@@ -195,22 +205,18 @@ class MachineRun:
     def abort(self, message: str) -> None:
         """End the run as an error: there is no way to go on."""
         if self._end is None:
-            self._end = (ERROR, message)
-            self._end_reason = ExitReason.FAULT
+            self._end = _End(ERROR, message, ExitReason.FAULT)
 
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
         """A decision with an id of its own."""
         self._decisions += 1
-        self.changed()
         return Decision(str(self._decisions), kind, path, outcome, outcomes, required, prompt, self.clock.now())
 
-    def rest_deadline(self) -> float:
-        """Until when what is left now has to be at rest; the run is rung then."""
-        deadline = self.steady.now() + self.exit_timeout
-        self.steady.call_at(deadline, self.ring)
-        return deadline
+    def new_rest_wait(self) -> RestWait:
+        """Something to wait with for what is left; the run is rung when its time is over."""
+        return RestWait(self._steady, self._exit_timeout, self.ring)
 
     def count_transition(self, path: str) -> None:
         """Watch for livelocks."""
@@ -224,13 +230,8 @@ class MachineRun:
     # -- commands; on the thread of the run --------------------------------------------------------------------------
 
     def _command(self, apply: Callable[[], str | None], answer: Answer) -> None:
-        self._commands.append((apply, answer))
+        self._commands.put(apply, answer)
         self.ring()
-
-    def _take_commands(self) -> None:
-        while self._commands:
-            apply, answer = self._commands.popleft()
-            answer('the run is ending' if self.is_ending else apply())
 
     def _confirm(self, decision_id: str) -> str | None:
         machine = self._deciding(decision_id)
@@ -245,29 +246,33 @@ class MachineRun:
     def _force(self, path: str, outcome: str, decision_id: str) -> str | None:
         parent = next((machine for machine in self._machines() if machine.child and machine.child.path == path), None)
         if parent is None or parent.child is None:
-            if self.definition.find(path) is None:
+            if path not in self._autonomy:
                 return f'there is no state {path!r}'
             active = ', '.join(leaf.path for leaf in self.active_states()) or 'none'
             return f'{path} is not active (active: {active})'
         if decision_id and (parent.decision is None or parent.decision.id != decision_id):
-            return self._no_decision(decision_id)
+            deciding = self._deciding(decision_id)
+            if deciding is None or deciding.decision is None:
+                return self._no_decision(decision_id)
+            return f'decision {decision_id!r} is about {deciding.decision.path}, not about {path}'
         outcomes = parent.child.definition.outcomes
         if outcome not in outcomes:
             return f'{path} has no outcome {outcome!r}; its outcomes are {", ".join(outcomes)}'
-        if parent.is_leaving:
+        if parent.is_leaving or not parent.is_active:
             return f'{path} is being left already'
         parent.force(outcome)
         return None
 
     def _set_autonomy(self, level: int, path: str) -> str | None:
+        top = path or ROOT_PATH
         if level not in NAMES:
-            return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
-        if path in ('', ROOT_PATH):
-            self._autonomy = {ROOT_PATH: level}
-        elif self.definition.find(path) is None:
+            return _no_level(level)
+        if top not in self._autonomy:
             return f'there is no state {path!r}'
-        else:
-            self._autonomy[path] = level
+        inside = f'{top.rstrip("/")}/'
+        self._autonomy = {
+            path: level if f'{path}/'.startswith(inside) else before for path, before in self._autonomy.items()
+        }
         self.changed()
         return None
 
@@ -284,28 +289,19 @@ class MachineRun:
 
     # -- the end -----------------------------------------------------------------------------------------------------
 
-    def _look_for_end(self) -> None:
-        if self._ending_until is not None:
-            return
-        if self._end is None and self._preempt_reason is not None:
-            self._end = (PREEMPTED, self._preempt_reason)
-        if self._end is not None:
-            self._root.leave(self._end_reason)
-            self._ending_until = self.rest_deadline()
-            self.changed()
-
-    def _come_to_rest(self) -> bool:
-        assert self._end is not None and self._ending_until is not None  # set together
-        outcome, message = self._end
+    def _come_to_rest(self, end: _End) -> bool:
+        """Leave everything, and finish when it is at rest or the time for that is over."""
+        self._root.leave(end.reason)
         unsettled = self._root.unsettled()
+        if not self._rest.is_over(unsettled):
+            return False
+        message = end.message
         if unsettled is not None:
-            if self.steady.now() < self._ending_until:
-                return False
             path = next((leaf.path for leaf in self.active_states()), ROOT_PATH)
-            text = f'not confirmed to be at rest {self.exit_timeout:g} s after the stop: {unsettled}'
+            text = f'not confirmed to be at rest {self._rest.timeout:g} s after the stop: {unsettled}'
             self.fault(path, text)
             message = f'{message}; {path} is {text}' if message else f'{path} is {text}'
-        self._finish(outcome, message)
+        self._finish(end.outcome, message)
         return True
 
     def _finish(self, outcome: str, message: str) -> None:
@@ -314,9 +310,13 @@ class MachineRun:
             leaf.stop()
         self.message = message
         self.outcome = outcome
-        self._take_commands()
+        self._commands.close('the run has ended')
         self.changed()
 
     def userdata(self) -> dict[str, Any]:
         """The root machine's userdata."""
         return self._scope.values()
+
+
+def _no_level(level: int) -> str:
+    return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'

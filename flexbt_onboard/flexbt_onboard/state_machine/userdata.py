@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, Final
 
 from .errors import UserDataError
@@ -18,30 +19,35 @@ from .errors import UserDataError
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
 
 
+def copied(value: Any) -> Any:
+    """A value that does not change with the given one. Raises whatever the value raises when it is copied."""
+    return value if isinstance(value, _IMMUTABLE) else copy.deepcopy(value)
+
+
 class Scope:
     """The data of one machine while it is active.
 
-    ``inputs`` and ``outputs`` map keys of this scope to those of the parent's: an input that was not written here is
-    read there, and an output is written there as well.
+    It begins with copies of ``defaults``. ``inputs`` and ``outputs`` map its keys to those of the parent: an
+    input that was not written here is read there, and an output is written there as well.
     """
 
     __slots__ = ('_data', '_inputs', '_outputs', '_parent')
 
     def __init__(
         self,
-        data: Mapping[str, Any],
+        defaults: Mapping[str, Any],
         parent: Scope | None = None,
-        inputs: Mapping[str, str] | None = None,
-        outputs: Mapping[str, str] | None = None,
+        inputs: Mapping[str, str] = MappingProxyType({}),
+        outputs: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        self._data = dict(data)
+        self._data: dict[str, Any] = {}
         self._parent = parent
-        self._inputs = dict(inputs or {})
-        self._outputs = dict(outputs or {})
-        for key, parent_key in self._inputs.items():
-            # A default of the machine yields to what its parent has.
-            if parent is not None and parent_key in parent:
-                self._data.pop(key, None)
+        self._inputs = inputs
+        self._outputs = outputs
+        for key, value in defaults.items():
+            # A default yields to what the parent has.
+            if parent is None or key not in inputs or inputs[key] not in parent:
+                self.set(key, copied(value))
 
     def __contains__(self, key: object) -> bool:
         if key in self._data:
@@ -91,23 +97,32 @@ class UserData:
     def __getitem__(self, key: str) -> Any:
         if key not in self._inputs and key not in self._outputs:
             raise UserDataError(f"{self._owner}: cannot read userdata key '{key}'; declare it in input_keys")
-        if key in self._copies:
-            return self._copies[key]
         name = self._remap.get(key, key)
+        is_shared = key in self._outputs
+        if not is_shared and name in self._copies:
+            return self._copies[name]
+        shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
         try:
             value = self._scope.get(name)
         except KeyError:
-            shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
             raise UserDataError(f'{self._owner}: userdata key {shown} has no value; nobody has written it') from None
-        if key not in self._outputs and not isinstance(value, _IMMUTABLE):
-            value = self._copies[key] = copy.deepcopy(value)
+        if is_shared or isinstance(value, _IMMUTABLE):
+            return value
+        try:
+            value = self._copies[name] = copied(value)
+        except Exception as error:  # code of the value
+            raise UserDataError(
+                f'{self._owner}: the {type(value).__name__} in userdata key {shown} cannot be copied ({error}); '
+                'to share it, declare the key in io_keys'
+            ) from error
         return value
 
     def __setitem__(self, key: str, value: Any) -> None:
         if key not in self._outputs:
             raise UserDataError(f"{self._owner}: cannot write userdata key '{key}'; declare it in output_keys")
-        self._copies.pop(key, None)
-        self._scope.set(self._remap.get(key, key), value)
+        name = self._remap.get(key, key)
+        self._copies.pop(name, None)  # also what was read by another key of the same name in the machine
+        self._scope.set(name, value)
 
     def __getattr__(self, key: str) -> Any:
         if key.startswith('_'):
