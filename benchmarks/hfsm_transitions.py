@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a transition of a state machine costs: the engine alone, without ROS.
+
+Shapes: states in a ring in the root machine, and in a machine 4 levels deep; machines nested 4 deep that are entered
+and ended all the time. Each state declares a userdata key of each kind, each outcome the autonomy that it requires.
+
+Ways: 'chained' transitions follow each other in one step of the engine; 'woken' ones happen each in a step of its own,
+after a wake-up; a 'confirmed' one waits for the operator, and happens when it is confirmed.
+
+Usage: hfsm_transitions.py [--rounds N] [--output FILE.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_common.clock import SteadyClock
+from flexbt_onboard.state_machine import (
+    Autonomy,
+    Decision,
+    EventState,
+    ExitReason,
+    MachineRun,
+    OperatableStateMachine,
+    Severity,
+    UserData,
+    define,
+)
+
+TARGET: Final = 15.0
+"""Most that a transition of a state may cost, chained or woken, microseconds."""
+
+DEPTH: Final = 4
+CHAIN: Final = 500
+"""Transitions of a state between two waits."""
+
+PER_SAMPLE: Final = 2000
+"""Transitions of a state in one sample."""
+
+
+class Observer:
+    """Watches nothing."""
+
+    def changed(self) -> None: ...
+
+    def log(self, severity: Severity, path: str, text: str) -> None: ...
+
+    def fault(self, path: str, text: str) -> None:
+        raise AssertionError(f'{path}: {text}')
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None: ...
+
+
+class Pass(EventState):
+    """Ends at once, but waits for a wake-up each time that ``patience`` visits, of all such states, are over."""
+
+    def __init__(self, visits: list[int], patience: int) -> None:
+        super().__init__(outcomes=['done', 'failed'], input_keys=['a'], output_keys=['b'], desired_rate=None)
+        self._visits = visits
+        self._patience = patience
+        self._waits = False
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._visits[0] += 1
+        self._waits = self._visits[0] % self._patience == 0
+
+    def execute(self, userdata: UserData) -> str | None:
+        if self._waits:
+            self._waits = False
+            return None
+        return 'done'
+
+    def on_exit(self, userdata: UserData) -> None:
+        pass
+
+
+def ring(depth: int, visits: list[int], patience: int) -> OperatableStateMachine:
+    """Two states that take turns, with the machines around them."""
+    machine = OperatableStateMachine(outcomes=['ended'], io_keys=['a', 'b'])
+    with machine:
+        if depth > 1:
+            OperatableStateMachine.add('Inner', ring(depth - 1, visits, patience), {'ended': 'ended'})
+        else:
+            for label, target in (('One', 'Two'), ('Two', 'One')):
+                OperatableStateMachine.add(
+                    label,
+                    Pass(visits, patience),
+                    {'done': target, 'failed': 'ended'},
+                    autonomy={'done': Autonomy.Low, 'failed': Autonomy.Off},
+                )
+    return machine
+
+
+def nested(depth: int, visits: list[int], patience: int) -> OperatableStateMachine:
+    """A state in machines, of which the outermost but one is entered again whenever it has ended."""
+    machine = OperatableStateMachine(outcomes=['ended'], io_keys=['a', 'b'])
+    with machine:
+        for label in ('One', 'Two')[: 2 if depth == DEPTH else 1]:
+            inner = nested(depth - 1, visits, patience) if depth > 1 else Pass(visits, patience)
+            ways = {'ended': 'ended'} if depth > 1 else {'done': 'ended', 'failed': 'ended'}
+            if depth == DEPTH:
+                ways = {'ended': 'Two' if label == 'One' else 'One'}
+            OperatableStateMachine.add(label, inner, ways, autonomy=dict.fromkeys(ways, Autonomy.Low))
+    return machine
+
+
+SHAPES: Final[dict[str, Callable[[list[int], int], OperatableStateMachine]]] = {
+    'flat': lambda visits, patience: ring(1, visits, patience),
+    '4 levels deep': lambda visits, patience: ring(DEPTH, visits, patience),
+    'through 4 levels': lambda visits, patience: nested(DEPTH, visits, patience),
+}
+WAYS: Final = ('chained', 'woken', 'confirmed')
+
+
+class Subject:
+    """A machine that runs for ever, in steps of so many transitions of a state."""
+
+    def __init__(self, shape: str, way: str) -> None:
+        self._visits = [0]
+        self._way = way
+        # A chain stays below the number that the engine takes for a livelock, machines that end counted.
+        patience = 1 if way == 'woken' else CHAIN // DEPTH
+        machine = SHAPES[shape](self._visits, patience if way != 'confirmed' else sys.maxsize)
+        level = Autonomy.Low if way == 'confirmed' else Autonomy.Full
+        self._run = MachineRun(define(machine), SteadyClock(), Observer(), autonomy=level, userdata={'a': 1, 'b': 2})
+        self._run.start()
+        self._run.step()
+
+    def sample(self) -> float:
+        """Microseconds of a transition of a state."""
+        visits, run = self._visits, self._run
+        first = visits[0]
+        began = time.perf_counter()
+        if self._way == 'confirmed':
+            while visits[0] < first + PER_SAMPLE:
+                decision: Decision = run.decisions[0]
+                run.confirm(decision.id, _applied)
+                run.step()
+        else:
+            while visits[0] < first + PER_SAMPLE:
+                run.active_states()[0].state.wake()
+                run.step()
+        return (time.perf_counter() - began) / (visits[0] - first) * 1e6
+
+
+def _applied(refusal: str | None) -> None:
+    assert refusal is None, refusal
+
+
+def measure(rounds: int) -> list[dict[str, Any]]:
+    """Microseconds of a transition: the median of the rounds, and the least."""
+    subjects = {(shape, way): Subject(shape, way) for shape in SHAPES for way in WAYS}
+    samples: dict[tuple[str, str], list[float]] = {key: [] for key in subjects}
+    gc.collect()
+    for _ in range(rounds):
+        for key, subject in subjects.items():
+            samples[key].append(subject.sample())
+    return [
+        {'shape': shape, 'way': way, 'median, us': statistics.median(values), 'least, us': min(values)}
+        for (shape, way), values in samples.items()
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--rounds', type=int, default=15)
+    parser.add_argument('--output', type=Path, default=Path('out/hfsm_transitions.json'))
+    arguments = parser.parse_args()
+    rows = measure(arguments.rounds)
+    print(f'{"microseconds of a transition":36}{"median":>9}{"least":>9}')
+    for row in rows:
+        print(f'{row["shape"] + ", " + row["way"]:36}{row["median, us"]:9.2f}{row["least, us"]:9.2f}')
+    print(f'target: at most {TARGET:g} us 4 levels deep')
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    arguments.output.write_text(json.dumps({'rows': rows, 'target, us': TARGET}, indent=2) + '\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
