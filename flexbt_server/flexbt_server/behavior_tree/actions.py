@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from .blackboard import EMPTY, Entry
@@ -46,7 +47,7 @@ class SetBlackboard(SyncAction):
     same way, anything else only to an entry of the same type: FAILURE when it was declared but never written.
     """
 
-    __slots__ = ('_lock', '_ready', '_source', '_text')
+    __slots__ = ('_ready', '_source', '_text')
 
     ports = {
         'value': input_port(description='text, or {key} of the entry to be copied'),
@@ -58,18 +59,15 @@ class SetBlackboard(SyncAction):
         value = config.values.get('value')
         self._source = None if value is None else value.key
         self._text = '' if value is None else value.text
-        self._lock = config.blackboard.lock
-        # For constant text and key: the entry, its type, and what the text means in that type.
-        self._ready: tuple[Entry, PortType | None, Any] | None = None
+        # For constant text and key: the entry, its type, what the text means in that type, and what writes it there.
+        self._ready: tuple[Entry, PortType | None, Any, Callable[[Any], None]] | None = None
 
     def execute(self) -> NodeStatus:
         ready = self._ready
         if ready is not None:
-            entry, kind, value = ready
+            entry, kind, value, write = ready
             if entry.present and entry.type is kind:
-                with self._lock:
-                    entry.value = value
-                    entry.sequence += 1
+                write(value)
                 self.status = SUCCESS
                 return SUCCESS
         return super().execute()
@@ -82,7 +80,7 @@ class SetBlackboard(SyncAction):
             entry, value = self._write_text(key, self._text)
             kind = entry.type
             if self.port_key('output_key') is None and (kind is None or kind.immutable):
-                self._ready = entry, kind, value
+                self._ready = entry, kind, value, board.writer(entry)
             return SUCCESS
         copied = board.entry(source)
         if copied is None:

@@ -199,7 +199,7 @@ class RunOnce(DecoratorNode):
     After that SKIPPED, or with ``then_skip`` false always the result that the child had.
     """
 
-    __slots__ = ('_result',)
+    __slots__ = ('_result', '_skip')
 
     ports = {
         'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
@@ -208,11 +208,17 @@ class RunOnce(DecoratorNode):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._result: NodeStatus | None = None
+        given = config.values['then_skip']
+        # None: to be read at each tick.
+        self._skip: bool | None = given.literal if given.key is None else None
 
     def execute(self) -> NodeStatus:
         result = self._result
         if result is not None:
-            if self.get_input_or('then_skip', True):
+            skip = self._skip
+            if skip is None:
+                skip = self.get_input_or('then_skip', True)
+            if skip:
                 return SKIPPED
             self.status = result
             return result

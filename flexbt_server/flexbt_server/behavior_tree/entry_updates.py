@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-from .blackboard import Entry
+from .blackboard import MISSING
 from .leaves import LeafNode
 from .node import DecoratorNode, NodeConfig
 from .port_types import PortType
@@ -33,27 +33,27 @@ _PORTS: Final[Mapping[str, Port]] = {
 
 
 class _Watch:
-    """The writes of the entry to which the port ``entry`` of a node points."""
+    """The writes of the entry to which the port ``entry`` of a node points. ``seen`` is how many were seen."""
 
-    __slots__ = ('_board', '_entry', '_seen', 'key')
+    __slots__ = ('_board', 'entry', 'key', 'seen')
 
     def __init__(self, config: NodeConfig) -> None:
         given = config.values['entry']
         self.key = given.text if given.key is None else given.key
         self._board = config.blackboard
-        self._entry: Entry | None = None
-        self._seen = 0
+        self.entry = MISSING
+        self.seen = 0
 
     def updated(self) -> bool:
         """Whether the entry was written since the last call. An entry that is missing was not."""
-        entry = self._entry
-        if entry is None or not entry.present:
-            self._entry = entry = self._board.entry(self.key)
-            if entry is None:
+        entry = self.entry
+        if not entry.present:
+            self.entry = entry = self._board.entry(self.key) or MISSING
+            if entry is MISSING:
                 return False
         writes = entry.sequence
-        updated = writes != self._seen
-        self._seen = writes
+        updated = writes != self.seen
+        self.seen = writes
         return updated
 
 
@@ -72,15 +72,21 @@ class _UpdateDecorator(DecoratorNode):
         self._child_running = False
 
     def execute(self) -> NodeStatus:
-        if self._child_running or self._watch.updated():
-            status = self._tick()
-            self._child_running = status is RUNNING
-        else:
-            status = self.otherwise
+        if not self._child_running:
+            watch = self._watch
+            entry = watch.entry
+            # Nothing new is what most ticks find; a call would take longer than that.
+            if (entry.present and entry.sequence == watch.seen) or not watch.updated():
+                status = self.otherwise
+                if status is RUNNING:
+                    self.status = RUNNING
+                return status
+        status = self._tick()
+        self._child_running = status is RUNNING
         if status is not SKIPPED:
             self.status = status
-        if status is SUCCESS or status is FAILURE:
-            self.child.status = IDLE
+            if status is not RUNNING:
+                self.child.status = IDLE
         return status
 
     def halt(self) -> None:

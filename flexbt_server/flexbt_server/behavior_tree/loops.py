@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any, ClassVar
 
+from .blackboard import MISSING, Entry
 from .errors import ConversionError
 from .node import DecoratorNode, NodeConfig, TreeNode
 from .port_types import BOOL, DOUBLE, INT, NODE_STATUS, STRING, PortType, list_of
@@ -31,13 +33,15 @@ class Loop(DecoratorNode):
     For elements of another type: ``class LoopPose(Loop, element=POSE_STAMPED)``.
     """
 
-    __slots__ = ('_child_failed', '_child_running', '_constant', '_queue')
+    __slots__ = ('_child_failed', '_child_running', '_constant', '_put', '_queue', '_target')
 
+    element: ClassVar[PortType]
     queue: ClassVar[PortType]
     """How a queue is written as text."""
 
     def __init_subclass__(cls, element: PortType | None = None) -> None:
         if element is not None:
+            cls.element = element
             cls.queue = _queue_of(element)
             cls.ports = {
                 'queue': inout_port(literal=cls.queue, description='elements separated by ;, or {key}'),
@@ -50,6 +54,9 @@ class Loop(DecoratorNode):
         given = config.values['queue']
         self._constant: tuple[Any, ...] | None = given.literal if given.key is None else None
         self._queue: deque[Any] | None = None
+        # The entry that the elements of a constant queue are written to, once it is known that it has their type.
+        self._target = MISSING
+        self._put: Callable[[Any], None] = self._write
         self._child_running = False
         self._child_failed = False
 
@@ -61,12 +68,13 @@ class Loop(DecoratorNode):
             queue = self._queue
             if queue is None or self._constant is None:
                 queue = self._shared()
-            try:
-                # Without asking for its length first: others may take elements from it as well.
-                element = queue.popleft()
-            except IndexError:
+            if not queue:
                 return self._empty()
-            self.set_output('value', element)
+            element = queue.popleft()
+            if self._target.present:
+                self._put(element)
+            else:
+                self._write(element)
         if self.status is IDLE:
             self.status = RUNNING
         status = self._tick()
@@ -80,6 +88,15 @@ class Loop(DecoratorNode):
             return FAILURE
         self.status = RUNNING
         return RUNNING
+
+    def _write(self, element: Any) -> None:
+        self.set_output('value', element)
+        if self._constant is not None:
+            key = self.port_key('value')
+            entry = Entry(self.element) if key is None else self.blackboard.entry(key)
+            if entry is not None and entry.type is not None and entry.type.same(self.element):
+                self._target = entry
+                self._put = self.blackboard.writer(entry)
 
     def _shared(self) -> deque[Any]:
         """The queue of the blackboard, or what is left of the copy of it that this run made."""

@@ -55,7 +55,7 @@ class _Switch(ControlNode):
         if not self._complete:
             raise self.fault(f'{self.id} has {len(self.cases) + 1} children, not {len(self.children)}')
         try:
-            text: str | None = self.get_input('variable')
+            text: str | None = self.get_input_or('variable', None)
         except PortError:
             text = None
         if text != self._text or not self._constant:
@@ -86,12 +86,12 @@ class _Switch(ControlNode):
         number = number_from_text(variable)
         for index, case in enumerate(self.cases):
             try:
-                text: str = self.get_input(case)
+                text: str | None = self.get_input_or(case, None)
             except PortError:
                 continue
             if text == variable:
                 return index
-            if number is not None:
+            if number is not None and text is not None:
                 other = number_from_text(text)
                 if other is not None and abs(number - other) <= _SAME_NUMBER:
                     return index
