@@ -66,7 +66,7 @@ class LivelinessWatch:
                 alive_topic(node_name),
                 lambda _message: None,
                 _qos(),
-                event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed),
+                event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
             )
         )
 
@@ -85,13 +85,22 @@ class LivelinessWatch:
             self._runtime.node.destroy_subscription(self._subscription)
             self._subscription = None
 
+    def _matched(self, event: Any) -> None:
+        # Without this, a node that is killed before its token has been asserted once would never be missed.
+        if event.current_count_change > 0 and not self._alive:
+            self._tell(True)
+            self._expect_assertion(LEASE_SECONDS + GRACE_SECONDS)
+
     def _liveliness_changed(self, event: Any) -> None:
         self._forget_loss()
         if event.alive_count > 0:
             self._tell(True)
         elif self._alive:
-            steady = self._runtime.steady
-            self._loss = steady.call_at(steady.now() + GRACE_SECONDS, lambda: self._runtime.post(self._tell_loss))
+            self._expect_assertion(GRACE_SECONDS)
+
+    def _expect_assertion(self, seconds: float) -> None:
+        steady = self._runtime.steady
+        self._loss = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(self._tell_loss))
 
     def _tell_loss(self) -> None:
         if self._loss is not None:

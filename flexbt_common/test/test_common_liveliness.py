@@ -62,6 +62,20 @@ def test_death_and_return_are_noticed(name: str) -> None:
             process.kill()
 
 
+def test_a_node_that_is_killed_as_soon_as_it_is_seen_is_missed_too() -> None:
+    """Before the middleware asserts its token for the first time."""
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+        changes: queue.Queue[bool] = queue.Queue()
+        LivelinessWatch(runtime, 'living', changes.put)
+        for _ in range(3):
+            with start() as process:
+                assert changes.get(timeout=DEADLINE) is True
+                process.kill()
+                killed = time.monotonic()
+                assert changes.get(timeout=DEADLINE) is False
+                assert time.monotonic() - killed < LEASE_SECONDS + GRACE_SECONDS + 0.15
+
+
 def test_a_node_that_lives_stays_alive() -> None:
     with NodeRuntime.open('here') as here, NodeRuntime.open('there') as there:
         LivelinessToken(there)
