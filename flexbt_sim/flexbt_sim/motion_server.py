@@ -49,7 +49,6 @@ class MotionArbiter:
         self._pose_timeout = pose_timeout
         self.robot = robot
         self._watch: Timer | None = None
-        self._last_pose = 0.0
         self.running: RunningMotion | None = None
         robot.on_pose, robot.on_map = self._on_pose, self._on_map
 
@@ -63,13 +62,11 @@ class MotionArbiter:
             self.end(GoalEnd(message='a newer motion has taken over'), stop=not rolling)
         future = Future(executor=self._runtime.node.executor)
         self.running = RunningMotion(handle, motion, feedback, future)
-        self._last_pose = self._runtime.steady.now()
-        self._watch_poses()
+        self._look_for_pose_in(self._pose_timeout)
         return future
 
     def _on_pose(self, pose: Pose, now: float) -> None:
         running = self.running
-        self._last_pose = self._runtime.steady.now()
         if running is None:
             return
         try:
@@ -111,20 +108,18 @@ class MotionArbiter:
         if self.running is not None and self.running.handle is handle:
             self.end(CANCELED)
 
-    def _watch_poses(self) -> None:
+    def _look_for_pose_in(self, seconds: float) -> None:
         steady = self._runtime.steady
-        self._watch = steady.call_at(
-            self._last_pose + self._pose_timeout, lambda: self._runtime.post(self._look_for_pose)
-        )
+        self._watch = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(self._look_for_pose))
 
     def _look_for_pose(self) -> None:
         if self.running is None:
             return
-        silence = self._runtime.steady.now() - self._last_pose
-        if silence >= self._pose_timeout:
-            self.end(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
+        silence = self.robot.silence
+        if silence < self._pose_timeout:
+            self._look_for_pose_in(self._pose_timeout - silence)
         else:
-            self._watch_poses()
+            self.end(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
 
 
 class MotionServer:

@@ -21,11 +21,24 @@ class Pacer:
     """Waits after each piece of simulated time. ``stop`` ends all waiting."""
 
     def __init__(self, factor: float) -> None:
-        self.factor = factor
+        self._factor = factor
         self._due = time.monotonic()
         self._event = threading.Condition()
         self._commands = 0
         self._stopped = False
+
+    @property
+    def factor(self) -> float:
+        """Seconds of the simulated world per second; 0 for as fast as whoever drives the robot keeps up."""
+        return self._factor
+
+    @factor.setter
+    def factor(self, factor: float) -> None:
+        # What is being waited for now was long at the old factor: it is over.
+        with self._event:
+            self._factor = factor
+            self._due = time.monotonic()
+            self._event.notify_all()
 
     def command_received(self) -> None:
         """A velocity command has come; from any thread."""
@@ -51,14 +64,13 @@ class Pacer:
 
     def wait(self, simulated: float) -> None:
         """Let ``simulated`` seconds pass, at the speed factor."""
-        factor = self.factor or IDLE_FACTOR
-        self._due += simulated / factor
-        now = time.monotonic()
-        if now - self._due > MAX_LAG:
-            self._due = now
         with self._event:
+            self._due += simulated / (self._factor or IDLE_FACTOR)
+            now = time.monotonic()
+            if now - self._due > MAX_LAG:
+                self._due = now
             while not self._stopped and (left := self._due - time.monotonic()) > 0.0:
-                self._event.wait(left) if left > 0.005 else self._sleep(left)
+                self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)
 
     def wait_for_answer(self, commands_before: int) -> None:
         """Let whoever drives answer an odometry message, for a short time."""

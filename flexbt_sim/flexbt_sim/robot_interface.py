@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -21,9 +22,6 @@ from flexbt_sim.occupancy_map import OccupancyMap
 from flexbt_sim.request_checks import check_frame, pose_in_map
 from flexbt_sim.ros_messages import map_of, seconds_of, twist
 
-KNOWN_TIMEOUT: Final = 1.0
-"""How long a request waits for the first pose and the map, s of wall time."""
-
 COMPLAINT_SECONDS: Final = 5.0
 """Time between two lines of the log about poses that cannot be used."""
 
@@ -41,6 +39,7 @@ class RobotInterface:
         self.on_pose: Callable[[Pose, float], None] = lambda _pose, _time: None
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
+        self._pose_at = -math.inf
         self._world: OccupancyMap | None = None
         self._costmap: Costmap | None = None
         self._waiting: list[Future] = []
@@ -51,7 +50,7 @@ class RobotInterface:
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
 
     def known(self) -> Future:
-        """Completes when pose and map are known, or after ``KNOWN_TIMEOUT``: a server that has just started has
+        """Completes when pose and map are known, or after the pose timeout: a server that has just started has
         neither, and as in Nav2 that is a reason to wait for a moment, not to fail.
         """
         future = Future(executor=self._runtime.node.executor)
@@ -59,23 +58,30 @@ class RobotInterface:
         self._tell_waiting()
         if not future.done():
             steady = self._runtime.steady
-            steady.call_at(steady.now() + KNOWN_TIMEOUT, lambda: self._runtime.post(lambda: _complete(future)))
+            until = steady.now() + self._parameters.pose_timeout
+            steady.call_at(until, lambda: self._runtime.post(lambda: _complete(future)))
         return future
 
     def _tell_waiting(self) -> None:
-        if self._pose is not None and self._world is not None:
+        if self.silence < self._parameters.pose_timeout and self._world is not None:
             for future in self._waiting:
                 _complete(future)
             self._waiting.clear()
 
     @property
     def pose(self) -> Pose:
-        """The robot's pose. Raises NavigationError TF_ERROR while it is not known."""
-        if self._pose is None:
+        """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
+        if self._pose is None or self.silence >= self._parameters.pose_timeout:
+            since = '' if self._pose is None else f' for {self.silence:.1f} s'
             raise NavigationError(
-                'TF_ERROR', f'the pose of the robot is not known: nothing on {self._parameters.pose_topic}'
+                'TF_ERROR', f'the pose of the robot is not known: nothing on {self._parameters.pose_topic}{since}'
             )
         return self._pose
+
+    @property
+    def silence(self) -> float:
+        """Since when there has been no pose, s of wall time; infinite before the first."""
+        return self._runtime.steady.now() - self._pose_at
 
     @property
     def costmap(self) -> Costmap:
@@ -107,6 +113,7 @@ class RobotInterface:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
+        self._pose_at = self._runtime.steady.now()
         self._tell_waiting()
         self.on_pose(self._pose, seconds_of(message.header.stamp))
 

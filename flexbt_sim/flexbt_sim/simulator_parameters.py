@@ -5,16 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
 from flexbt_common import names
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.geometry import Pose
 from flexbt_sim.lidar import LidarModel
+from flexbt_sim.parameters import ParameterDeclarer
 from flexbt_sim.robot import RobotLimits
 
 
@@ -51,57 +50,54 @@ def declare_parameters(node: Node) -> SimulatorParameters:
     Raises:
         SimulationError: a value that cannot work.
     """
-
-    def declare(name: str, default: Any, description: str, read_only: bool = True, **limits: Any) -> Any:
-        return node.declare_parameter(
-            name, default, ParameterDescriptor(description=description, read_only=read_only, **limits)
-        ).value
-
-    def real(name: str, default: float, least: float, most: float, description: str, read_only: bool = True) -> float:
-        limits = [FloatingPointRange(from_value=least, to_value=most)]
-        return float(declare(name, default, description, read_only, floating_point_range=limits))
-
-    def whole(name: str, default: int, least: int, most: int, description: str) -> int:
-        limits = [IntegerRange(from_value=least, to_value=most)]
-        return int(declare(name, default, description, integer_range=limits))
-
+    declare = ParameterDeclarer(node)
     factor = 'seconds of the simulated world per second; 0 for as fast as whoever drives the robot keeps up'
-    real(SPEED_FACTOR, 1.0, 0.0, 1000.0, factor, read_only=False)
+    declare.real(SPEED_FACTOR, 1.0, 0.0, 1000.0, factor, read_only=False)
     limits, lidar = RobotLimits(), LidarModel()
-    pose = list(
-        declare('initial_pose', [0.8, 4.45, 0.0], 'pose of the robot at the start and after a reset: m, m, rad')
+    pose = declare.reals(
+        'initial_pose', [0.8, 4.45, 0.0], 'pose of the robot at the start and after a reset: m, m, rad'
     )
     if len(pose) != 3:
         raise SimulationError(f"parameter 'initial_pose': expected [x, y, yaw], got {pose}")
     lidar = LidarModel(
-        beams=whole('scan_beams', lidar.beams, 1, 100_000, 'beams of the lidar'),
-        range_min=real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),
-        range_max=real('scan_range_max', lidar.range_max, 0.1, 100.0, 'm'),
-        noise=real('scan_noise', lidar.noise, 0.0, 1.0, 'standard deviation of a range, m'),
+        beams=declare.whole('scan_beams', lidar.beams, 1, 100_000, 'beams of the lidar'),
+        range_min=declare.real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),
+        range_max=declare.real('scan_range_max', lidar.range_max, 0.1, 100.0, 'm'),
+        noise=declare.real('scan_noise', lidar.noise, 0.0, 1.0, 'standard deviation of a range, m'),
     )
     if lidar.range_min >= lidar.range_max:
         raise SimulationError(
             f"parameter 'scan_range_min': {lidar.range_min:g} m is not below 'scan_range_max' {lidar.range_max:g} m"
         )
     return SimulatorParameters(
-        map=Path(declare('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()),
-        initial_pose=Pose(*(float(value) for value in pose)),
-        seed=whole('seed', 0, 0, 2**63 - 1, 'seed of all random numbers'),
+        map=Path(
+            declare.text('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()
+        ),
+        initial_pose=Pose(*pose),
+        seed=declare.whole('seed', 0, 0, 2**63 - 1, 'seed of all random numbers'),
         limits=RobotLimits(
-            linear_speed=real('linear_speed', limits.linear_speed, 0.01, 10.0, 'greatest speed, m/s'),
-            angular_speed=real('angular_speed', limits.angular_speed, 0.01, 20.0, 'greatest turning speed, rad/s'),
-            linear_acceleration=real('linear_acceleration', limits.linear_acceleration, 0.01, 100.0, 'm/s²'),
-            angular_acceleration=real('angular_acceleration', limits.angular_acceleration, 0.01, 100.0, 'rad/s²'),
-            radius=real('radius', limits.radius, 0.01, 2.0, 'radius of the robot, m'),
-            watchdog=real('watchdog', limits.watchdog, 0.05, 10.0, 'time without a command after which it brakes, s'),
+            linear_speed=declare.real('linear_speed', limits.linear_speed, 0.01, 10.0, 'greatest speed, m/s'),
+            angular_speed=declare.real(
+                'angular_speed', limits.angular_speed, 0.01, 20.0, 'greatest turning speed, rad/s'
+            ),
+            linear_acceleration=declare.real('linear_acceleration', limits.linear_acceleration, 0.01, 100.0, 'm/s²'),
+            angular_acceleration=declare.real(
+                'angular_acceleration', limits.angular_acceleration, 0.01, 100.0, 'rad/s²'
+            ),
+            radius=declare.real('radius', limits.radius, 0.01, 2.0, 'radius of the robot, m'),
+            watchdog=declare.real(
+                'watchdog', limits.watchdog, 0.05, 10.0, 'time without a command after which it brakes, s'
+            ),
         ),
         lidar=lidar,
-        odom_rate=real('odom_rate', 33.3, 1.0, 100.0, 'rate of odometry, pose and transforms, Hz of simulated time'),
-        scan_rate=real('scan_rate', 5.0, 0.1, 50.0, 'rate of the scans, Hz of simulated time'),
-        stamped_cmd_vel=bool(declare('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist')),
-        cmd_vel_topic=str(declare('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands')),
-        map_frame=str(declare('map_frame', 'map', 'frame of the map')),
-        odom_frame=str(declare('odom_frame', 'odom', 'frame of the odometry; it coincides with the map')),
-        base_frame=str(declare('base_frame', 'base_link', 'frame of the robot')),
-        scan_frame=str(declare('scan_frame', 'base_scan', 'frame of the lidar, at the centre of the robot')),
+        odom_rate=declare.real(
+            'odom_rate', 33.3, 1.0, 100.0, 'rate of odometry, pose and transforms, Hz of simulated time'
+        ),
+        scan_rate=declare.real('scan_rate', 5.0, 0.1, 50.0, 'rate of the scans, Hz of simulated time'),
+        stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
+        cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),
+        map_frame=declare.text('map_frame', 'map', 'frame of the map'),
+        odom_frame=declare.text('odom_frame', 'odom', 'frame of the odometry; it coincides with the map'),
+        base_frame=declare.text('base_frame', 'base_link', 'frame of the robot'),
+        scan_frame=declare.text('scan_frame', 'base_scan', 'frame of the lidar, at the centre of the robot'),
     )

@@ -233,11 +233,17 @@ def without_faults(name: str, **settings: Any) -> Iterator[NodeRuntime]:
 
 
 @contextlib.contextmanager
+def open_probe() -> Iterator[Probe]:
+    """A probe, before there is anything to see."""
+    with without_faults('probe') as runtime:
+        yield Probe(runtime)
+
+
+@contextlib.contextmanager
 def open_simulator(**parameters: Any) -> Iterator[Probe]:
     """A simulator and its probe."""
-    with without_faults(names.SIMULATOR, parameters=parameters) as simulator, without_faults('probe') as client:
+    with without_faults(names.SIMULATOR, parameters=parameters) as simulator, open_probe() as probe:
         Simulator(simulator)
-        probe = Probe(client)
         probe.wait(lambda: probe.sightings, 'a pose of the robot')
         yield probe
 

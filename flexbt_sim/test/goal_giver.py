@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A process that sends the robot along the corridor and waits, until somebody kills it. Usage: goal_giver.py NAME."""
+
+from __future__ import annotations
+
+import sys
+
+from sim_world import DOCK, Probe, line
+
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime, run_node
+
+
+def main() -> int:
+    """The node NAME says on stdout when its goal is accepted."""
+
+    def setup(runtime: NodeRuntime) -> None:
+        LivelinessToken(runtime)
+        goal = Probe(runtime).follow(line(DOCK, (11.2, 4.45)))
+        goal.accepted.wait()
+        print('accepted', flush=True)
+
+    return run_node(sys.argv[1], setup, [])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

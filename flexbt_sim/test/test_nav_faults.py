@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A simulator that comes late, dies and comes back; navigation servers that end while the robot drives."""
+
+from __future__ import annotations
+
+import time
+
+from sim_world import DOCK, FAST, OFFICE, aborted, line, open_navigation, open_probe, open_simulator, without_faults
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_msgs.action import ComputePathToPose, FollowPath, Spin
+from flexbt_sim.navigation import Navigation
+from flexbt_sim.robot import RobotLimits
+from flexbt_sim.ros_messages import duration_message
+from flexbt_sim.simulator import Simulator
+
+EAST = (11.2, 4.45)
+BRAKING = RobotLimits().linear_speed / RobotLimits().linear_acceleration
+
+
+def test_requests_made_before_there_is_a_robot_are_served_when_it_comes() -> None:
+    with open_probe() as probe, open_navigation(pose_timeout=15.0):
+        goals = [probe.plan(OFFICE), probe.follow(line(DOCK, (1.5, 4.45)))]
+        assert all(goal.accepted.wait(15.0) for goal in goals)
+        with without_faults(names.SIMULATOR, parameters=FAST) as simulator:
+            Simulator(simulator)
+            assert [goal.wait().status for goal in goals] == [GoalStatus.SUCCEEDED] * 2
+
+
+def test_without_a_robot_requests_fail_in_time() -> None:
+    with open_probe() as probe, open_navigation(pose_timeout=0.2):
+        assert names.POSE in aborted(probe.plan(OFFICE), ComputePathToPose.Result.TF_ERROR).error_msg
+        assert 'pose' in aborted(probe.send(names.SPIN, target_yaw=1.0), Spin.Result.TF_ERROR).error_msg
+
+
+def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back() -> None:
+    with open_probe() as probe, open_navigation():
+        with without_faults(names.SIMULATOR, parameters=FAST) as simulator:
+            Simulator(simulator)
+            goal = probe.follow(line(DOCK, EAST))
+            probe.wait_driving()
+        lost = time.monotonic()
+        assert 'no pose' in aborted(goal, FollowPath.Result.TF_ERROR).error_msg
+        assert time.monotonic() - lost < 3.0
+        assert 'not known' in aborted(probe.plan(OFFICE), ComputePathToPose.Result.TF_ERROR).error_msg
+        with without_faults(names.SIMULATOR, parameters=FAST) as simulator:
+            Simulator(simulator)  # its time starts again at 0
+            assert probe.follow(line(DOCK, (1.5, 4.45))).wait().status is GoalStatus.SUCCEEDED
+            assert probe.send(names.WAIT, time=duration_message(0.5)).wait().status is GoalStatus.SUCCEEDED
+
+
+def test_navigation_that_ends_tells_its_clients_and_stops_the_robot() -> None:
+    with open_simulator(speed_factor=1.0) as probe:
+        with open_navigation():
+            path = probe.follow(line(DOCK, EAST))
+            pause = probe.send(names.WAIT, time=duration_message(100.0))
+            assert pause.accepted.wait(20.0)
+            ended = probe.wait_driving()
+        for goal in (path, pause):
+            assert goal.wait().status is GoalStatus.ABORTED
+            assert 'shutting down' in goal.result.error_msg
+        assert probe.wait_at_rest().time - ended.time < 0.5 + BRAKING
+        with without_faults(names.NAVIGATION, parameters={'use_sim_time': True}) as again:
+            Navigation(again)
+            assert probe.plan(OFFICE).wait().status is GoalStatus.SUCCEEDED

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps that come late, come again, change or are wrong; clearing costmaps; is_path_valid."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+
+import numpy
+import pytest
+from nav_msgs.msg import OccupancyGrid, Path
+from numpy.typing import NDArray
+from sim_world import DEADLINE, DOCK, FAST, INTERFACES, OFFICE, Probe, aborted, line, open_navigation, open_simulator
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_msgs.action import ComputePathToPose, FollowPath
+from flexbt_sim.occupancy_map import OCCUPIED, UNKNOWN, OccupancyMap, load_map
+from flexbt_sim.ros_messages import grid_message, time_message
+from flexbt_sim.simulator_parameters import built_in_map
+
+Plan = ComputePathToPose.Result
+EAST = (11.2, 4.45)
+ROOMS = load_map(built_in_map())
+TOPIC = 'surveyed_map'
+
+
+class Surveyor:
+    """Publishes maps that the simulator does not know."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.probe = probe
+        node = probe.runtime.node
+        self._maps = probe.runtime.call(lambda: node.create_publisher(OccupancyGrid, TOPIC, names.latched()))
+
+    def publish(self, change: Callable[[NDArray[numpy.int8]], None] = lambda cells: None) -> None:
+        """The rooms, changed."""
+        cells = ROOMS.cells.copy()
+        change(cells)
+        self.publish_grid(grid_message(OccupancyMap(cells, ROOMS.resolution, ROOMS.origin), 'map', time_message(0.0)))
+
+    def publish_grid(self, grid: OccupancyGrid) -> None:
+        """Anything."""
+        self._maps.publish(grid)
+
+    def wait_for_plan(self, goal: tuple[float, ...], code: int) -> None:
+        """Until planning ends with this code: a new map takes a moment to arrive."""
+        deadline = time.monotonic() + DEADLINE
+        while self.probe.plan(goal).result.error_code != code:
+            assert time.monotonic() < deadline, f'no plan to {goal} ended with {code}'
+
+
+def wall_across_the_corridor(cells: NDArray[numpy.int8]) -> None:
+    """At x = 6 m."""
+    cells[:, 120:124] = OCCUPIED
+
+
+@pytest.fixture(scope='module')
+def surveyor() -> Iterator[Surveyor]:
+    with open_simulator(**FAST) as probe, open_navigation(map_topic=TOPIC):
+        yield Surveyor(probe)
+
+
+def test_without_a_map_requests_wait_and_then_say_what_is_missing(surveyor: Surveyor) -> None:
+    """The first test of this module: nobody has published a map yet."""
+    probe = surveyor.probe
+    assert TOPIC in aborted(probe.plan(OFFICE), Plan.UNKNOWN).error_msg
+    assert TOPIC in aborted(probe.follow(line(DOCK, EAST)), FollowPath.Result.UNKNOWN).error_msg
+    waiting = [probe.plan(OFFICE), probe.follow(line(DOCK, (1.0, 4.45)))]
+    assert all(goal.accepted.wait() for goal in waiting)
+    surveyor.publish()
+    assert {goal.wait().status for goal in waiting} == {GoalStatus.SUCCEEDED}
+
+
+def test_the_newest_map_counts_for_plans(surveyor: Surveyor) -> None:
+    surveyor.publish()
+    surveyor.probe.place(DOCK)
+    surveyor.wait_for_plan(EAST, Plan.NONE)
+    surveyor.publish(wall_across_the_corridor)
+    surveyor.wait_for_plan(EAST, Plan.NO_VALID_PATH)
+    surveyor.publish()
+    surveyor.wait_for_plan(EAST, Plan.NONE)
+
+
+def test_a_wall_that_appears_ahead_stops_the_robot_that_follows_a_path(surveyor: Surveyor) -> None:
+    surveyor.publish()
+    probe = surveyor.probe
+    probe.place((4.0, 4.0, 0.0))
+    surveyor.wait_for_plan(EAST, Plan.NONE)
+    goal = probe.follow(line((4.0, 4.0), EAST))
+    probe.wait_driving()
+    surveyor.publish(wall_across_the_corridor)
+    aborted(goal, FollowPath.Result.NO_VALID_CONTROL)
+    assert probe.wait_at_rest().x < 6.0 - 0.22
+    surveyor.publish()
+
+
+def test_the_same_map_again_and_cleared_costmaps_do_not_disturb_a_robot_that_drives(surveyor: Surveyor) -> None:
+    surveyor.publish()
+    probe = surveyor.probe
+    probe.place(DOCK)
+    surveyor.wait_for_plan(EAST, Plan.NONE)
+    goal = probe.follow(line(DOCK, (4.0, 4.45)))
+    start = probe.wait_driving(0.25)
+    request = INTERFACES.ClearEntireCostmap.Request()
+    for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP) * 2:
+        surveyor.publish()
+        probe.ask(INTERFACES.ClearEntireCostmap, name, request)
+    end = probe.later(1.0)
+    assert min(probe.speeds([seen for seen in probe.sightings if start.time <= seen.time <= end.time])) > 0.24
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+
+
+def test_unknown_space_is_free(surveyor: Surveyor) -> None:
+    def forget(cells: NDArray[numpy.int8]) -> None:
+        cells[20:30, 60:70] = UNKNOWN
+
+    surveyor.probe.place(DOCK)
+    surveyor.publish(forget)
+    surveyor.wait_for_plan((3.25, 1.25), Plan.NONE)
+
+
+def _grid(**fields: object) -> OccupancyGrid:
+    grid = grid_message(ROOMS, 'map', time_message(0.0))
+    for name, value in fields.items():
+        setattr(grid.header if name == 'frame_id' else grid.info, name, value)
+    return grid
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        OccupancyGrid(),
+        _grid(width=17),
+        _grid(height=0),
+        _grid(resolution=0.0),
+        _grid(resolution=math.nan),
+        _grid(frame_id='odom'),
+    ],
+    ids=['empty', 'width', 'height', 'resolution', 'nan', 'frame'],
+)
+def test_a_map_that_cannot_be_used_leaves_the_one_before(surveyor: Surveyor, wrong: OccupancyGrid) -> None:
+    surveyor.probe.place(DOCK)
+    surveyor.publish(wall_across_the_corridor)
+    surveyor.wait_for_plan(EAST, Plan.NO_VALID_PATH)
+    surveyor.publish_grid(wrong)
+    for _ in range(5):
+        aborted(surveyor.probe.plan(EAST), Plan.NO_VALID_PATH)
+    surveyor.publish()
+    surveyor.wait_for_plan(EAST, Plan.NONE)
+
+
+def valid(surveyor: Surveyor, path: Path) -> tuple[bool, list[int]]:
+    """Whether a path is valid, and which of its poses are not."""
+    request = INTERFACES.IsPathValid.Request(path=path)
+    response = surveyor.probe.ask(INTERFACES.IsPathValid, names.IS_PATH_VALID, request)
+    return response.is_valid, list(response.invalid_pose_indices)
+
+
+def test_is_path_valid_looks_from_the_robot_onward(surveyor: Surveyor) -> None:
+    surveyor.publish()
+    through_wall = line((0.8, 6.0), (0.8, 4.0))
+    surveyor.probe.place((0.8, 4.0, 0.0))
+    surveyor.wait_for_plan(EAST, Plan.NONE)
+    assert valid(surveyor, through_wall) == (True, [])
+    surveyor.probe.place((0.8, 6.0, 0.0))
+    assert surveyor.probe.plan(EAST).result.path.poses[0].pose.position.y == pytest.approx(6.0)  # it knows the pose
+    is_valid, blocked = valid(surveyor, through_wall)
+    assert not is_valid
+    ys = [through_wall.poses[index].pose.position.y for index in blocked]
+    assert (max(ys), min(ys)) == pytest.approx((5.55 + 0.22, 5.4 - 0.22), abs=0.08)  # the wall, the robot, a cell
+    assert valid(surveyor, line((0.8, 6.0), (0.8, 7.0))) == (True, [])
+
+
+def _nan_path() -> Path:
+    path = line(DOCK, EAST)
+    path.poses[3].pose.position.x = math.nan
+    return path
+
+
+@pytest.mark.parametrize('path', [Path(), line(DOCK, EAST, 'odom'), _nan_path()], ids=['empty', 'frame', 'nan'])
+def test_what_is_no_path_is_not_valid(surveyor: Surveyor, path: Path) -> None:
+    assert valid(surveyor, path) == (False, [])

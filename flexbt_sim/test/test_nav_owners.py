@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The process that gave the goals is killed: those of an owner end and the robot stops; others go on."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from sim_world import DEADLINE, DOCK, Probe, line, open_world
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_sim.ros_messages import duration_message
+
+
+@pytest.fixture
+def world() -> Iterator[Probe]:
+    with open_world({'speed_factor': 1.0}) as probe:
+        yield probe
+
+
+@contextlib.contextmanager
+def goal_giver(name: str) -> Iterator[subprocess.Popen[str]]:
+    """A process whose goal sends the robot along the corridor."""
+    script = Path(__file__).with_name('goal_giver.py')
+    with subprocess.Popen([sys.executable, str(script), name], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == 'accepted\n'
+            yield process
+        finally:
+            process.kill()
+
+
+def test_the_robot_of_a_killed_owner_is_at_rest_within_a_second_and_its_successor_drives_it(world: Probe) -> None:
+    pause = world.send(names.WAIT, time=duration_message(100.0))
+    with goal_giver(names.BT_SERVER) as owner:
+        world.wait_driving()
+        owner.kill()
+        killed, there = time.monotonic(), world.now
+        assert pause.wait().status is GoalStatus.ABORTED
+        assert 'bt_server' in pause.result.error_msg
+        rest = world.wait_at_rest()
+    assert time.monotonic() - killed < 1.0 + 0.3  # it has been at rest for 0.3 s
+    assert rest.time - there.time < 1.0
+    with goal_giver(names.BT_SERVER):
+        world.wait_driving()
+
+
+def test_the_goals_of_others_outlive_them(world: Probe) -> None:
+    with goal_giver('somebody') as somebody:
+        world.wait_driving()
+        somebody.kill()
+        somebody.wait()
+    start = world.now
+    end = world.later(1.5)
+    assert min(world.speeds([seen for seen in world.sightings if start.time <= seen.time <= end.time])) > 0.2
+    goal = world.follow(line(DOCK, (1.0, 4.45)))  # somebody else can take the robot
+    assert goal.accepted.wait(DEADLINE)
+    goal.call.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    world.wait_at_rest()

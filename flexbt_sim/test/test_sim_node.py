@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The simulator's node: what it publishes, how time passes, and what it does with commands and places."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data as LOSSY
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
+from sim_world import DOCK, OFFICE, Probe, open_simulator
+from std_srvs.srv import Trigger
+
+from flexbt_common import names
+from flexbt_sim.occupancy_map import load_map
+from flexbt_sim.robot import RobotLimits
+from flexbt_sim.ros_messages import map_of, pose_of, seconds_of
+from flexbt_sim.simulator_parameters import built_in_map
+
+LIMITS = RobotLimits()
+BRAKING = LIMITS.linear_speed / LIMITS.linear_acceleration
+
+
+@pytest.fixture(scope='module')
+def simulator() -> Iterator[Probe]:
+    with open_simulator(speed_factor=5.0, scan_noise=0.0) as probe:
+        yield probe
+
+
+def receive(probe: Probe, message_type: Any, topic: str, count: int = 1, qos: Any = LOSSY) -> list[Any]:
+    """The next messages of a topic."""
+    messages: list[Any] = []
+    node = probe.runtime.node
+    subscription = probe.runtime.call(lambda: node.create_subscription(message_type, topic, messages.append, qos))
+    probe.wait(lambda: len(messages) >= count, f'{count} messages of {topic}')
+    probe.runtime.call(lambda: node.destroy_subscription(subscription))
+    return messages
+
+
+def test_the_map_is_there_for_whoever_comes_late(simulator: Probe) -> None:
+    (grid,) = receive(simulator, OccupancyGrid, names.MAP, qos=names.latched())
+    assert grid.header.frame_id == 'map'
+    received, drawn = map_of(grid), load_map(built_in_map())
+    assert (received.cells == drawn.cells).all()
+    assert received.origin == drawn.origin
+    assert received.resolution == pytest.approx(drawn.resolution)
+
+
+def test_odometry_tells_pose_and_speed_at_its_rate(simulator: Probe) -> None:
+    simulator.place(DOCK)
+    for _ in range(10):
+        simulator.drive(0.2)
+        simulator.later(0.1)
+    first, *_, last = receive(simulator, Odometry, names.ODOM, 10)
+    assert (last.header.frame_id, last.child_frame_id) == ('odom', 'base_link')
+    assert last.twist.twist.linear.x == pytest.approx(0.2)
+    driven = pose_of(first.pose.pose).distance(pose_of(last.pose.pose))
+    took = seconds_of(last.header.stamp) - seconds_of(first.header.stamp)
+    assert driven / took == pytest.approx(0.2, rel=0.02)
+    assert took / 9 == pytest.approx(0.03, rel=0.2)
+
+
+def test_scans_show_the_walls_of_the_map(simulator: Probe) -> None:
+    simulator.place(DOCK)
+    scan = receive(simulator, LaserScan, names.SCAN)[-1]
+    assert scan.header.frame_id == 'base_scan'
+    assert len(scan.ranges) == 360 == round((scan.angle_max - scan.angle_min) / scan.angle_increment) + 1
+    assert (scan.range_min, scan.range_max) == pytest.approx((0.12, 3.5))
+    assert scan.ranges[0] == math.inf
+    assert [scan.ranges[index] for index in (90, 180, 270)] == pytest.approx([0.95, 0.65, 0.9], abs=0.06)
+
+
+def test_a_robot_without_commands_stops_by_itself(simulator: Probe) -> None:
+    simulator.place(DOCK)
+    commanded = simulator.now.time
+    simulator.drive(0.26)
+    simulator.wait_driving(0.25)
+    rest = simulator.wait_at_rest()
+    assert rest.time - commanded < LIMITS.watchdog + BRAKING + 0.5  # the command took a moment to arrive
+    moved = rest.distance(DOCK)
+    assert moved == pytest.approx(LIMITS.linear_speed * LIMITS.watchdog, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ('asked', 'speed'), [(100.0, LIMITS.linear_speed), (math.inf, LIMITS.linear_speed), (math.nan, 0.0)]
+)
+def test_commands_are_cut_to_what_the_robot_can_do(simulator: Probe, asked: float, speed: float) -> None:
+    start = simulator.place(DOCK)
+    for _ in range(8):
+        simulator.drive(asked)
+        simulator.later(0.1)
+    speeds = simulator.speeds([seen for seen in simulator.sightings if seen.time >= start.time])
+    assert max(speeds) == pytest.approx(speed, abs=1e-3)
+
+
+def test_a_wall_stops_the_robot(simulator: Probe) -> None:
+    simulator.place((0.6, 4.45, math.pi))
+    for _ in range(20):
+        simulator.drive(0.26)
+        simulator.later(0.1)
+    assert simulator.wait_at_rest().x == pytest.approx(0.15 + LIMITS.radius, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    'place',
+    [(1.0, 3.45, 0.0), (1.0, 3.7, 0.0), (-5.0, 2.0, 0.0), (1e9, 1e9, 0.0), (math.nan, 1.0, 0.0), (2.0, 4.4, math.nan)],
+)
+def test_a_place_where_the_robot_does_not_fit_is_refused_and_the_world_goes_on(
+    simulator: Probe, place: tuple[float, float, float]
+) -> None:
+    there = simulator.place(DOCK)
+    simulator.put(place)
+    assert simulator.later(0.5)[1:] == there[1:]
+    simulator.place(OFFICE)
+
+
+def test_a_place_in_another_frame_is_refused(simulator: Probe) -> None:
+    there = simulator.place(DOCK)
+    simulator.put(OFFICE, 'odom')
+    assert simulator.later(0.5)[1:] == there[1:]
+
+
+def test_a_reset_brings_the_driving_robot_back_to_rest_at_its_start(simulator: Probe) -> None:
+    simulator.place((5.0, 4.0, 0.0))
+    before = simulator.now.time
+    simulator.drive(0.26, 0.5)
+    simulator.wait_driving()
+    response = simulator.ask(Trigger, names.RESET, Trigger.Request())
+    assert response.success
+    rest = simulator.wait_at_rest()
+    assert rest[1:] == pytest.approx(DOCK)
+    assert rest.time > before  # time does not start again
+
+
+def rate(probe: Probe) -> float:
+    """Simulated seconds per second, over half a second."""
+    times: list[tuple[float, float]] = []
+    node = probe.runtime.node
+
+    def on_clock(clock: Clock) -> None:
+        times.append((time.monotonic(), seconds_of(clock.clock)))
+
+    subscription = probe.runtime.call(lambda: node.create_subscription(Clock, names.CLOCK, on_clock, 10))
+    probe.wait(lambda: times and times[-1][0] - times[0][0] > 0.5, 'the clock')
+    probe.runtime.call(lambda: node.destroy_subscription(subscription))
+    assert times == sorted(times)
+    return (times[-1][1] - times[0][1]) / (times[-1][0] - times[0][0])
+
+
+def test_time_passes_at_the_speed_factor_which_can_be_changed(simulator: Probe) -> None:
+    for factor in (1.0, 10.0, 3.0):
+        simulator.set_speed_factor(factor)
+        assert rate(simulator) == pytest.approx(factor, rel=0.2)
+    simulator.set_speed_factor(0.0)
+    assert rate(simulator) > 10.0
+    simulator.set_speed_factor(5.0)
+
+
+def test_a_world_that_stands_nearly_still_goes_on_as_soon_as_it_is_told_to(simulator: Probe) -> None:
+    for slowest in (1e-3, 1e-300):
+        simulator.set_speed_factor(slowest)
+        seen = len(simulator.sightings)
+        with pytest.raises(AssertionError, match='a third pose'):
+            simulator.wait(lambda: len(simulator.sightings) > seen + 2, 'a third pose', timeout=0.2)  # noqa: B023
+        began = time.monotonic()
+        simulator.set_speed_factor(5.0)
+        simulator.later(0.2)
+        assert time.monotonic() - began < 5.0
+
+
+@pytest.mark.parametrize('factor', [-1.0, 2000.0, math.nan, math.inf])
+def test_other_speed_factors_are_refused(simulator: Probe, factor: float) -> None:
+    change = Parameter('speed_factor', value=factor).to_parameter_msg()
+    response = simulator.ask(SetParameters, 'simulator/set_parameters', SetParameters.Request(parameters=[change]))
+    assert not response.results[0].successful
+    assert 'speed_factor' in response.results[0].reason
+    assert rate(simulator) == pytest.approx(5.0, rel=0.2)
+
+
+def test_as_fast_as_possible_a_driver_keeps_up_all_the_same(simulator: Probe) -> None:
+    """A driver that answers each pose never finds that the watchdog has stopped its robot."""
+    simulator.place(DOCK)
+    simulator.set_speed_factor(0.0)
+    simulator.drive(0.26)
+    start = simulator.wait_driving(0.25)
+    while simulator.now.time < start.time + 10.0:
+        seen = len(simulator.sightings)
+        simulator.drive(0.26)
+        simulator.wait(lambda: len(simulator.sightings) > seen, 'the next pose')  # noqa: B023
+    simulator.set_speed_factor(5.0)
+    assert (
+        min(simulator.speeds([seen for seen in simulator.sightings if start.time <= seen.time <= start.time + 10.0]))
+        > 0.2
+    )

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executables simulator and navigation as processes: what they refuse to start with, and how they end."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+
+DEADLINE = 20.0
+
+
+def start(executable: str, *settings: str) -> subprocess.Popen[str]:
+    """Start an installed executable with parameters ``name:=value``."""
+    path = Path(get_package_prefix('flexbt_sim')) / 'lib' / 'flexbt_sim' / executable
+    words = [str(path), '--ros-args', *(word for setting in settings for word in ('-p', setting))]
+    return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_what_cannot_work_is_refused_in_one_line() -> None:
+    for executable, setting in (('simulator', 'map:=/nowhere/flat.yaml'), ('navigation', 'robot_radius:=-0.2')):
+        process = start(executable, setting)
+        out, err = process.communicate(timeout=DEADLINE)
+        assert (process.returncode, out) == (1, ''), err
+        assert err.startswith(f'{executable}: cannot start: ') and err.count('\n') == 1, err
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything_in_time(number: signal.Signals) -> None:
+    running = [
+        start('simulator'),
+        start('simulator', 'speed_factor:=0.0'),
+        start('simulator', 'speed_factor:=0.0001'),
+        start('navigation', 'use_sim_time:=true'),
+    ]
+    for process in running:
+        assert process.stderr is not None
+        assert process.stderr.readline()  # it has said that it runs
+    for process in running:
+        began = time.monotonic()
+        process.send_signal(number)
+        _, err = process.communicate(timeout=DEADLINE)
+        assert time.monotonic() - began < 2.0
+        assert process.returncode == 0
+        assert 'Traceback' not in err and 'ERROR' not in err, err
