@@ -99,13 +99,6 @@ REFUSED: list[tuple[str, str, int, int, str]] = [
     ('two roots in a tree', wrap('<AlwaysSuccess/><AlwaysSuccess/>'), 2, 1, 'exactly 1 root node, not 2'),
     ('empty tree', wrap(''), 2, 1, 'exactly 1 root node, not 0'),
     ('wrong root element', '<tree/>', 1, 1, 'root element'),
-    (
-        'format 3',
-        '<root BTCPP_format="3"><BehaviorTree ID="a"><AlwaysSuccess/></BehaviorTree></root>',
-        1,
-        7,
-        'format 3',
-    ),
     ('no tree', '<root BTCPP_format="4"/>', 1, 1, 'no <BehaviorTree>'),
     (
         'unknown main tree',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads behavior-tree XML, format 4, into definitions; everything that is wrong in a file is reported at once.
+"""Reads behavior-tree XML, formats 4 and 3, into definitions; everything that is wrong in a file is reported at once.
 
 The rules are those of BehaviorTree.CPP 4.10 (its VerifyXML and node creation); on top of them a port that a node cannot
 do without has to be given, which there shows only when the node is ticked.
@@ -14,6 +14,7 @@ from .definition import NodeDefinition, SubTreeModelPort, TreeDefinition, TreeDo
 from .errors import BehaviorTreeError, LoadError, TreeLoadError
 from .ports import PortDirection, model_name_problem, port_name_problem
 from .registry import NodeRegistry
+from .xml_format3 import is_format_3, make_format_4
 from .xml_nodes import NodeReader
 from .xml_parser import MAX_BYTES, MAX_DEPTH, Element, Source, decode, parse
 
@@ -84,7 +85,10 @@ class _Loader:
         if root.tag != 'root':
             self._error(source, root, 'the root element has to be <root BTCPP_format="4">')
             return None
-        self._check_format(source, root)
+        if is_format_3(root):
+            make_format_4(root)
+        else:
+            self._check_format(source, root)
         # Included trees first: those of the file itself replace them.
         for element in root.children:
             if element.tag == 'include':
@@ -116,13 +120,6 @@ class _Loader:
         format = root.attributes.get('BTCPP_format')
         if format is None:
             self._warn(source, root, 'attribute [BTCPP_format] is missing; the file is read as format 4')
-        elif format.strip() == '3':
-            self._error(
-                source,
-                root,
-                'format 3 is not supported yet; convert the file to format 4 (SubTree values p="x" become p="{x}")',
-                'BTCPP_format',
-            )
         elif format.strip() != '4':
             self._warn(source, root, f'BTCPP_format "{format}" is unknown; the file is read as format 4')
 
