@@ -65,8 +65,9 @@ def surveyor() -> Iterator[Surveyor]:
 def test_without_a_map_requests_wait_and_then_say_what_is_missing(surveyor: Surveyor) -> None:
     """The first test of this module: nobody has published a map yet."""
     probe = surveyor.probe
-    assert TOPIC in aborted(probe.plan(OFFICE), Plan.UNKNOWN).error_msg
-    assert TOPIC in aborted(probe.follow(line(DOCK, EAST)), FollowPath.Result.UNKNOWN).error_msg
+    plan, path = probe.plan(OFFICE), probe.follow(line(DOCK, EAST))
+    assert TOPIC in aborted(plan, Plan.UNKNOWN).error_msg
+    assert TOPIC in aborted(path, FollowPath.Result.UNKNOWN).error_msg
     waiting = [probe.plan(OFFICE), probe.follow(line(DOCK, (1.0, 4.45)))]
     assert all(goal.accepted.wait() for goal in waiting)
     surveyor.publish()
