@@ -86,9 +86,10 @@ def test_a_file_runs() -> None:
 
 
 def test_errors_have_the_places_of_the_file() -> None:
-    text = '<root BTCPP_format="3"><BehaviorTree ID="Main">\n<Parallel\n success_threshold="many"><AlwaysSuccess/></Parallel>'
+    body = '<Parallel\n success_threshold="many"><AlwaysSuccess/></Parallel>'
+    text = f'<root BTCPP_format="3"><BehaviorTree ID="Main">\n{body}</BehaviorTree></root>'
     with pytest.raises(TreeLoadError) as raised:
-        load_xml(text + '</BehaviorTree></root>', 'old.xml', builtin_registry())
+        load_xml(text, 'old.xml', builtin_registry())
     (error,) = raised.value.errors
     assert (error.line, error.column) == (3, 2)
     assert 'success_count' in str(error)

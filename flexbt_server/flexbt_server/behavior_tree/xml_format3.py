@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Makes format 4 of a document in format 3 (BehaviorTree.CPP 3), element by element; places in the file are kept.
 
-The rewrites are those that BehaviorTree.CPP's own converter makes, and those that it forgets: nodes in the explicit form,
-<remap> children, and the misspelt RetryUntilSuccesful.
+The rewrites are those that BehaviorTree.CPP's own converter makes, and those that it forgets: nodes in the explicit
+form, <remap> children, and the misspelt RetryUntilSuccesful.
 """
 
 from __future__ import annotations
@@ -64,10 +64,8 @@ def _convert_subtree(element: Element) -> None:
         element.tag = 'SubTree'
         _rename_attributes(element, {'__autoremap': '_autoremap'})
         return
-    remaps, others = [], []
-    for child in element.children:
-        (remaps if child.tag == 'remap' else others).append(child)
-    element.children = others
+    remaps = [child for child in element.children if child.tag == 'remap']
+    element.children = [child for child in element.children if child.tag != 'remap']
     for remap in remaps:
         internal, external = remap.attributes.get('internal'), remap.attributes.get('external')
         if internal is not None and external is not None:
