@@ -15,7 +15,9 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from flexbt_console import command_table, escaping, json_form
+from flexbt_common import escaping
+from flexbt_common.streams import abandon_stdout, make_streams_safe
+from flexbt_console import command_table, json_form
 from flexbt_console.command_line import CommandLine, command_help, overview, parse
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.operator_values import Place, load_places
@@ -41,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Has to be called on the main thread: it handles SIGINT and SIGTERM.
     """
-    _make_streams_safe()
+    make_streams_safe()
     line: CommandLine | None = None
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -62,8 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         endless = line is not None and line.spec is not None and line.spec.name in ('watch', 'prompt')
         return ExitCode.OK if endless else ExitCode.INTERRUPTED
     except BrokenPipeError:
-        # Whoever read the output has seen enough; nothing may be written any more, at the end neither.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        abandon_stdout()
         return ExitCode.OK
 
 
@@ -181,14 +182,6 @@ def _raise_at_signals() -> None:
 def _ignore_signals() -> None:
     for known in _SIGNALS:
         signal.signal(known, signal.SIG_IGN)
-
-
-def _make_streams_safe() -> None:
-    # A terminal or pipe that is not UTF-8 must not end the console with an encoding error.
-    for stream in (sys.stdout, sys.stderr):
-        reconfigure = getattr(stream, 'reconfigure', None)
-        if reconfigure is not None:
-            reconfigure(errors='backslashreplace')
 
 
 if __name__ == '__main__':

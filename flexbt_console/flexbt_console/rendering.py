@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_console.escaping import lines, one_line
+from flexbt_common.escaping import lines, one_line
 from flexbt_console.mirror import CommandState, TrackedCommand, View
 from flexbt_console.mirror.records import (
     AutonomyLevel,

@@ -6,9 +6,9 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from flexbt_common.escaping import one_line
 from flexbt_console import json_form, rendering
 from flexbt_console.errors import ExitCode, NoLinkError
-from flexbt_console.escaping import one_line
 from flexbt_console.mirror import LinkState, Mirror, View, choices
 from flexbt_console.mirror.records import LogLine, Structure
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_common.escaping import lines, one_line
 from flexbt_console import json_form, rendering
-from flexbt_console.escaping import lines, one_line
 from flexbt_console.mirror import LinkState, View
 from flexbt_console.mirror.records import (
     ActiveState,

@@ -22,11 +22,11 @@ from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
 from flexbt_common.clock import Clock
+from flexbt_common.escaping import lines, one_line
 from flexbt_console import rendering
 from flexbt_console.command_line import command_help
 from flexbt_console.command_table import COMMANDS
 from flexbt_console.errors import ConsoleError
-from flexbt_console.escaping import lines, one_line
 from flexbt_console.line_mode import log_count
 from flexbt_console.mirror import CommandState, Mirror, View
 from flexbt_console.mirror.records import Command

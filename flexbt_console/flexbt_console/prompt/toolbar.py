@@ -6,8 +6,8 @@ from __future__ import annotations
 import unicodedata
 from typing import Final
 
+from flexbt_common.escaping import one_line
 from flexbt_console import rendering
-from flexbt_console.escaping import one_line
 from flexbt_console.mirror import CommandState, LinkState, View, choices
 from flexbt_console.mirror.records import DecisionKind
 

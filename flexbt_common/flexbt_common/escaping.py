@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text from the network, made harmless for a terminal.
+"""Text from the network or from a file, made harmless for a terminal.
 
-What a robot sends may contain escape sequences that move the cursor, recolour the screen, set the window title
-or answer for the operator; direction marks that show a text in another order; invisible characters. All
-of them are shown as what they are.
+What others have written may contain escape sequences that move the cursor, recolour the screen, set the window title
+or answer for the user; direction marks that show a text in another order; invisible characters. All of them are
+shown as what they are.
 """
 
 from __future__ import annotations
