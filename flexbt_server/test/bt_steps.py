@@ -10,6 +10,7 @@ NodeExecutionError.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -22,6 +23,7 @@ from flexbt_server.behavior_tree import (
     StatefulAction,
     Tree,
     TreeLibrary,
+    TreeNode,
     builtin_registry,
     load_xml,
     nav2_nodes,
@@ -55,11 +57,18 @@ class Step(StatefulAction):
         self.services.append(self.number + '!')
 
 
-def make(body: str, clock: ManualClock | None = None) -> tuple[Tree, list[str]]:
-    """The tree, and the list of what its leaves do."""
+def make(
+    body: str,
+    clock: ManualClock | None = None,
+    dialect: nav2_nodes.Dialect = 'jazzy',
+    extra: Sequence[type[TreeNode]] = (),
+) -> tuple[Tree, list[str]]:
+    """The tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
     registry = builtin_registry()
-    nav2_nodes.register(registry)
-    registry.register('Step', Step)
+    nav2_nodes.register(registry, dialect)
+    node_classes: Sequence[type[TreeNode]] = (Step, *extra)
+    for node_class in node_classes:
+        registry.register(node_class.__name__, node_class)
     calls: list[str] = []
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'f', registry)])
@@ -77,9 +86,9 @@ def control(tag: str, *scripts: str, **ports: str) -> str:
     return f'<{tag}{attributes} name="top">{children}</{tag}>'
 
 
-def check(body: str, expected: str) -> Tree:
+def check(body: str, expected: str, dialect: nav2_nodes.Dialect = 'jazzy') -> Tree:
     """Asserts that the tree does what is ``expected``, as in the notation above; gives the tree as it is at the end."""
-    tree, calls = make(body)
+    tree, calls = make(body, dialect=dialect)
     for number, text in enumerate(expected.split('|')):
         words = text.split()
         while '=' in words[0] or words[0].startswith('-'):

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The control nodes of Nav2 (as of ROS 2 Jazzy)."""
+"""The control nodes of Nav2 that its stock trees use."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from .node import Control, NodeConfig, TreeNode
-from .port_types import INT
+from .port_types import BOOL, INT
 from .ports import input_port
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
@@ -103,9 +105,13 @@ class RoundRobin(Control):
 
     FAILURE when each child has failed (or was skipped) since the last success, over as many ticks as that takes. A
     success keeps the position, a failure of all and a halt forget it.
+
+    Without ``wrap_around`` the last child ends it: FAILURE then, whatever that child gave, even SUCCESS.
     """
 
     __slots__ = ('_current', '_failures')
+
+    ports = {'wrap_around': input_port(BOOL, default='true', description='whether the first child follows the last')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -120,7 +126,14 @@ class RoundRobin(Control):
             status = self.tick_child(self._current)
             if status is RUNNING:
                 return RUNNING
-            self._current = (self._current + 1) % total
+            self._current += 1
+            if self._current == total:
+                if not self.get_input('wrap_around'):
+                    skipped += status is SKIPPED
+                    if status is SUCCESS:
+                        self._failed = None
+                    break
+                self._current = 0
             if status is SUCCESS:
                 self._failures = 0
                 self.reset_children()
@@ -135,3 +148,14 @@ class RoundRobin(Control):
 
     def on_halt(self) -> None:
         self._current = self._failures = 0
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: the last child has had its turn, and wrap_around is false'
+
+
+class RoundRobinOfMain(RoundRobin):
+    """RoundRobin as in the branch main of Nav2, where ``wrap_around`` is false unless it is given."""
+
+    __slots__ = ()
+
+    ports = {'wrap_around': replace(RoundRobin.ports['wrap_around'], default='false')}

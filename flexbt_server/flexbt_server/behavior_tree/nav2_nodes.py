@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The nodes of Nav2 (as of ROS 2 Jazzy) that need no ROS, and the registration of them all."""
+"""The nodes of Nav2 that need no ROS, and the registration of them all in one of the two dialects."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Literal, get_args
 
 from .leaves import Condition
-from .nav2_controls import PipelineSequence, RecoveryNode, RoundRobin
+from .nav2_controls import PipelineSequence, RecoveryNode, RoundRobin, RoundRobinOfMain
 from .nav2_goals import GlobalUpdatedGoal, GoalUpdated, GoalUpdatedController
+from .nav2_paths import PathLongerOnApproach
+from .nav2_sequences import NonblockingSequence, PersistentSequence
 from .node import Decorator, NodeConfig, TreeNode
 from .port_types import DOUBLE, INT, UINT16, list_of
 from .ports import input_port
@@ -131,10 +133,28 @@ class WouldASmootherRecoveryHelp(AreErrorCodesPresent):
     default_codes = (500, 502, 503, 504)
 
 
+class WouldARouteRecoveryHelp(AreErrorCodesPresent):
+    """SUCCESS when no route was found for a reason that a recovery may remove: UNKNOWN, TIMEOUT, NO_VALID_ROUTE.
+
+    Of the branch main of Nav2.
+    """
+
+    __slots__ = ()
+
+    default_codes = (400, 404, 405)
+
+
+Dialect = Literal['jazzy', 'main']
+"""Branches of Nav2 whose nodes differ. Nodes that only ``main`` has are there in both dialects."""
+
+DIALECTS: Final[tuple[Dialect, ...]] = get_args(Dialect)
+
 _NODES: Final[tuple[type[TreeNode], ...]] = (
     PipelineSequence,
     RecoveryNode,
-    RoundRobin,
+    NonblockingSequence,
+    PersistentSequence,
+    PathLongerOnApproach,
     RateController,
     SingleTrigger,
     GoalUpdatedController,
@@ -144,10 +164,12 @@ _NODES: Final[tuple[type[TreeNode], ...]] = (
     WouldAControllerRecoveryHelp,
     WouldAPlannerRecoveryHelp,
     WouldASmootherRecoveryHelp,
+    WouldARouteRecoveryHelp,
 )
 
 
-def register(registry: NodeRegistry) -> None:
+def register(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:
     """Registers all nodes of this module, under the names that Nav2 gives them."""
     for node_class in _NODES:
         registry.register(node_class.__name__, node_class)
+    registry.register('RoundRobin', RoundRobin if dialect == 'jazzy' else RoundRobinOfMain)
