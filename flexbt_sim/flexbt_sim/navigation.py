@@ -45,7 +45,7 @@ class Navigation:
             LivelinessWatch(runtime, owner, partial(self._on_owner, owner)) for owner in self._parameters.owner_nodes
         ]
         self._token = LivelinessToken(runtime)
-        runtime.on_close(lambda: runtime.call(lambda: self._end_all('the navigation servers are shutting down')))
+        runtime.on_close(self._close)
         runtime.node.get_logger().info(f'ready, with the interfaces of {self._types.package}')
 
     def _serve(self) -> None:
@@ -153,6 +153,11 @@ class Navigation:
     def _on_owner(self, owner: str, alive: bool) -> None:
         if not alive:
             self._end_all(f'{owner}, which gives the goals, has died')
+
+    def _close(self) -> None:
+        self._runtime.call(lambda: self._end_all('the navigation servers are shutting down'))
+        for _ in range(2):  # on one turn of the executor the goals end, on the next their results leave
+            self._runtime.call(lambda: None)
 
     def _end_all(self, reason: str) -> None:
         if self._arbiter.running is not None or self._waits.busy:

@@ -86,7 +86,10 @@ class PlannerServer:
         return finish(handle, result, end)
 
     async def _planned(self, handle: ServerGoalHandle, goals: Sequence[Any]) -> list[Pose]:
+        """The path; empty when the goal is canceled meanwhile."""
         await self._robot.known()
+        if handle.is_cancel_requested:
+            return []
         start, poses = self._checked(handle.request, goals)
         return await self._in_thread(handle, self._robot.costmap, start, poses)
 

@@ -34,6 +34,15 @@ def test_without_a_robot_requests_fail_in_time() -> None:
         assert 'pose' in aborted(probe.send(names.SPIN, target_yaw=1.0), Spin.Result.TF_ERROR).error_msg
 
 
+def test_requests_that_are_canceled_while_they_wait_for_the_robot_end_canceled() -> None:
+    with open_probe() as probe, open_navigation(pose_timeout=0.5):
+        goals = [probe.plan(OFFICE), probe.follow(line(DOCK, EAST)), probe.send(names.SPIN, target_yaw=1.0)]
+        for goal in goals:
+            assert goal.accepted.wait(20.0)
+            goal.call.cancel()
+        assert [goal.wait().status for goal in goals] == [GoalStatus.CANCELED] * 3
+
+
 def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back() -> None:
     with open_probe() as probe, open_navigation():
         with without_faults(names.SIMULATOR, parameters=FAST) as simulator:

@@ -29,6 +29,13 @@ def world() -> Iterator[Probe]:
         yield probe
 
 
+@pytest.fixture(autouse=True)
+def fast(world: Probe) -> Iterator[None]:
+    """A test that looks at wall time changes the speed factor."""
+    yield
+    world.set_speed_factor(10.0)
+
+
 def test_the_robot_arrives_round_the_walls_and_tells_how_far_it_is(world: Probe) -> None:
     start = world.place(DOCK)
     path = world.plan(OFFICE).result.path
@@ -55,6 +62,7 @@ def _length(ends: tuple[Any, Any]) -> float:
 
 def test_new_paths_are_gone_over_to_without_slowing_down(world: Probe) -> None:
     world.place(DOCK)
+    world.set_speed_factor(2.0)
     goals = [world.follow(line(DOCK, EAST))]
     began = world.wait_driving(0.25)
     for _ in range(4):
@@ -72,16 +80,13 @@ def test_new_paths_are_gone_over_to_without_slowing_down(world: Probe) -> None:
 def test_a_canceled_robot_is_at_rest_in_time(world: Probe) -> None:
     world.place(DOCK)
     world.set_speed_factor(1.0)
-    try:
-        goal = world.follow(line(DOCK, EAST))
-        asked = world.wait_driving(0.25)
-        goal.call.cancel()
-        assert goal.wait().status is GoalStatus.CANCELED
-        rest = world.wait_at_rest()
-        assert rest.time - asked.time < 0.5 + LIMITS.linear_speed / LIMITS.linear_acceleration
-        assert world.commands[-1] == (0.0, 0.0)
-    finally:
-        world.set_speed_factor(10.0)
+    goal = world.follow(line(DOCK, EAST))
+    asked = world.wait_driving(0.25)
+    goal.call.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    rest = world.wait_at_rest()
+    assert rest.time - asked.time < 0.5 + LIMITS.linear_speed / LIMITS.linear_acceleration
+    assert world.commands[-1] == (0.0, 0.0)
 
 
 def _broken(index: int, **fields: float) -> Path:
