@@ -39,9 +39,7 @@ class BtServer:
         """
         parameters = runtime.call(lambda: declare_parameters(runtime.node))
         logger = runtime.node.get_logger()
-        registry = node_registry(
-            lambda point, error: logger.error(f'nodes of entry point [{point}] not added: {error!r}')
-        )
+        registry = node_registry(lambda source, error: logger.error(f'nodes of [{source}] not added: {error!r}'))
         store = TreeStore(registry, parameters.allowed_directories, parameters.max_file_size, parameters.max_depth)
         self._preload(store, parameters.preload)
         boards = Blackboards()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node types that trees of this server may name: the engine's, Nav2's, and those of installed packages."""
+"""The node types that trees may name: the engine's, Nav2's, and those of installed packages. Needs no ROS to be
+imported; where there is none, only the leaves that need it are missing."""
 
 from __future__ import annotations
 
@@ -8,7 +9,6 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from flexbt_server.behavior_tree import NodeRegistry, builtin_registry, nav2_nodes
-from flexbt_server.leaves import register_leaves
 
 ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 """Group of the entry points by which an installed package adds node types: functions that take the registry."""
@@ -17,14 +17,24 @@ ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 def node_registry(on_broken: Callable[[str, Exception], None]) -> NodeRegistry:
     """A registry with everything that is installed.
 
-    ``on_broken(entry point, error)`` is told of a package whose nodes cannot be used; the others can.
+    ``on_broken(source, error)`` is told of an entry point or a module whose nodes cannot be used; the others can.
     """
     registry = builtin_registry()
     nav2_nodes.register(registry)
-    register_leaves(registry)
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
+    points = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
+    sources: list[tuple[str, Callable[[], Callable[[NodeRegistry], None]]]] = [
+        ('flexbt_server.leaves', _ros_leaves),
+        *((f'{point.name} = {point.value}', point.load) for point in points),
+    ]
+    for name, load in sources:
         try:
-            point.load()(registry)
-        except Exception as error:  # code of others
-            on_broken(f'{point.name} = {point.value}', error)
+            load()(registry)
+        except Exception as error:  # code of others, or no ROS
+            on_broken(name, error)
     return registry
+
+
+def _ros_leaves() -> Callable[[NodeRegistry], None]:
+    from flexbt_server.leaves import register_leaves
+
+    return register_leaves
