@@ -13,7 +13,12 @@ import pytest
 
 from flexbt_demo_behaviors.supervision import EndedProcess, ProcessGroup
 
-SLEEPER = [sys.executable, '-c', 'import signal; print("up", flush=True); signal.pause()']
+# Whoever is started in the background inherits that SIGINT is ignored.
+SLEEPER = [
+    sys.executable,
+    '-c',
+    'import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)\nprint("up", flush=True)\nsignal.pause()',
+]
 STUBBORN = [
     sys.executable,
     '-c',
@@ -39,7 +44,8 @@ def test_every_process_is_ended_within_two_seconds_also_one_that_ignores_the_sig
         group.watch(ended.append)
         group.start('sleeper', SLEEPER)
         group.start('stubborn', STUBBORN)
-        wait_for_text(tmp_path / 'stubborn.log', 'up')
+        for name in ('sleeper', 'stubborn'):
+            wait_for_text(tmp_path / f'{name}.log', 'up')
         pids = [group.pid('sleeper'), group.pid('stubborn')]
         before = time.monotonic()
         assert group.end() == ['stubborn']
