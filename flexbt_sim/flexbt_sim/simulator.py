@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 import threading
+from collections.abc import Iterator
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
@@ -162,22 +163,26 @@ class Simulator:
             pose, linear, angular = self._robot.pose, self._robot.linear, self._robot.angular
         scans = self._steps % self._steps_per_scan == 0 and self._scan.get_subscription_count() > 0
         moves = self._steps % self._steps_per_odom == 0
-        if scans or moves or self._steps % STEPS_PER_CLOCK == 0:
+        # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
+        messages: list[tuple[Any, Any]] = []
+        if scans:
+            messages += self._scan_messages(pose)
+        if moves:
+            messages += self._pose_messages(pose, linear, angular)
+        if messages or self._steps % STEPS_PER_CLOCK == 0:
             # First, so that no message is from the future.
             self._clock.publish(Clock(clock=time_message(self.now)))
-        if scans:
-            self._publish_scan(pose)
-        if moves:
-            commands = self._pacer.commands
-            self._publish_pose(pose, linear, angular)
-            if self._pacer.factor == 0.0 and self._is_driven():
-                self._pacer.wait_for_answer(commands)
+        commands = self._pacer.commands
+        for publisher, message in messages:
+            publisher.publish(message)
+        if moves and self._pacer.factor == 0.0 and self._is_driven():
+            self._pacer.wait_for_answer(commands)
 
     def _is_driven(self) -> bool:
         commanded = self._robot.commanded_at
         return commanded is not None and self.now - commanded <= self._parameters.limits.watchdog
 
-    def _publish_pose(self, pose: Pose, linear: float, angular: float) -> None:
+    def _pose_messages(self, pose: Pose, linear: float, angular: float) -> Iterator[tuple[Any, Any]]:
         parameters = self._parameters
         stamp = time_message(self.now)
         if self._odom.get_subscription_count():
@@ -185,8 +190,8 @@ class Simulator:
             odometry.header.frame_id, odometry.header.stamp = parameters.odom_frame, stamp
             odometry.pose.pose = pose_message(pose)
             odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = float(linear), float(angular)
-            self._odom.publish(odometry)
-        self._pose.publish(stamped(pose, parameters.map_frame, stamp))
+            yield self._odom, odometry
+        yield self._pose, stamped(pose, parameters.map_frame, stamp)
         if self._tf is not None and self._tf_message is not None:
             frames = (
                 (parameters.map_frame, parameters.odom_frame, Pose(0.0, 0.0, 0.0)),
@@ -202,9 +207,9 @@ class Simulator:
                 )
                 transform.transform.rotation = quaternion(relative.yaw)
                 transforms.append(transform)
-            self._tf.publish(self._tf_message(transforms=transforms))
+            yield self._tf, self._tf_message(transforms=transforms)
 
-    def _publish_scan(self, pose: Pose) -> None:
+    def _scan_messages(self, pose: Pose) -> Iterator[tuple[Any, Any]]:
         model = self._lidar.model
         scan = LaserScan(
             angle_min=0.0,
@@ -216,7 +221,7 @@ class Simulator:
         )
         scan.header.frame_id, scan.header.stamp = self._parameters.scan_frame, time_message(self.now)
         scan.ranges.frombytes(self._lidar.scan(pose).tobytes())
-        self._scan.publish(scan)
+        yield self._scan, scan
 
     def _close(self) -> None:
         self._pacer.stop()
