@@ -10,7 +10,7 @@ from .blackboard import EMPTY, Entry
 from .errors import BlackboardError, ConversionError
 from .leaves import LeafNode, SyncAction
 from .node import NodeConfig
-from .port_types import STRING, PortType
+from .port_types import KEY, STRING, PortType
 from .ports import inout_port, input_port
 from .status import FAILURE, SUCCESS, NodeKind, NodeStatus
 
@@ -51,7 +51,7 @@ class SetBlackboard(SyncAction):
 
     ports = {
         'value': input_port(description='text, or {key} of the entry to be copied'),
-        'output_key': inout_port(STRING, description='key to be written'),
+        'output_key': inout_port(STRING, literal=KEY, description='key to be written'),
     }
 
     def __init__(self, config: NodeConfig) -> None:

@@ -14,22 +14,11 @@ from typing import ClassVar, Final
 from .blackboard import MISSING
 from .leaves import LeafNode
 from .node import DecoratorNode, NodeConfig
-from .port_types import PortType
+from .port_types import KEY
 from .ports import Port, input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 
-
-def _key(text: str) -> str:
-    if not text:
-        raise ValueError('a key cannot be empty')
-    return text
-
-
-_PORTS: Final[Mapping[str, Port]] = {
-    'entry': input_port(
-        literal=PortType('key', str, 'text', _key, immutable=True), description='the entry: {key}, or just key'
-    )
-}
+_PORTS: Final[Mapping[str, Port]] = {'entry': input_port(literal=KEY, description='the entry: {key}, or just key')}
 
 
 class _Watch:

@@ -131,6 +131,16 @@ def _status_from_text(text: str) -> NodeStatus:
         raise ConversionError(f"'{text[:40]}' is no status; write one of {' '.join(NodeStatus.__members__)}") from None
 
 
+def _key_from_text(text: str) -> str:
+    if not text:
+        raise ValueError('a key cannot be empty')
+    return text
+
+
+KEY = PortType('key', str, 'text', _key_from_text, immutable=True)
+"""The type of a literal that is the key of an entry: of a port that reads that entry, or of one that writes it."""
+
+
 NODE_STATUS = PortType('BT::NodeStatus', NodeStatus, from_text=_status_from_text, immutable=True)
 
 
