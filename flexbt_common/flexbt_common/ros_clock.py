@@ -42,8 +42,9 @@ class RosClock:
     """Time of the node in seconds, and alarms on it, called on the executor thread.
 
     The time equals ROS time until the latter jumps back (simulation reset, or a machine's clock that is set): such a
-    jump is taken out, so that this time never goes back, and whoever waits for two more seconds does so. Time
-    stamps of messages are ROS time: take them from :meth:`stamp`.
+    jump is taken out, so that this time never goes back, and whoever waits for two more seconds does so. So is the
+    jump with which simulated time begins, from 0 to the first message of /clock, when somebody has asked for the time
+    before. Time stamps of messages are ROS time: take them from :meth:`stamp`.
 
     One rclpy timer serves all alarms, set to the earliest.
     """
@@ -54,6 +55,8 @@ class RosClock:
         self._lock = threading.Lock()
         self._offset = 0  # ns
         self._last = self._ros_clock.now().nanoseconds
+        self._began = self._last > 0
+        self._asked = False
         self._alarms: list[_Alarm] = []
         self._sequence = itertools.count()
         self._timer: Any = runtime.node.create_timer(_FARTHEST, self._fire, clock=self._ros_clock)
@@ -67,7 +70,9 @@ class RosClock:
 
     def now(self) -> float:
         """Time in seconds; never goes back."""
-        return self._now() / _NANOSECONDS
+        now = self._now()
+        self._asked = True
+        return now / _NANOSECONDS
 
     def stamp(self) -> Time:
         """The present ROS time, for the header of a message."""
@@ -91,8 +96,10 @@ class RosClock:
     def _now(self) -> int:
         with self._lock:  # reading inside the lock: two threads must not take each other for a jump
             raw = self._ros_clock.now().nanoseconds
-            if raw < self._last:
+            begins = raw > 0 and not self._began
+            if raw < self._last or (begins and self._asked):
                 self._offset += self._last - raw
+            self._began = self._began or begins
             self._last = raw
             return int(raw + self._offset)
 
@@ -110,7 +117,7 @@ class RosClock:
         self._timer.reset()
 
     def _fire(self) -> None:
-        now = self.now()
+        now = self._now() / _NANOSECONDS
         while True:
             with self._lock:
                 if not self._alarms or self._alarms[0].when > now:

@@ -157,6 +157,18 @@ def test_a_jump_back_keeps_what_is_left_to_wait(simulation: Simulation) -> None:
     assert clock.now() == 105.0
 
 
+def test_what_is_waited_for_before_simulated_time_begins_takes_its_time_all_the_same(simulation: Simulation) -> None:
+    clock, rung = simulation.runtime.clock, threading.Event()
+    clock.call_at(clock.now() + 2.0, rung.set)
+    simulation.set(1000.0)
+    simulation.set(1001.9)
+    settled(simulation.runtime)
+    assert not rung.is_set()
+    simulation.set(1002.0)
+    assert rung.wait(DEADLINE)
+    assert clock.now() == 2.0
+
+
 def test_the_time_never_goes_back(simulation: Simulation) -> None:
     times = []
     for seconds in (10.0, 12.0, 1.0, 2.0, 0.0, 50.0):
