@@ -59,6 +59,16 @@ def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_
             assert probe.send(names.WAIT, time=duration_message(0.5)).wait().status is GoalStatus.SUCCEEDED
 
 
+def test_a_wait_that_is_asked_of_servers_that_have_just_started_takes_its_time() -> None:
+    """The simulation has run for a while, and the servers do not know yet how late it is."""
+    with open_simulator(**FAST) as probe:
+        probe.later(5.0)
+        with open_navigation():
+            began = probe.now.time
+            assert probe.send(names.WAIT, time=duration_message(2.0)).wait().status is GoalStatus.SUCCEEDED
+            assert probe.later(0.1).time - began >= 2.0
+
+
 def test_navigation_that_ends_tells_its_clients_and_stops_the_robot() -> None:
     with open_simulator(speed_factor=1.0) as probe:
         with open_navigation():
