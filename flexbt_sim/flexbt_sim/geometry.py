@@ -25,23 +25,16 @@ class Pose(NamedTuple):
 
 def wrap(angle: float) -> float:
     """The same angle in (-pi, pi]."""
-    return math.pi - (math.pi - angle) % (2.0 * math.pi)
+    wrapped = math.remainder(angle, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped
 
 
 def drive(pose: Pose, linear: float, angular: float, duration: float) -> Pose:
     """The pose after driving at constant speeds (m/s, rad/s) for a time (s): exactly, along the arc."""
-    turn = angular * duration
-    if abs(turn) < 1e-9:
-        middle = pose.yaw + turn / 2.0
-        return Pose(
-            pose.x + linear * duration * math.cos(middle),
-            pose.y + linear * duration * math.sin(middle),
-            wrap(pose.yaw + turn),
-        )
-    radius = linear / angular
-    yaw = pose.yaw + turn
+    half = angular * duration / 2.0
+    chord = linear * duration * (math.sin(half) / half if half else 1.0)
     return Pose(
-        pose.x + radius * (math.sin(yaw) - math.sin(pose.yaw)),
-        pose.y - radius * (math.cos(yaw) - math.cos(pose.yaw)),
-        wrap(yaw),
+        pose.x + chord * math.cos(pose.yaw + half),
+        pose.y + chord * math.sin(pose.yaw + half),
+        wrap(pose.yaw + 2.0 * half),
     )

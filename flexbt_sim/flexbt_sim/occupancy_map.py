@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +25,7 @@ OCCUPIED: Final = 100
 UNKNOWN: Final = -1
 MODES: Final = ('trinary', 'scale', 'raw')
 
-MAX_YAML_BYTES: Final = 100_000
+MAX_YAML_BYTES: Final = 20_000
 MAX_CELLS: Final = 25_000_000
 """Largest map, cells: what costmaps of it need still fits a laptop."""
 
@@ -95,19 +96,25 @@ class OccupancyMap:
 
 
 def load_map(file: Path) -> OccupancyMap:
-    """Read a map.
+    """Read a map. Fields, modes and thresholds mean what they mean to Nav2's map_server (Jazzy).
+
+    The image is a PGM, PNG or BMP, named relative to the YAML file or absolutely. ``negate`` and ``mode`` may be left
+    out.
 
     Raises:
         MapError: file or image cannot be read, or a field is missing or wrong.
     """
     fields = _read_yaml(file)
-    image = _text(file, fields, 'image')
+    image = fields.get('image')
+    if not isinstance(image, str) or not image:
+        raise MapError(file, 'image', f'expected a file name, got {_shown(image)}')
     resolution = _number(file, fields, 'resolution')
     if not 0.0 < resolution < 100.0:
         raise MapError(file, 'resolution', f'{resolution} m per pixel is not a resolution')
     origin = fields.get('origin')
-    if not (isinstance(origin, list) and len(origin) == 3 and all(_is_number(value) for value in origin)):
-        raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {origin!r}')
+    numbers = [_finite(value) for value in origin] if isinstance(origin, list) and len(origin) == 3 else [None]
+    if None in numbers:
+        raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {_shown(origin)}')
     occupied = _number(file, fields, 'occupied_thresh')
     free = _number(file, fields, 'free_thresh')
     if not 0.0 <= free < occupied <= 1.0:
@@ -115,83 +122,88 @@ def load_map(file: Path) -> OccupancyMap:
             file, 'free_thresh', f'{free} and occupied_thresh {occupied} have to satisfy 0 <= free < occupied <= 1'
         )
     mode = fields.get('mode', 'trinary')
-    if mode not in MODES:
-        raise MapError(file, 'mode', f'{mode!r} is none of {", ".join(MODES)}')
+    if not isinstance(mode, str) or mode.lower() not in MODES:
+        raise MapError(file, 'mode', f'{_shown(mode)} is none of {", ".join(MODES)}')
     negate = fields.get('negate', 0)
-    if negate not in (0, 1, True, False):
-        raise MapError(file, 'negate', f'expected 0 or 1, got {negate!r}')
-    grey, alpha = _read_image(file, file.parent / image)
-    cells = _occupancies(grey, alpha, bool(negate), occupied, free, str(mode))
-    x, y, yaw = (float(value) for value in origin)
+    if negate not in (0, 1):
+        raise MapError(file, 'negate', f'expected 0 or 1, got {_shown(negate)}')
+    grey, transparent = _read_image(file, file.parent / image)
+    cells = _occupancies(mode.lower(), bool(negate), occupied, free)[grey]
+    if mode.lower() != 'raw':
+        cells[transparent] = UNKNOWN
+    x, y, yaw = (float(number) for number in numbers if number is not None)
     # The image has its first row at the top, the grid at the bottom.
     return OccupancyMap(numpy.ascontiguousarray(cells[::-1]), resolution, Pose(x, y, yaw))
 
 
-def _occupancies(
-    grey: NDArray[numpy.uint8],
-    alpha: NDArray[numpy.uint8] | None,
-    negate: bool,
-    occupied: float,
-    free: float,
-    mode: str,
-) -> Occupancy:
+def _occupancies(mode: str, negate: bool, occupied: float, free: float) -> Occupancy:
+    """What each of the 256 grey values means."""
+    grey = numpy.arange(256)
     if mode == 'raw':
-        raw: Occupancy = numpy.where(grey <= OCCUPIED, grey, UNKNOWN).astype(numpy.int8)
-        return raw
-    shade = grey.astype(numpy.float64) / 255.0
-    probability = shade if negate else 1.0 - shade
-    between = numpy.full(grey.shape, UNKNOWN, numpy.float64)
-    if mode == 'scale':
-        between = 1.0 + numpy.rint(98.0 * (probability - free) / (occupied - free))
-        if alpha is not None:
-            between = numpy.where(alpha < 255, UNKNOWN, between)
-    cells: Occupancy = numpy.select(
-        [probability > occupied, probability < free], [OCCUPIED, FREE], default=between
-    ).astype(numpy.int8)
-    return cells
+        return numpy.where(grey <= OCCUPIED, grey, UNKNOWN).astype(numpy.int8)
+    occupancy = (grey if negate else 255 - grey) / 255.0
+    between = numpy.rint(OCCUPIED * (occupancy - free) / (occupied - free)) if mode == 'scale' else UNKNOWN
+    return numpy.select([occupancy >= occupied, occupancy <= free], [OCCUPIED, FREE], between).astype(numpy.int8)
 
 
 def _read_yaml(file: Path) -> Mapping[str, Any]:
     try:
+        _require_file(file)
         if file.stat().st_size > MAX_YAML_BYTES:
-            raise MapError(file, '', f'more than {MAX_YAML_BYTES} bytes are not the YAML of a map')
+            raise ValueError(f'more than {MAX_YAML_BYTES} bytes are not the YAML of a map')
         fields = yaml.safe_load(file.read_text())
+        if not isinstance(fields, dict):
+            raise ValueError('image, resolution, origin and thresholds are missing')
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise MapError(file, '', f'cannot be read: {error}; give the YAML file of a map') from error
-    if not isinstance(fields, dict):
-        raise MapError(file, '', 'is not the YAML file of a map: expected image, resolution, origin and thresholds')
+        raise MapError(file, '', f'cannot be read: {_line(error)}; give the YAML file of a map') from error
     return fields
 
 
-def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[numpy.uint8] | None]:
+def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[numpy.bool_]]:
+    """Grey values, and which pixels are not opaque. Colours have the brightness that ITU-R BT.709 gives them."""
     try:
-        with Image.open(image, formats=('PPM', 'PNG')) as picture:
-            if picture.width * picture.height > MAX_CELLS:
-                raise MapError(file, 'image', f'{image} has more than {MAX_CELLS} pixels')
-            alpha = numpy.asarray(picture.getchannel('A')) if 'A' in picture.getbands() else None
+        _require_file(image)
+        with Image.open(image, formats=('PPM', 'PNG', 'BMP')) as picture:
+            if not 0 < picture.width * picture.height <= MAX_CELLS:
+                raise ValueError(f'{picture.width} x {picture.height} pixels; a map has 1 to {MAX_CELLS}')
             if picture.mode.startswith('I'):  # 16 bits, which convert() would cut off instead of scaling
-                grey = (numpy.asarray(picture) // 257).astype(numpy.uint8)
-            else:
-                grey = numpy.asarray(picture.convert('L'))
+                grey = numpy.rint(numpy.asarray(picture) / 257.0).astype(numpy.uint8)
+                return grey, numpy.zeros(grey.shape, bool)
+            if picture.mode == 'F':
+                raise ValueError('pixels are floating point numbers')
+            colours = picture.convert('RGBA')
+            grey = numpy.asarray(colours.convert('RGB').convert('L', (0.212656, 0.715158, 0.072186, 0.0)))
+            return grey, numpy.asarray(colours.getchannel('A')) < 255
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise MapError(file, 'image', f'{image} cannot be read as PGM or PNG: {error}') from error
-    return grey, alpha
+        raise MapError(file, 'image', f'{image} cannot be read as PGM, PNG or BMP: {_line(error)}') from error
 
 
-def _text(file: Path, fields: Mapping[str, Any], name: str) -> str:
-    value = fields.get(name)
-    if not isinstance(value, str) or not value:
-        raise MapError(file, name, f'expected a file name, got {value!r}')
-    return value
+def _require_file(path: Path) -> None:
+    """Neither a directory, nor a device or a pipe, which might never end. Raises OSError."""
+    if path.exists() and not path.is_file():
+        raise OSError('not a regular file')
 
 
 def _number(file: Path, fields: Mapping[str, Any], name: str) -> float:
-    value = fields.get(name)
-    if not _is_number(value):
-        raise MapError(file, name, f'expected a number, got {value!r}')
-    return float(value)  # type: ignore[arg-type]
+    number = _finite(fields.get(name))
+    if number is None:
+        raise MapError(file, name, f'expected a number, got {_shown(fields.get(name))}')
+    return number
 
 
-def _is_number(value: Any) -> bool:
-    # Any bound will do that keeps conversions from overflowing.
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+def _finite(value: Any) -> float | None:
+    """A finite number, also one that YAML 1.1 takes for text, such as the 1e-16 that map_saver writes."""
+    try:
+        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _shown(value: object) -> str:
+    """Enough of a value of the file to recognise it: an alias can stand for millions of values."""
+    return reprlib.repr(value)[:80]
+
+
+def _line(error: Exception) -> str:
+    return ' '.join(str(error).split())[:200]

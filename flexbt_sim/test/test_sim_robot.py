@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import cluttered, drawn, free_pose
 
-from flexbt_sim.geometry import Pose, drive, wrap
+from flexbt_sim.geometry import Pose
 from flexbt_sim.robot import Robot, RobotLimits
 
 STEP = 0.02
@@ -97,20 +97,3 @@ def test_a_wall_stops_it_at_contact_and_it_can_leave() -> None:
         robot.command(-1.0, 0.0, number * STEP)
         robot.step(number * STEP, STEP)
     assert robot.pose.x < touching - 0.3
-
-
-@given(st.floats(-3, 3), st.floats(-2, 2), st.floats(-3, 3), st.floats(0.0, 2.0))
-def test_an_arc_is_the_sum_of_its_pieces(yaw: float, linear: float, angular: float, duration: float) -> None:
-    whole = drive(Pose(1.0, 2.0, yaw), linear, angular, duration)
-    pieces = Pose(1.0, 2.0, yaw)
-    for _ in range(10):
-        pieces = drive(pieces, linear, angular, duration / 10)
-    assert whole.distance(pieces) < 1e-6
-    assert abs(wrap(whole.yaw - pieces.yaw)) < 1e-9
-
-
-@given(st.floats(-1e4, 1e4))
-def test_wrapped_angles(angle: float) -> None:
-    assert -math.pi < wrap(angle) <= math.pi
-    assert math.cos(wrap(angle)) == pytest.approx(math.cos(angle), abs=1e-9)
-    assert math.sin(wrap(angle)) == pytest.approx(math.sin(angle), abs=1e-9)
