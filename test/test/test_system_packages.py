@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The manifests of the packages: what is imported is declared, what is declared exists and is used."""
+
+import ast
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_packages_with_prefixes
+
+ROOT = Path(__file__).parents[2]
+
+# Import name -> key in rosdep's python.yaml.
+ROSDEP_KEYS = {
+    'PIL': 'python3-pil',
+    'hypothesis': 'python3-hypothesis',
+    'numpy': 'python3-numpy',
+    'prompt_toolkit': 'python3-prompt-toolkit',
+    'pytest': 'python3-pytest',
+    'scipy': 'python3-scipy',
+    'yaml': 'python3-yaml',
+}
+NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_msgs'}  # used where there is an installation
+PEERS = {'behaviortreepy', 'py_trees'}  # tests that compare with them skip without them; rosdep has no key for them
+TEST_PLUGIN = ROOT / 'flexbt_common' / 'flexbt_common' / 'testing.py'  # every run of pytest loads it
+NOT_SOURCES = {'package.xml', 'setup.py'}
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A package.xml."""
+
+    path: Path
+
+    @cached_property
+    def root(self) -> ElementTree.Element:
+        return ElementTree.parse(self.path).getroot()  # noqa: S314 of this repository
+
+    @property
+    def name(self) -> str:
+        return self.root.findtext('name', '')
+
+    @property
+    def directory(self) -> Path:
+        return self.path.parent
+
+    def dependencies(self, *tags: str) -> set[str]:
+        return {(found.text or '').strip() for found in self.root if found.tag in tags}
+
+    @property
+    def at_run_time(self) -> set[str]:
+        return self.dependencies('depend', 'exec_depend')
+
+    @property
+    def of_python(self) -> set[str]:
+        return self.at_run_time | self.dependencies('test_depend')
+
+    def imported(self, *directories: str) -> set[str]:
+        """Rosdep keys of what the modules below the directories import from outside of the package."""
+        files = [file for name in directories for file in (self.directory / name).rglob('*.py') if file != TEST_PLUGIN]
+        if 'test' in directories and files:
+            files.append(TEST_PLUGIN)
+        own = {self.name, *PEERS, *(file.stem for file in (self.directory / 'test').glob('*.py'))}
+        modules = {module for file in files for module in imports(file)}
+        return {ROSDEP_KEYS.get(module, module) for module in modules - sys.stdlib_module_names - own}
+
+
+def imports(file: Path) -> Iterator[str]:
+    """The top-level names of all that a module imports, also within functions."""
+    for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition('.')[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module.partition('.')[0]
+
+
+MANIFESTS = [Manifest(path) for path in sorted(ROOT.glob('*/package.xml'))]
+each_package = pytest.mark.parametrize('manifest', MANIFESTS, ids=lambda manifest: manifest.name)
+
+
+@each_package
+def test_what_is_imported_is_declared(manifest: Manifest) -> None:
+    assert manifest.imported(manifest.name, 'launch') - manifest.at_run_time == set()
+    assert manifest.imported('test') - manifest.of_python == set()
+
+
+@each_package
+def test_what_is_declared_exists(manifest: Manifest) -> None:
+    known = {*get_packages_with_prefixes(), *ROSDEP_KEYS.values(), *NOT_AMONG_THE_WHEELS}
+    assert {(found.text or '').strip() for found in manifest.root if found.tag.endswith('depend')} - known == set()
+
+
+@each_package
+def test_what_is_declared_is_used(manifest: Manifest) -> None:
+    """Message packages may also be named in texts, executables in lists of processes."""
+    sources = [file for file in manifest.directory.rglob('*.*') if file.is_file() and file.name not in NOT_SOURCES]
+    words = {word for file in sources for word in re.findall(r'\w+', file.read_text(encoding='utf-8', errors='ignore'))}
+    if any(file.suffix == '.action' for file in sources):
+        words.add('action_msgs')  # of which the definitions of goals and results are made
+    assert manifest.of_python - words - manifest.imported(manifest.name, 'launch', 'test') == set()
+    assert manifest.at_run_time & manifest.dependencies('test_depend') == set()
