@@ -113,7 +113,7 @@ class _Generator:
         self, tag: str, kind: str, attributes: list[tuple[str, str]], children: str = '', named: bool = False
     ) -> str:
         self._names += 1
-        attributes = list(attributes)
+        attributes = [*attributes, *self._conditions()]
         if named or self._random.random() < 0.9:
             attributes.append(('name', f'n{self._names}'))
         head = tag
@@ -124,6 +124,10 @@ class _Generator:
         self._random.shuffle(attributes)
         text = ''.join(f' {name}={quoteattr(value)}' for name, value in attributes)
         return f'<{head}{text}>{children}</{head}>' if children else f'<{head}{text}/>'
+
+    def _conditions(self) -> list[tuple[str, str]]:
+        """Pre- and post-conditions; see ``bt_random_scripts``."""
+        return []
 
     def _node(self, depth: int) -> str:
         self._budget -= 1
@@ -242,7 +246,7 @@ class _Generator:
             self._building, self._in_reactive_sequence = outer
             id = f'T{len(self._trees)}'
             self._trees.append((id, body))
-        attributes = [('ID', id)]
+        attributes = [('ID', id), *self._conditions()]
         chance = self._random.random()
         if chance < 0.55:
             for group in GROUPS:

@@ -25,6 +25,7 @@ from flexbt_server.behavior_tree import (
     Decorator,
     NodeRegistry,
     NodeStatus,
+    ScriptLibrary,
     StatefulAction,
     SyncAction,
     Tree,
@@ -33,6 +34,7 @@ from flexbt_server.behavior_tree import (
     builtin_registry,
     load_xml,
 )
+from flexbt_server.behavior_tree.observation import set_and_tell
 
 LETTERS = {
     'S': NodeStatus.SUCCESS,
@@ -98,7 +100,8 @@ class Sync(SyncAction):
         if self.status is NodeStatus.IDLE:
             self.status = NodeStatus.RUNNING
         status = self.checked(self.script.call('tick'))
-        self.status = status
+        # Stored here, and so before the scripts of its post-conditions run.
+        set_and_tell(self, status)
         return status
 
 
@@ -121,7 +124,8 @@ class Deco(Decorator):
 
 def registry() -> NodeRegistry:
     """The registry of the engine with the scripted nodes."""
-    nodes = builtin_registry()
+    # Code is made of a script at its second run, so that all that runs more often tests both of its forms.
+    nodes = builtin_registry(ScriptLibrary(warm_up=1))
     for node_class in (Act, Sync, Cond, Deco):
         nodes.register(node_class.__name__, node_class)
     return nodes

@@ -26,6 +26,7 @@ LETTERS = {name: letter for letter, name in STATUS_NAMES.items()}
 _COLOUR = re.compile(r'\x1b\[\d+m')
 _TRANSITION = re.compile(r'^\[-?\d+\.\d+\]: (.*?) +([A-Z]+) -> ([A-Z]+)$')
 _MARK = '\x02'
+_KEPT: list[Any] = []
 
 
 class ConsoleTape:
@@ -98,6 +99,9 @@ class WheelRun:
             if steps[-1]['error']:
                 break
         result = {'load_error': None, 'steps': steps, 'final': self._step(['halt'])}
+        if '_onHalted' in self._case['xml']:
+            # The destructor of a tree runs these scripts once more, and one that raises there ends the process.
+            _KEPT.append((logger, self._tree, factory))
         del logger
         # The tree before the factory, whose manifests it uses.
         self._tree = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bt_conformance
 import bt_random_nodes
+import bt_random_scripts
 import bt_random_trees
 import bt_scripted
 import bt_wheel
@@ -41,7 +42,10 @@ def test_a_seed_that_once_differed(seed: int) -> None:
 def test_random_trees_are_reproducible_and_cover_the_nodes() -> None:
     cases = [bt_random_trees.make_case(seed) for seed in range(300)]
     assert cases == [bt_random_trees.make_case(seed) for seed in range(300)]
-    text = ''.join(case['xml'] for case in [*cases, *map(bt_random_nodes.make_case, range(100))])
+    others = (
+        make_case(seed) for make_case in (bt_random_nodes.make_case, bt_random_scripts.make_case) for seed in range(100)
+    )
+    text = ''.join(case['xml'] for case in [*cases, *others])
     for manifest in bt_scripted.registry():
         if manifest.id == 'TryCatch':
             continue  # not in the library of the wheel

@@ -68,14 +68,23 @@ def errors_of(text: str | bytes) -> tuple[LoadError, ...]:
 # (why, document, line, column, words of the message)
 REFUSED: list[tuple[str, str, int, int, str]] = [
     ('unknown node', wrap(' <OpenDor door="a"/>'), 3, 2, 'did you mean OpenDoor'),
-    ('node of a later version', wrap('<Script code="a:=1"/>'), 3, 1, 'not supported yet'),
     ('missing port', wrap('<OpenDoor/>'), 3, 1, 'port [door] of type std::string of [OpenDoor] is missing; add door='),
     ('unknown port', wrap('<OpenDoor door="a"\n   sped="1"/>'), 4, 4, 'did you mean [speed]'),
     ('bad literal', wrap('<OpenDoor door="a" speed="fast"/>'), 3, 20, "can't convert text 'fast' to double"),
     ('literal for an output', wrap('<OpenDoor door="a" angle="90"/>'), 3, 20, 'angle="{key}"'),
     ('unsigned port', wrap('<Delay delay_msec="-5"><AlwaysSuccess/></Delay>'), 3, 8, 'out of the range'),
-    ('precondition', wrap('<AlwaysSuccess _skipIf="a"/>'), 3, 16, '[_skipIf]'),
-    ('postcondition on a sub-tree', wrap('<SubTree ID="Main2" _onSuccess="a:=1"/>'), 3, 21, 'not supported yet'),
+    ('script', wrap('<Script code="a := 1 +"/>'), 3, 23, 'script of [code]: a value is missing here'),
+    ('script with entities', wrap("<ScriptCondition code = 'a &amp;&amp;&#10; )'/>"), 3, 44, "found ')'"),
+    (
+        'script of several lines',
+        wrap('<Precondition if="a\r\n &lt; $"><AlwaysSuccess/></Precondition>'),
+        4,
+        7,
+        "'$' means",
+    ),
+    ('empty condition', wrap('<ScriptCondition code=""/>'), 3, 24, 'the script is empty'),
+    ('pre-condition', wrap('<AlwaysSuccess _skipIf="a = 2 == "/>'), 3, 34, 'script of [_skipIf]'),
+    ('post-condition of a sub-tree', wrap('<SubTree ID="Main2" _onSuccess=" "/>'), 3, 34, 'the script is empty'),
     ('decorator without child', wrap('<Inverter/>'), 3, 1, 'exactly 1 child, not 0'),
     (
         'decorator with two',

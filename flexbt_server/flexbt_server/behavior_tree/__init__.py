@@ -22,6 +22,7 @@ from .errors import (
     NodeExecutionError,
     PortError,
     RegistrationError,
+    ScriptError,
     TreeLoadError,
 )
 from .instantiation import SubTreeInstance
@@ -31,6 +32,7 @@ from .node import Control, Decorator, NodeConfig, TreeNode
 from .port_types import PortType
 from .ports import Port, PortDirection, inout_port, input_port, output_port
 from .registry import NodeManifest, NodeRegistry, builtin_registry
+from .script import ScriptLibrary
 from .status import NodeKind, NodeStatus
 from .tree import Failure, Tree
 from .xml_reader import IncludeResolver, load_xml
@@ -60,6 +62,8 @@ __all__ = [
     'PortError',
     'PortType',
     'RegistrationError',
+    'ScriptError',
+    'ScriptLibrary',
     'StatefulAction',
     'SubTreeInstance',
     'SyncAction',

@@ -27,7 +27,7 @@ EMPTY: Final = _Empty.EMPTY
 
 class Entry:
     """One entry: ``value`` (EMPTY until written), ``type`` (None: not fixed yet), and the number of writes.
-    ``present`` is False once the entry was removed from its blackboard."""
+    Once the entry was removed from its blackboard, ``present`` is False and it is empty."""
 
     __slots__ = ('present', 'sequence', 'type', 'value')
 
@@ -206,6 +206,7 @@ class Blackboard:
             entry = self._entries.pop(key, None)
             if entry is not None:
                 entry.present = False
+                entry.value = EMPTY
 
     def keys(self) -> list[str]:
         """The keys of the entries of this scope itself."""

@@ -12,6 +12,7 @@ from flexbt_common.clock import Clock
 if TYPE_CHECKING:
     from .errors import NodeExecutionError
     from .node import TreeNode
+    from .script import ScriptLibrary
     from .status import NodeStatus
 
 TransitionObserver = Callable[['TreeNode', 'NodeStatus', 'NodeStatus'], None]
@@ -34,13 +35,14 @@ class UnfinishedWork:
 class TreeContext:
     """Shared by all nodes of one running tree; every node has it as ``self.context``.
 
-    ``services`` is whatever the host gives to its leaves. ``woken`` is the wake-up flag: set by :meth:`wake`, taken by
-    the tree.
+    ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
+    ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree.
     """
 
-    def __init__(self, clock: Clock, services: Any = None) -> None:
+    def __init__(self, clock: Clock, services: Any, scripts: ScriptLibrary) -> None:
         self.clock = clock
         self.services = services
+        self.scripts = scripts
         self.woken = False
         self.on_wake: Callable[[], None] | None = None
         self.on_transition: TransitionObserver | None = None

@@ -4,19 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from .errors import LoadError
 from .ports import PortDirection, PortValue
 from .registry import NodeManifest
+from .script import CompiledScript, ScriptLibrary
 from .xml_parser import Source
+
+NO_CONDITIONS: Final[Mapping[str, CompiledScript]] = {}
 
 
 class NodeDefinition(NamedTuple):
     """One node of the XML. ``tree_id`` is set for sub-trees, whose ``values`` are the ports of the tree, as given.
 
     ``extra`` are the attributes that mean nothing to the engine (they begin with ``_``). ``offset`` is the place in
-    the source, ``offsets`` those of the attributes.
+    the source, ``offsets`` those of the attributes. ``conditions`` are the pre- and post-conditions, by attribute.
     """
 
     manifest: NodeManifest
@@ -28,6 +31,7 @@ class NodeDefinition(NamedTuple):
     extra: Mapping[str, str]
     tree_id: str | None = None
     autoremap: bool = False
+    conditions: Mapping[str, CompiledScript] = NO_CONDITIONS
 
     @property
     def label(self) -> str:
@@ -66,10 +70,12 @@ class SubTreeModelPort(NamedTuple):
 
 
 class TreeDocument(NamedTuple):
-    """What one file defines. ``main`` is the tree to execute when none is named, if the file says so or has but one."""
+    """What one file defines. ``main`` is the tree to execute when none is named, if the file says so or has but one.
+    ``scripts`` are those of the registry with which it was read."""
 
     file: str
     trees: Mapping[str, TreeDefinition]
     main: str | None
     models: Mapping[str, Mapping[str, SubTreeModelPort]]
     warnings: tuple[LoadError, ...]
+    scripts: ScriptLibrary

@@ -9,6 +9,7 @@
     ├── ConversionError        a value that does not fit a type
     ├── BlackboardError        an entry that is missing, empty, or of another type
     ├── PortError              a port that cannot be read or written; names node, port and key
+    ├── ScriptError            a script that cannot be parsed, or that fails when it runs; has the place in it
     └── NodeExecutionError     whatever went wrong inside a node while ticking or halting; names the node
 """
 
@@ -75,6 +76,24 @@ class PortError(BehaviorTreeError):
         self.reason = reason
         pointer = f' (blackboard key [{key}])' if key is not None else ''
         super().__init__(f'port [{port}]{pointer} of {node_id} at [{node_path}]: {reason}')
+
+
+class ScriptError(BehaviorTreeError):
+    """A script cannot be parsed, or fails when it runs.
+
+    ``script`` is its text, ``offset`` the place in it, counted from 0, and ``reason`` what is wrong there.
+    """
+
+    def __init__(self, script: str, offset: int, reason: str) -> None:
+        self.script = script
+        self.offset = offset
+        self.reason = reason
+        before = script[:offset]
+        line = before.count('\n') + 1
+        column = offset - (before.rfind('\n') + 1) + 1
+        where = f'line {line}, column {column}' if '\n' in script else f'column {column}'
+        shown = script if len(script) <= 200 else f'{script[:100]} ... {script[-80:]}'
+        super().__init__(f'{reason} ({where} of the script [{shown}])')
 
 
 class NodeExecutionError(BehaviorTreeError):

@@ -6,9 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from .blackboard import Blackboard
+from .conditions import add_conditions
 from .context import TreeContext
 from .definition import NodeDefinition, TreeDefinition
-from .errors import BlackboardError, LoadError, TreeLoadError
+from .errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
 from .library import TreeKey, TreeLibrary
 from .node import ControlNode, DecoratorNode, NodeConfig, TreeNode
 from .port_types import STRING
@@ -45,7 +46,8 @@ class _Scope(NamedTuple):
 def instantiate(library: TreeLibrary, key: TreeKey, blackboard: Blackboard, context: TreeContext) -> Instance:
     """Makes the tree ``key`` on ``blackboard``.
 
-    Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types.
+    Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types, or when a node does
+    not find on the blackboard what it is made of, such as a script.
     """
     return _Builder(library, context).build(key, blackboard)
 
@@ -92,7 +94,16 @@ class _Builder:
             scope.board,
             definition.values,
         )
-        node = manifest.node_class(config)
+        try:
+            node = manifest.node_class(config)
+        except PortError as error:
+            self._errors.append(scope.tree.error(definition, f'port [{error.port}]: {error.reason}', error.port))
+            return
+        except ScriptError as error:
+            self._errors.append(scope.tree.error(definition, str(error)))
+            return
+        if definition.conditions:
+            add_conditions(node, definition.conditions)
         self._nodes.append(node)
         self._definitions.append(definition)
         siblings.append(node)

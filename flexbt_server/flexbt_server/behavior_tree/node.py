@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from flexbt_common.clock import Clock
 
@@ -24,6 +24,9 @@ from .errors import BlackboardError, ConversionError, NodeExecutionError, PortEr
 from .port_types import cast
 from .ports import NO_DEFAULT, Port, PortValue
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+if TYPE_CHECKING:
+    from .conditions import Conditions
 
 Execute = Callable[[], NodeStatus]
 
@@ -51,10 +54,24 @@ class TreeNode(ABC):
     (which takes the NodeConfig and hands it on).
     """
 
-    __slots__ = ('_entries', '_scope', '_values', 'blackboard', 'context', 'id', 'name', 'status', 'uid')
+    __slots__ = (
+        '_conditions',
+        '_entries',
+        '_scope',
+        '_values',
+        'blackboard',
+        'context',
+        'id',
+        'name',
+        'status',
+        'uid',
+    )
 
     ports: ClassVar[Mapping[str, Port]] = NO_PORTS
     kind: ClassVar[NodeKind]
+
+    _conditions: Conditions
+    """Only of nodes that have pre- or post-conditions."""
 
     def __init__(self, config: NodeConfig) -> None:
         self.status: NodeStatus = IDLE

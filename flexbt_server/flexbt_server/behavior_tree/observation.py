@@ -17,12 +17,13 @@ from .status import NodeStatus
 
 # The slot itself, below any property.
 _SLOT: Any = vars(TreeNode)['status']
-_get = _SLOT.__get__
+get_status = _SLOT.__get__
 _set = _SLOT.__set__
 
 
-def _set_and_tell(node: TreeNode, status: NodeStatus) -> None:
-    previous = _get(node)
+def set_and_tell(node: TreeNode, status: NodeStatus) -> None:
+    """Stores the status of a node, and tells the observer of the tree when it is another one than before."""
+    previous = get_status(node)
     if previous is not status:
         _set(node, status)
         observer = node.context.on_transition
@@ -30,7 +31,7 @@ def _set_and_tell(node: TreeNode, status: NodeStatus) -> None:
             observer(node, previous, status)
 
 
-_STATUS = property(_get, _set_and_tell, doc='The status; every change of it is told to the observer of the tree.')
+_STATUS = property(get_status, set_and_tell, doc='The status; every change of it is told to the observer of the tree.')
 
 
 @functools.cache
@@ -48,8 +49,11 @@ def _observed_class(node_class: type[TreeNode]) -> type[TreeNode]:
 
 
 def observe(node: TreeNode) -> None:
-    """Tells every change of the node's status to ``context.on_transition`` from now on."""
-    if type(node).__dict__.get('status') is not _STATUS:
+    """Tells every change of the node's status to ``context.on_transition`` from now on.
+
+    A node whose class has a property already, because of its post-conditions, tells them always.
+    """
+    if not isinstance(type(node).__dict__.get('status'), property):
         node.__class__ = _observed_class(type(node))
 
 

@@ -23,6 +23,7 @@ Category = Literal['integer', 'real', 'bool', 'text', 'object']
 _EXACT_IN_DOUBLE = 2**53 - 1
 _INTEGER_PREFIX = re.compile(r'(?=-?[0-9])(-?)0*([0-9]*)')
 _REAL_PREFIX = re.compile(r'-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?|nan)', re.IGNORECASE)
+_NOT_ZERO = re.compile(r'[-.0]*[1-9]')
 _BOOLEANS = {
     '0': False, 'false': False, 'False': False, 'FALSE': False,
     '1': True, 'true': True, 'True': True, 'TRUE': True,
@@ -88,17 +89,28 @@ def _integer_type(name: str, bits: int, signed: bool) -> PortType:
     return PortType(name, int, 'integer', from_text, minimum, maximum, immutable=True)
 
 
+def decimal(text: str) -> float:
+    """The double nearest to a decimal number. Raises ConversionError when there is none but infinity, or zero."""
+    value = float(text)
+    if (math.isinf(value) and 'n' not in text.lower()) or (value == 0.0 and _NOT_ZERO.match(text)):
+        raise ConversionError(f'the number {text[:40]} does not fit into a double')
+    return value
+
+
 def real_from_text(text: str) -> float:
     """The longest prefix of ``text`` that is a decimal number; ``inf`` and ``nan`` are numbers."""
     match = _REAL_PREFIX.match(text)
     if match is None:
         raise ConversionError(f"can't convert text '{text[:40]}' to double")
-    return float(match.group())
+    return decimal(match.group())
 
 
 def number_from_text(text: str) -> float | None:
     """The decimal number that ``text`` is as a whole; None when it is none."""
-    return float(text) if _REAL_PREFIX.fullmatch(text) else None
+    try:
+        return decimal(text) if _REAL_PREFIX.fullmatch(text) else None
+    except ConversionError:
+        return None
 
 
 def bool_from_text(text: str) -> bool:

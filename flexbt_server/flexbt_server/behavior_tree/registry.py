@@ -7,7 +7,6 @@ import difflib
 import inspect
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
 
 from . import (
     actions,
@@ -17,6 +16,7 @@ from . import (
     loops,
     parallel,
     reactive,
+    script_nodes,
     sequences,
     switch,
     timing,
@@ -26,6 +26,7 @@ from .errors import ConversionError, RegistrationError
 from .leaves import LeafNode
 from .node import ControlNode, DecoratorNode, TreeNode
 from .ports import NO_DEFAULT, Port, model_name_problem, pointer_key, port_name_problem
+from .script import ScriptLibrary
 from .status import NodeKind
 
 
@@ -75,6 +76,9 @@ _BUILTIN: tuple[type[TreeNode], ...] = (
     entry_updates.SkipUnlessUpdated,
     entry_updates.WaitValueUpdate,
     entry_updates.WasEntryUpdated,
+    script_nodes.Script,
+    script_nodes.ScriptCondition,
+    script_nodes.Precondition,
     timing.Timeout,
     timing.Delay,
     timing.Sleep,
@@ -84,15 +88,14 @@ _BUILTIN: tuple[type[TreeNode], ...] = (
     actions.UnsetBlackboard,
 )
 
-# Those that it does not run yet: an error about them says so, and does not call them unknown.
-NOT_YET_SUPPORTED: Final = frozenset(('Precondition', 'Script', 'ScriptCondition'))
-
 
 class NodeRegistry:
     """Node types by the ID that XML uses. Each host makes its own, see :func:`builtin_registry`."""
 
-    def __init__(self) -> None:
+    def __init__(self, scripts: ScriptLibrary | None = None) -> None:
+        """``scripts`` has the enum constants that scripts know."""
         self._manifests: dict[str, NodeManifest] = {}
+        self.scripts = scripts if scripts is not None else ScriptLibrary()
 
     def register(self, id: str, node_class: type[TreeNode]) -> NodeManifest:
         """Makes ``node_class`` known as ``id``.
@@ -154,9 +157,9 @@ def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
     return difflib.get_close_matches(name, known, n=most, cutoff=0.65) if len(name) <= 100 else []
 
 
-def builtin_registry() -> NodeRegistry:
-    """A new registry with the node types of BehaviorTree.CPP that the engine has."""
-    registry = NodeRegistry()
+def builtin_registry(scripts: ScriptLibrary | None = None) -> NodeRegistry:
+    """A new registry with the node types of BehaviorTree.CPP."""
+    registry = NodeRegistry(scripts)
     for node_class in _BUILTIN:
         registry.register(node_class.__name__, node_class)
     return registry

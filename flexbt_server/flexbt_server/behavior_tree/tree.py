@@ -60,7 +60,9 @@ class Tree:
             raise LookupError(f'there is no tree [{tree_id}]; known trees: {known}')
         self.key: TreeKey = key
         self.blackboard = blackboard if blackboard is not None else Blackboard()
-        self.context = TreeContext(clock if clock is not None else SteadyClock(), services)
+        self.context = TreeContext(
+            clock if clock is not None else SteadyClock(), services, library.documents[key.file].scripts
+        )
         instance = instantiate(library, key, self.blackboard, self.context)
         self.nodes: tuple[TreeNode, ...] = instance.nodes
         self.definitions: tuple[NodeDefinition, ...] = instance.definitions
@@ -137,10 +139,13 @@ class Tree:
         Harmless at any time; also after an error. Work that goes on is in :attr:`unfinished`. Raises
         NodeExecutionError, after everything was halted, when a leaf raised.
         """
-        self.root.halt()
-        # Nodes that are not RUNNING are told, too: some keep counts from one activation to the next.
-        for node in self.nodes:
-            node.halt()
+        # The root first, which halts what is RUNNING in its order. Then all others are told, too: some keep counts
+        # from one activation to the next, and scripts of _onHalted run for all, as in BehaviorTree.CPP.
+        for node in (self.root, *self.nodes):
+            try:
+                node.halt()
+            except NodeExecutionError as error:
+                self.context.halt_errors.append(error)
         self.context.deadlines.clear()
         self._status = IDLE
         self._raise_halt_errors()

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from .definition import NodeDefinition
-from .errors import ConversionError, LoadError
+from .definition import NO_CONDITIONS, NodeDefinition
+from .errors import ConversionError, LoadError, ScriptError
 from .port_types import bool_from_text
 from .ports import (
     NO_DEFAULT,
@@ -18,7 +18,8 @@ from .ports import (
     pointer_key,
     port_name_problem,
 )
-from .registry import NOT_YET_SUPPORTED, NodeManifest, NodeRegistry, similar_names
+from .registry import NodeManifest, NodeRegistry, similar_names
+from .script import CONDITION, SCRIPT, CompiledScript
 from .status import NodeKind
 from .xml_parser import Element, Source
 
@@ -94,9 +95,7 @@ class NodeReader:
         return self._registry.get('SubTree')
 
     def _unknown_node(self, element: Element, id: str) -> None:
-        if id in NOT_YET_SUPPORTED:
-            message = f'node type [{id}] of BehaviorTree.CPP is not supported yet'
-        elif id == 'SubTreePlus':
+        if id == 'SubTreePlus':
             message = 'SubTreePlus is of format 3; write <SubTree> with _autoremap'
         elif id == 'SequenceStar':
             message = 'SequenceStar is of format 3; write <SequenceWithMemory>'
@@ -133,15 +132,14 @@ class NodeReader:
         tree_id = element.attributes.get('ID') if is_subtree else None
         values: dict[str, PortValue] = {}
         extra: dict[str, str] = {}
+        conditions = NO_CONDITIONS
         autoremap = False
         for attribute, text in element.attributes.items():
             if attribute in RESERVED_ATTRIBUTES:
                 if attribute in PRE_POST_ATTRIBUTES:
-                    self._error(
-                        element,
-                        f'pre- and post-conditions are not supported yet; remove [{attribute}], or use nodes instead',
-                        attribute,
-                    )
+                    script = self._script(element, attribute, text, may_be_empty=False)
+                    if script is not None:
+                        conditions = {**conditions, attribute: script}
                 elif attribute == '_autoremap' and is_subtree:
                     autoremap = self._autoremap(element, text)
             elif port_name_problem(attribute):
@@ -159,7 +157,20 @@ class NodeReader:
             self._error(element, 'the name contains a control character', 'name')
         if name is None:
             name = tree_id or manifest.id
-        return NodeDefinition(manifest, name, values, (), element.offset, element.offsets, extra, tree_id, autoremap)
+        return NodeDefinition(
+            manifest, name, values, (), element.offset, element.offsets, extra, tree_id, autoremap, conditions
+        )
+
+    def _script(self, element: Element, attribute: str, text: str, *, may_be_empty: bool) -> CompiledScript | None:
+        try:
+            script = self._registry.scripts.script(text)
+            if script.empty and not may_be_empty:
+                raise ScriptError(text, 0, 'the script is empty')
+        except ScriptError as error:
+            place = self._source.value_offset(element.offsets[attribute], text, error.offset)
+            self._errors.append(self._source.error(place, f'script of [{attribute}]: {error.reason}', str(element)))
+            return None
+        return script
 
     def _autoremap(self, element: Element, text: str) -> bool:
         try:
@@ -192,6 +203,9 @@ class NodeReader:
         kind = port.literal or port.type
         if kind is None:
             return PortValue(text, None, text)
+        if kind in (SCRIPT, CONDITION):
+            script = self._script(element, name, text, may_be_empty=kind is SCRIPT)
+            return None if script is None else PortValue(text, None, script)
         if kind.from_text is None:
             self._error(
                 element,

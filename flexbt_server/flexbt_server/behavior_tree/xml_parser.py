@@ -26,6 +26,7 @@ _END = re.compile(rf'</({_NAME})\s*>')
 _SPACE = re.compile(r'\s*')
 _BAD_CHARACTER = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]')
 _ENTITY = re.compile(r'&(?:(lt|gt|amp|quot|apos)|#([0-9]{1,7})|#[xX]([0-9a-fA-F]{1,6}));')
+_FOLDED = re.compile(rf'\r\n|{_ENTITY.pattern}')
 _NAMED_ENTITIES = {'lt': '<', 'gt': '>', 'amp': '&', 'quot': '"', 'apos': "'"}
 
 
@@ -43,6 +44,24 @@ class Source:
             self._line_starts = [0, *(match.end() for match in re.finditer('\n', self.text))]
         line = bisect.bisect_right(self._line_starts, offset)
         return line, offset - self._line_starts[line - 1] + 1
+
+    def value_offset(self, attribute: int, value: str, index: int) -> int:
+        """Where the character ``index`` of the value is written of the attribute that begins at ``attribute``.
+
+        The attribute itself when its value is not the one that is written there.
+        """
+        match = _ATTRIBUTE.match(self.text, attribute)
+        if match is None:
+            return attribute
+        group = 2 if match.group(2) is not None else 3
+        written = match.group(group)
+        if _unescape(written) != value:
+            return attribute
+        for folded in _FOLDED.finditer(written):
+            if folded.start() >= index:
+                break
+            index += len(folded.group()) - len(_unescape(folded.group()))
+        return match.start(group) + index
 
     def error(self, offset: int, message: str, node: str = '') -> LoadError:
         line, column = self.position(offset)

@@ -63,7 +63,7 @@ class _Loader:
         main = self._load_one(text, file)
         if main is None and len(self._trees) == 1:
             main = next(iter(self._trees))
-        return TreeDocument(file, self._trees, main, self._models, tuple(self._warnings))
+        return TreeDocument(file, self._trees, main, self._models, tuple(self._warnings), self._registry.scripts)
 
     def _load_one(self, text: str | bytes, file: str) -> str | None:
         """Adds what one file defines; gives the tree that it names as the main one."""
