@@ -87,9 +87,9 @@ def test_the_newest_map_counts_for_plans(surveyor: Surveyor) -> None:
 def test_a_wall_that_appears_ahead_stops_the_robot_that_follows_a_path(surveyor: Surveyor) -> None:
     surveyor.publish()
     probe = surveyor.probe
-    probe.place((4.0, 4.0, 0.0))
+    probe.place((4.0, 3.95, 0.0))
     surveyor.wait_for_plan(EAST, Plan.NONE)
-    goal = probe.follow(line((4.0, 4.0), EAST))
+    goal = probe.follow(line((4.0, 3.95), (11.2, 3.95)))
     probe.wait_driving()
     surveyor.publish(wall_across_the_corridor)
     aborted(goal, FollowPath.Result.NO_VALID_CONTROL)
@@ -102,7 +102,8 @@ def test_the_same_map_again_and_cleared_costmaps_do_not_disturb_a_robot_that_dri
     probe = surveyor.probe
     probe.place(DOCK)
     surveyor.wait_for_plan(EAST, Plan.NONE)
-    goal = probe.follow(line(DOCK, (4.0, 4.45)))
+    probe.set_speed_factor(2.0)
+    goal = probe.follow(line(DOCK, (3.0, 4.45)))
     start = probe.wait_driving(0.25)
     request = INTERFACES.ClearEntireCostmap.Request()
     for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP) * 2:
@@ -110,6 +111,7 @@ def test_the_same_map_again_and_cleared_costmaps_do_not_disturb_a_robot_that_dri
         probe.ask(INTERFACES.ClearEntireCostmap, name, request)
     end = probe.later(1.0)
     assert min(probe.speeds([seen for seen in probe.sightings if start.time <= seen.time <= end.time])) > 0.24
+    probe.set_speed_factor(10.0)
     assert goal.wait().status is GoalStatus.SUCCEEDED
 
 
