@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes bt_nodes.md, the reference of the node types, from their declarations and from bt_node_examples.yaml.
+
+Usage: make_bt_nodes.py [FILE]     in a shell with the environment of the workspace
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from flexbt_server.behavior_tree import NodeManifest
+from flexbt_server.behavior_tree.ports import NO_DEFAULT
+from flexbt_server.node_types import node_registry
+
+HERE: Final = Path(__file__).parent
+HEAD: Final = """\
+# The nodes of a behavior tree
+
+Every node type that a tree may name, with its ports, what its outcome depends on, and an example. The text comes from
+the declarations of the nodes (`docs/make_bt_nodes.py` writes this page); every example is tested. Nodes of your own are
+written as the [README](../README.md) shows, and the server and its tools find and list them in the same way.
+
+A tick gives SUCCESS, FAILURE, RUNNING or SKIPPED. *Ticks* is what the ticks of an example give, one after the other,
+each at the time that the tree asks for; *before* and *after* are entries of the blackboard.
+
+Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_skipIf`, `_while` and the post-conditions
+`_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are scripts. `{key}` points to an entry of the blackboard, `{=}`
+to the one that is named as the port, and `{@key}` to an entry of the topmost tree. How the engine ticks a tree is in
+[bt_engine.md](bt_engine.md); where it differs from BehaviorTree.CPP, in [bt_differences.md](bt_differences.md).
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    examples: Mapping[str, Mapping[str, Any]] = yaml.safe_load((HERE / 'bt_node_examples.yaml').read_text())
+    broken: list[str] = []
+    registry = node_registry(lambda point, error: broken.append(f'{point}: {error}'))
+    assert not broken, broken
+    manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith('flexbt_server.')]
+    lines = [HEAD]
+    for kind in dict.fromkeys(manifest.kind for manifest in manifests):
+        lines += [f'## {kind.value} nodes', '']
+        for manifest in manifests:
+            if manifest.kind is kind:
+                lines += [*section(manifest, examples.get(manifest.id)), '']
+    return '\n'.join(lines).rstrip('\n') + '\n'
+
+
+def section(manifest: NodeManifest, example: Mapping[str, Any] | None) -> Iterator[str]:
+    """What the page says of one node type."""
+    yield f'### {manifest.id}'
+    yield ''
+    yield manifest.description.replace('``', '`')
+    least, most = manifest.children
+    if most != 0:
+        number = f'{least}' if most == least else f'{least} or more' if most is None else f'{least} to {most}'
+        yield ''
+        yield f'Children: {number}.' if manifest.kind.value != 'SubTree' else 'Attribute `ID`: the tree.'
+    if manifest.ports:
+        yield ''
+        yield '| Port | Direction | Type | Default | Meaning |'
+        yield '|---|---|---|---|---|'
+        for name, port in manifest.ports.items():
+            default = '' if port.default is NO_DEFAULT else f'`{port.default}`'
+            kind = f'`{port.type.name}`' if port.type is not None else 'any'
+            yield f'| `{name}` | {port.direction.value} | {kind} | {default} | {port.description} |'
+    if example is not None:
+        yield ''
+        yield '```xml'
+        yield example['xml']
+        if 'trees' in example:
+            yield example['trees']
+        yield '```'
+        if 'ticks' in example:
+            yield ''
+            before = f'Before: {_entries(example["before"])}. ' if 'before' in example else ''
+            after = f' After: {_entries(example["leaves"])}.' if 'leaves' in example else ''
+            yield f'{before}Ticks: {", ".join(example["ticks"])}.{after}'
+
+
+def _entries(entries: Mapping[str, Any]) -> str:
+    return ', '.join(f'`{key}` = `{value!r}`' for key, value in entries.items())
+
+
+def main() -> int:
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / 'bt_nodes.md'
+    file.write_text(page())
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

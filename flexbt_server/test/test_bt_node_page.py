@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page about the nodes: up to date, complete, and its examples do what it says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from flexbt_common.clock import ManualClock
+from flexbt_server.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
+from flexbt_server.node_types import node_registry
+
+DOCS = Path(__file__).parents[2] / 'docs'
+EXAMPLES: dict[str, dict[str, Any]] = yaml.safe_load((DOCS / 'bt_node_examples.yaml').read_text())
+REGISTRY = node_registry(lambda point, error: None)
+
+
+def test_the_page_is_what_its_program_writes(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, DOCS / 'make_bt_nodes.py', tmp_path / 'page.md'], check=True)
+    assert (DOCS / 'bt_nodes.md').read_text() == (tmp_path / 'page.md').read_text(), 'run docs/make_bt_nodes.py'
+
+
+def test_every_node_of_the_engine_has_an_example() -> None:
+    engine = {
+        manifest.id for manifest in REGISTRY if manifest.node_class.__module__.startswith('flexbt_server.behavior_tree')
+    }
+    alike = {'Switch3', 'Switch4', 'Switch5', 'Switch6', 'WouldASmootherRecoveryHelp', 'WouldARouteRecoveryHelp'}
+    assert engine - set(EXAMPLES) == alike
+
+
+@pytest.mark.parametrize('id', EXAMPLES)
+def test_an_example_gives_what_the_page_says(id: str) -> None:
+    example = EXAMPLES[id]
+    text = f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{example["xml"]}</BehaviorTree>'
+    document = load_xml(f'{text}{example.get("trees", "")}</root>', f'{id}.xml', REGISTRY)
+    assert any(node.manifest.id == id for node in document.trees['Main'].nodes())
+    board = Blackboard()
+    for key, value in example.get('before', {}).items():
+        board.set(key, value)
+    clock = ManualClock()
+    tree = Tree(TreeLibrary([document]), 'Main', blackboard=board, clock=clock)
+    given = []
+    for _ in example.get('ticks', ()):
+        given.append(tree.tick_exactly_once().name)
+        if tree.next_wake is not None:
+            clock.advance(tree.next_wake - clock.now())
+    assert given == example.get('ticks', [])
+    for key, value in example.get('leaves', {}).items():
+        assert board.get(key) == value
+    tree.halt()
