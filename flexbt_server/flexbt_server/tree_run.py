@@ -226,13 +226,11 @@ class TreeRun(Generic[Client]):
         tree = self.tree
         if tree is None:
             return outcome
-        try:
-            tree.halt()
-        except NodeExecutionError as error:
-            outcome = RunOutcome(BtExecute.Result.ERROR, f'{outcome.message}; while halting: {error}', error.node_path)
+        outcome = _halting(tree.halt, outcome)
         deadline = self._steady.now() + self._cancel_timeout
         while tree.unfinished and self._steady.now() < deadline:
-            self._bell.wait(self._steady, deadline)
+            self._bell.wait(self._steady, min(deadline, self._steady.now() + self._tick_period))
+            outcome = _halting(tree.advance_unfinished, outcome)
         if tree.unfinished:
             what = ', '.join(tree.unfinished)
             message = f'not at rest {self._cancel_timeout:g} s after the halt: {what}'
@@ -242,3 +240,12 @@ class TreeRun(Generic[Client]):
                 outcome.failed_node,
             )
         return outcome
+
+
+def _halting(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
+    """Takes a step toward rest; gives the outcome, which an error of a leaf changes."""
+    try:
+        step()
+    except NodeExecutionError as error:
+        return RunOutcome(BtExecute.Result.ERROR, f'{outcome.message}; while halting: {error}', error.node_path)
+    return outcome

@@ -13,6 +13,7 @@
 
 from .blackboard import EMPTY, Blackboard, Entry
 from .context import TransitionObserver, TreeContext, UnfinishedWork
+from .coroutine import CoroutineAction
 from .definition import NodeDefinition, TreeDefinition, TreeDocument
 from .errors import (
     BehaviorTreeError,
@@ -26,14 +27,16 @@ from .errors import (
     TreeLoadError,
 )
 from .instantiation import SubTreeInstance
-from .leaves import Condition, StatefulAction, SyncAction
+from .leaves import Condition, Halted, StatefulAction, SyncAction
 from .library import TreeKey, TreeLibrary
 from .node import Control, Decorator, NodeConfig, TreeNode
 from .port_types import PortType
 from .ports import Port, PortDirection, inout_port, input_port, output_port
 from .registry import NodeManifest, NodeRegistry, builtin_registry
 from .script import ScriptLibrary
+from .simple import SimpleAction, SimpleDecorator, simple_action, simple_condition, simple_decorator
 from .status import NodeKind, NodeStatus
+from .threaded import ThreadedAction
 from .tree import Failure, Tree
 from .xml_reader import IncludeResolver, load_xml
 
@@ -45,9 +48,11 @@ __all__ = [
     'Condition',
     'Control',
     'ConversionError',
+    'CoroutineAction',
     'Decorator',
     'Entry',
     'Failure',
+    'Halted',
     'IncludeResolver',
     'LoadError',
     'NodeConfig',
@@ -64,9 +69,12 @@ __all__ = [
     'RegistrationError',
     'ScriptError',
     'ScriptLibrary',
+    'SimpleAction',
+    'SimpleDecorator',
     'StatefulAction',
     'SubTreeInstance',
     'SyncAction',
+    'ThreadedAction',
     'TransitionObserver',
     'Tree',
     'TreeContext',
@@ -82,4 +90,7 @@ __all__ = [
     'input_port',
     'load_xml',
     'output_port',
+    'simple_action',
+    'simple_condition',
+    'simple_decorator',
 ]

@@ -21,11 +21,12 @@ TransitionObserver = Callable[['TreeNode', 'NodeStatus', 'NodeStatus'], None]
 class UnfinishedWork:
     """Work of a leaf that goes on after the leaf was halted, such as a goal whose cancelling is not confirmed yet."""
 
-    __slots__ = ('_context', 'description')
+    __slots__ = ('_context', 'advance', 'description')
 
-    def __init__(self, context: TreeContext, description: str) -> None:
+    def __init__(self, context: TreeContext, description: str, advance: Callable[[], None] | None) -> None:
         self._context = context
         self.description = description
+        self.advance = advance
 
     def done(self) -> None:
         """The work has ended. From any thread; harmless when it was called before."""
@@ -36,7 +37,8 @@ class TreeContext:
     """Shared by all nodes of one running tree; every node has it as ``self.context``.
 
     ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
-    ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree.
+    ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
+    work that needs ticks.
     """
 
     def __init__(self, clock: Clock, services: Any, scripts: ScriptLibrary) -> None:
@@ -48,6 +50,7 @@ class TreeContext:
         self.on_transition: TransitionObserver | None = None
         self.deadlines: dict[TreeNode, float] = {}
         self.halt_errors: list[NodeExecutionError] = []
+        self.advancing = False
         self._unfinished: list[UnfinishedWork] = []
         self._lock = threading.Lock()
 
@@ -59,12 +62,24 @@ class TreeContext:
         if on_wake is not None:
             on_wake()
 
-    def add_unfinished(self, description: str) -> UnfinishedWork:
-        """Registers work that has to end before the tree is at rest; call ``done()`` of what is returned at its end."""
-        work = UnfinishedWork(self, description)
+    def add_unfinished(self, description: str, advance: Callable[[], None] | None = None) -> UnfinishedWork:
+        """Registers work that has to end before the tree is at rest; call ``done()`` of what is returned at its end.
+
+        Work that needs ticks to come to its end gives ``advance``: each tick calls it, and after the last the host.
+        """
+        work = UnfinishedWork(self, description, advance)
         with self._lock:
             self._unfinished.append(work)
+            self.advancing = self.advancing or advance is not None
         return work
+
+    def advance_unfinished(self) -> None:
+        """One step of all work that needs ticks to come to its end. On the ticking thread."""
+        with self._lock:
+            works = tuple(self._unfinished)
+        for work in works:
+            if work.advance is not None:
+                work.advance()
 
     def finish(self, work: UnfinishedWork) -> None:
         """See :meth:`UnfinishedWork.done`."""
@@ -72,6 +87,7 @@ class TreeContext:
             if work not in self._unfinished:
                 return
             self._unfinished.remove(work)
+            self.advancing = any(other.advance is not None for other in self._unfinished)
         on_wake = self.on_wake
         if on_wake is not None:
             on_wake()

@@ -9,6 +9,10 @@ from .node import NodeConfig, TreeNode
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 
 
+class Halted(BaseException):
+    """Raised where the work of a leaf waits, in a thread or a coroutine, when the leaf was halted. Let it pass."""
+
+
 class LeafNode(TreeNode):
     """A node without children."""
 

@@ -117,6 +117,8 @@ class Tree:
             now = self.context.clock.now()
             for node in [node for node, when in deadlines.items() if when <= now]:
                 del deadlines[node]
+        if self.context.advancing:
+            self.context.advance_unfinished()
         try:
             status = self._entry()
         except PortError as error:
@@ -185,6 +187,15 @@ class Tree:
     def unfinished(self) -> tuple[str, ...]:
         """What leaves that were halted have not finished yet, described for people. ``on_wake`` tells of changes."""
         return self.context.unfinished
+
+    def advance_unfinished(self) -> None:
+        """Lets leaves go on that were halted and need ticks to come to their end.
+
+        A host that waits until nothing is :attr:`unfinished` calls it when the tree is woken, and now and then. Raises
+        NodeExecutionError as :meth:`halt` does.
+        """
+        self.context.advance_unfinished()
+        self._raise_halt_errors()
 
     # -- what can be seen --------------------------------------------------------------------------------------------
 
