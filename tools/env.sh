@@ -23,6 +23,9 @@ elif [ ! -f "$FLEXBT_ROOT/install/local_setup.sh" ] || [ ! -f "$FLEXBT_ROOT/inst
   false
 else
   export FLEXBT_ROOT
+  # The scripts of colcon and of ROS 2 cannot be sourced under `set -u`.
+  _flexbt_options=$-
+  set +u
   # shellcheck disable=SC1091
   . "$FLEXBT_ROOT/install/flexbt_underlay.sh"
   if [ -n "${BASH_VERSION:-}" ]; then
@@ -36,6 +39,8 @@ else
     . "$FLEXBT_ROOT/install/local_setup.sh"
   fi
 
+  case $_flexbt_options in *u*) set -u ;; esac
+
   for _flexbt_package in server onboard console sim demo_behaviors; do
     _flexbt_directory=$FLEXBT_ROOT/install/flexbt_$_flexbt_package/lib/flexbt_$_flexbt_package
     case ":$PATH:" in
@@ -44,10 +49,10 @@ else
     esac
   done
   export PATH
-  unset _flexbt_package _flexbt_directory
+  unset _flexbt_package _flexbt_directory _flexbt_options
 
   # Only this computer; quick discovery, and a crash is noticed within 2 s; logs beside the others of the workspace.
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
   export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$FLEXBT_ROOT/tools/fastdds.xml}"
-  export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"
+  if [ -w "$FLEXBT_ROOT" ]; then export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"; fi
 fi

@@ -16,7 +16,8 @@ print(getattr(sys, "_base_executable", "") or sys.executable)' ${2:+"$2"} 2>/dev
 
 if [ -n "${PYTHON:-}" ]; then
   python=$(probe "$PYTHON") || {
-    printf 'error: PYTHON=%s does not run as Python 3.11 or 3.12.\n' "$PYTHON" >&2
+    printf 'error: PYTHON=%s is not a Python 3.11 or 3.12: %s\n' "$PYTHON" "$("$PYTHON" -V 2>&1)" >&2
+    printf 'remedy: name another, or none to have one searched for\n' >&2
     exit 1
   }
 else

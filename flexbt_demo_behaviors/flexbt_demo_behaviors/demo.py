@@ -39,7 +39,7 @@ def main() -> int:
         with own_domain() as domain:
             set_environment()
             return _run(options, domain)
-    except (DemoError, ConsoleError, NoFreeDomainError, FileNotFoundError, LookupError) as error:
+    except (DemoError, ConsoleError, NoFreeDomainError, OSError, LookupError) as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
     except Interrupted as interruption:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 from .errors import CommandError
 from .layout import Layout, Package
-from .stamps import hash_of, read_stamp, write_stamp
+from .stamps import STAMP, hash_of, read_stamp, remove, write_stamp
 from .terminal import run_logged, step
 from .underlay import Underlay
 from .virtual_environment import VirtualEnvironment
@@ -37,7 +36,7 @@ class Build:
         self._underlay = underlay
         self._venv = venv
         self._environment = environment
-        self._stamp = layout.build / 'flexbt-stamp.json'
+        self._stamp = layout.build / STAMP
 
     def was_done(self) -> bool:
         """Whether the workspace was built on this underlay before."""
@@ -60,8 +59,9 @@ class Build:
             self._record(built, building=stale)
             try:
                 self._colcon_build(stale, lock)
-            except CommandError:
-                self._record(built, building=[])  # it ended by itself, so what it left can be built on
+            except CommandError as error:
+                if not error.was_killed:  # then what it left can be built on
+                    self._record(built, building=[])
                 raise
         self._write_underlay_setup()
         self._record({**built, **{name: wanted[name] for name in stale}}, building=[])
@@ -110,12 +110,12 @@ class Build:
         reason = 'the underlay or the place of the workspace has changed' if changed else 'made by something else'
         print(f'  removing build/ and install/ ({reason})', flush=True)
         for path in present:
-            shutil.rmtree(path)
+            remove(path)
 
     def _remove(self, names: Iterable[str]) -> None:
         for name in names:
             for space in (self._layout.build, self._layout.install):
-                shutil.rmtree(space / name, ignore_errors=True)
+                remove(space / name)
 
     def _installed(self, name: str) -> bool:
         return (self._layout.install / name / 'share' / name / 'package.xml').exists()

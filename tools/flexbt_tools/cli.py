@@ -6,16 +6,17 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
-import shutil
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
 
 from . import bench, lint, prerequisites, test_run
-from .errors import WorkspaceError
+from .errors import WorkspaceError, of_system
 from .layout import Layout
+from .stamps import remove
 from .terminal import report
 from .workspace import Workspace
 
@@ -38,9 +39,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     clean.add_argument('--all', action='store_true', help='also .venv and the caches')
     options = parser.parse_args(arguments)
 
-    signal.signal(signal.SIGTERM, _interrupt)
+    layout = Layout.of_this_file()
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+            signal.signal(number, _interrupt)
     try:
-        layout = Layout.of_this_file()
         if options.command == 'clean':
             return _clean(layout, everything=options.all)
         workspace = _set_up(layout)
@@ -51,15 +54,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except WorkspaceError as error:
         report(error)
         return 1
+    except OSError as error:
+        report(of_system(error, layout.root))
+        return 1
     except KeyboardInterrupt:
         print('\ninterrupted; the same command goes on from here', file=sys.stderr)
         return _INTERRUPTED
 
 
 def _set_up(layout: Layout) -> Workspace:
-    """Makes sure that everything is installed and built. Two at a time wait for each other."""
+    """Makes sure that everything is installed and built."""
     start = time.monotonic()
     workspace = Workspace(layout, os.environ)
+    with _alone(layout) as lock:
+        if not workspace.is_installed():
+            print(f'set-up on {workspace.underlay.describe()}', flush=True)
+            prerequisites.check(workspace.underlay, layout, workspace.clean_environment)
+        workspace.ensure(lock)
+    print(f'set-up is complete ({time.monotonic() - start:.1f} s)', flush=True)
+    return workspace
+
+
+@contextmanager
+def _alone(layout: Layout) -> Iterator[int]:
+    """Waits until no other set-up or clean of this workspace is at work; gives the descriptor that keeps it so."""
     lock = os.open(layout.root, os.O_RDONLY)
     try:
         try:
@@ -67,14 +85,9 @@ def _set_up(layout: Layout) -> Workspace:
         except BlockingIOError:
             print('another set-up of this workspace is at work; waiting for it', flush=True)
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if not workspace.is_installed():
-            print(f'set-up on {workspace.underlay.describe()}', flush=True)
-            prerequisites.check(workspace.underlay, layout, workspace.clean_environment)
-        workspace.ensure(lock)
+        yield lock
     finally:
         os.close(lock)
-    print(f'set-up is complete ({time.monotonic() - start:.1f} s)', flush=True)
-    return workspace
 
 
 def _clean(layout: Layout, *, everything: bool) -> int:
@@ -84,9 +97,9 @@ def _clean(layout: Layout, *, everything: bool) -> int:
             layout.venv,
             *(layout.root / name for name in ('.mypy_cache', '.pytest_cache', '.ruff_cache', '.hypothesis')),
         ]
-    for place in places:
-        if place.exists():
-            shutil.rmtree(place)
+    with _alone(layout):
+        for place in places:
+            remove(place)
     return 0
 
 

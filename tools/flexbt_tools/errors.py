@@ -7,6 +7,8 @@ WorkspaceError            what went wrong, and the remedy
 
 from __future__ import annotations
 
+import errno
+import shlex
 from pathlib import Path
 
 
@@ -24,10 +26,32 @@ class CommandError(WorkspaceError):
 
     def __init__(self, what: str, code: int, log: Path, remedy: str = '') -> None:
         ending = f'was killed by signal {-code}' if code < 0 else f'ended with exit code {code}'
-        super().__init__(f'{what} {ending}', remedy)
+        super().__init__(f'{what} {ending}', remedy if code > 0 else 'run the same command again')
         self.code = code
         self.log = log
+
+    @property
+    def was_killed(self) -> bool:
+        """Whether a signal ended it, so that it could not clean up after itself."""
+        return self.code < 0
 
     def tail(self, lines: int = 25) -> list[str]:
         """The last lines of the log."""
         return self.log.read_text(encoding='utf-8', errors='replace').splitlines()[-lines:]
+
+
+def of_system(error: OSError, root: Path) -> WorkspaceError:
+    """What the operating system refused to the tooling of the workspace at `root`, with what usually mends it."""
+    what = f'{error.filename or root}: {error.strerror or error}'
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return WorkspaceError(what, write_remedy(root))
+    if error.errno == errno.EROFS:
+        return WorkspaceError(what, 'clone to a file system that can be written to')
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return WorkspaceError(what, 'free disk space, then run the same command again')
+    return WorkspaceError(what)
+
+
+def write_remedy(root: Path) -> str:
+    """What makes the workspace at `root` writable."""
+    return f'sudo chown -R "$(id -u)" {shlex.quote(str(root))}   (or clone to a place of your own)'

@@ -4,21 +4,26 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import platform
 import re
 import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import WorkspaceError
+from .errors import WorkspaceError, write_remedy
 from .layout import Layout
+from .stamps import STAMP
 from .underlay import DISTRIBUTION, Underlay
 
-DISK_SPACE = 1_500_000_000  # bytes: virtual environment 0.7 GB, build 0.2 GB, the downloads
+SPACE_OF_WHEELS = 1_000_000_000  # bytes: virtual environment 0.6 GB, the downloads
+SPACE_OF_PIP = 300_000_000  # bytes of temporary files, at most 0.15 GB
+SPACE_OF_BUILD = 300_000_000  # bytes: 0.1 GB on the wheels; an installation also builds the C++ interfaces
 OLDEST_GLIBC = (2, 28)  # the wheels are manylinux_2_28
 OLDEST_CMAKE = (3, 22)
 FIRST_BAD_CMAKE = (4, 0)  # refuses the cmake_minimum_required of several ament packages
@@ -66,14 +71,27 @@ def _missing(underlay: Underlay, layout: Layout, environment: Mapping[str, str])
     for program, package in (('g++', 'g++'), ('make', 'make')):
         if shutil.which(program, path=path) is None:
             yield Missing(f'the program {program}', package)
-    free = shutil.disk_usage(layout.root).free
-    if free < DISK_SPACE and not (layout.venv.exists() and layout.install.exists()):
-        needed = DISK_SPACE / 1e9
-        yield Missing(
-            f'disk space: {free / 1e9:.1f} GB are free below {layout.root}, {needed:.1f} GB are needed',
-            'free disk space, or clone to another disk',
-        )
+    if not os.access(layout.root, os.W_OK | os.X_OK):
+        yield Missing(f'the permission to write to {layout.root}', write_remedy(layout.root))
+    yield from _missing_space(underlay, layout)
     yield from _missing_for_wheels() if underlay.is_wheels else _missing_for_installation(environment)
+
+
+def _missing_space(underlay: Underlay, layout: Layout) -> Iterator[Missing]:
+    wheels = underlay.is_wheels and not (layout.venv / STAMP).exists()
+    build = not (layout.build / STAMP).exists()
+    needs = [
+        (layout.root, SPACE_OF_WHEELS * wheels + SPACE_OF_BUILD * build, 'free disk space, or clone to another disk')
+    ]
+    if wheels:
+        place = Path(tempfile.gettempdir())
+        needs.append((place, SPACE_OF_PIP, f'free space in {place}, or set TMPDIR to a directory on another disk'))
+    for directory, needed, remedy in needs:
+        free = shutil.disk_usage(directory).free
+        if free < needed:
+            yield Missing(
+                f'disk space: {free / 1e9:.1f} GB are free in {directory}, {needed / 1e9:.1f} GB are needed', remedy
+            )
 
 
 def _missing_for_wheels() -> Iterator[Missing]:

@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What was done last, in small JSON files; and hashes of what it was made from."""
+"""What was done last, in small JSON files in the directories that it made; and hashes of what it was made from.
+
+A directory without a stamp is not to be relied on: the stamp is written last and removed first."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+
+STAMP = 'flexbt-stamp.json'
 
 
 def read_stamp(file: Path) -> dict[str, Any]:
@@ -25,6 +30,15 @@ def write_stamp(file: Path, content: dict[str, Any]) -> None:
     fresh = file.with_name(file.name + '.new')
     fresh.write_text(json.dumps(content, indent=1, sort_keys=True) + '\n', encoding='utf-8')
     fresh.replace(file)
+
+
+def remove(path: Path) -> None:
+    """Removes a directory, a file or a link, if there is one; the stamp first, in case of an interruption."""
+    if path.is_dir() and not path.is_symlink():
+        (path / STAMP).unlink(missing_ok=True)
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def hash_of(files: Iterable[Path], root: Path, *, names_only: Iterable[Path] = ()) -> str:

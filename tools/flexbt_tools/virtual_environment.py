@@ -4,23 +4,25 @@
 from __future__ import annotations
 
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from .errors import CommandError
 from .layout import Layout
 from .prerequisites import suitable_cmake
-from .stamps import hash_of, read_stamp, write_stamp
+from .stamps import STAMP, hash_of, read_stamp, remove, write_stamp
 from .terminal import Step, run_logged, step
 
 _REQUIREMENTS = ('requirements-ros.txt', 'requirements.txt', 'requirements-dev.txt')
 _CMAKE_REQUIREMENTS = 'requirements-cmake.txt'
 _CONSTRAINTS = 'constraints.txt'
-_OFFLINE = (
-    'check the network, and the proxy if there is one (HTTPS_PROXY, PIP_INDEX_URL); then run the same command again'
+_PIP_REMEDY = (
+    'mend what the log names: most often the network, or the proxy (HTTPS_PROXY, PIP_INDEX_URL); '
+    'then run the same command again'
 )
+_BASE_PYTHON = Path(getattr(sys, '_base_executable', None) or sys.executable)  # workspace.sh has looked for it
 
 # Sourced by colcon's scripts as the set-up of a prefix, and by tools/env.sh. POSIX sh, bash and zsh.
 _LOCAL_SETUP = """\
@@ -57,8 +59,7 @@ class VirtualEnvironment:
         self._environment = environment
         self.path = layout.venv
         self.python = self.path / 'bin' / 'python'
-        self._stamp = self.path / 'flexbt-stamp.json'
-        self._unfinished = self.path / 'flexbt-unfinished'  # exists while pip works
+        self._stamp = self.path / STAMP
 
     @property
     def local_setup(self) -> Path:
@@ -70,7 +71,7 @@ class VirtualEnvironment:
 
     def is_current(self) -> bool:
         """Whether there is nothing to do. Reads a few small files only."""
-        return self.python.exists() and not self._unfinished.exists() and read_stamp(self._stamp) == self._wanted()
+        return self._has_chosen_python() and read_stamp(self._stamp) == self._wanted()
 
     def ensure(self, lock: int) -> None:
         """Makes the environment, or installs what changed. `lock` is held open by the commands.
@@ -86,7 +87,6 @@ class VirtualEnvironment:
             self._install(shown, lock)
         self._write_setup_files()
         write_stamp(self._stamp, self._wanted())
-        self._unfinished.unlink(missing_ok=True)
 
     def interpreter(self) -> str:
         """The interpreter and its version, as the identity of what is built with it."""
@@ -109,8 +109,8 @@ class VirtualEnvironment:
         return [self._layout.tools / name for name in (*_REQUIREMENTS, _CMAKE_REQUIREMENTS, _CONSTRAINTS)]
 
     def _usable(self) -> bool:
-        """Whether what is there can be completed: of a supported Python, at this place, with a sound pip."""
-        if self._unfinished.exists() or not self.python.exists():
+        """Whether what is there can be completed: of the right Python, at this place, with a sound pip."""
+        if not self._stamp.exists() or not self._has_chosen_python():
             return False
         look = 'import sys, pip; print(sys.prefix); sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))'
         try:
@@ -121,13 +121,15 @@ class VirtualEnvironment:
         moved = colcon.exists() and str(self.path).encode() not in colcon.read_bytes()[:500]
         return answer.returncode == 0 and answer.stdout.strip() == str(self.path) and not moved
 
+    def _has_chosen_python(self) -> bool:
+        """Whether its interpreter exists, and is the one that PYTHON names where that is set."""
+        chosen = self._environment.get('PYTHON')
+        return self.python.exists() and (not chosen or self.python.resolve() == _BASE_PYTHON.resolve())
+
     def _create(self, shown: Step, lock: int) -> None:
-        if self.path.exists():
-            shutil.rmtree(self.path)
-        base = getattr(sys, '_base_executable', None) or sys.executable
-        self._run(
-            [base, '-E', '-m', 'venv', self.path], 'setup-venv.log', 'making the virtual environment', shown, lock
-        )
+        remove(self.path)
+        command: list[str | Path] = [_BASE_PYTHON, '-E', '-m', 'venv', self.path]
+        self._run(command, 'setup-venv.log', 'making the virtual environment', shown, lock)
         shown.outcome = f'made with Python {sys.version_info.major}.{sys.version_info.minor}.{sys.version_info.micro}'
 
     def _install(self, shown: Step, lock: int) -> None:
@@ -136,11 +138,13 @@ class VirtualEnvironment:
         command += ['--progress-bar', 'off', '--constraint', self._layout.tools / _CONSTRAINTS]
         for name in names:
             command += ['--requirement', self._layout.tools / name]
-        self._unfinished.touch()
+        before = read_stamp(self._stamp)
+        self._stamp.unlink(missing_ok=True)
         try:
-            self._run(command, 'setup-pip.log', 'pip', shown, lock, _OFFLINE)
-        except Exception:
-            self._unfinished.unlink()  # pip has cleaned up after itself; only when it was killed has it not
+            self._run(command, 'setup-pip.log', 'pip', shown, lock, _PIP_REMEDY)
+        except CommandError as error:
+            if before and not error.was_killed:  # then it has taken back what it had begun
+                write_stamp(self._stamp, before)
             raise
         shown.outcome = 'installed'
 

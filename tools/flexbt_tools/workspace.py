@@ -39,8 +39,8 @@ class Workspace:
         self._build = Build(layout, self.underlay, self.venv, self.clean_environment)
 
     def is_installed(self) -> bool:
-        """Whether the tools are there (the build may still be out of date)."""
-        return self.venv.is_current() if self.underlay.is_wheels else self._build.was_done()
+        """Whether the tools are there, and everything was built once (which may be out of date)."""
+        return self._build.was_done() and (not self.underlay.is_wheels or self.venv.is_current())
 
     def ensure(self, lock: int) -> None:
         """Installs and builds what is missing; `lock` is a descriptor that the commands keep open."""

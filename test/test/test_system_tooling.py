@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The set-up on machines that lack something: it says so before it begins, and names the remedy."""
+
+import fcntl
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TIMEOUT_S = 60
+PYTHON = Path(sys.base_prefix) / 'bin' / f'python3.{sys.version_info.minor}'
+
+
+class Machine:
+    """A clone that was never set up, on a machine that has the programs of its directory `bin` only."""
+
+    def __init__(self, directory: Path, clone: str) -> None:
+        self.clone = directory / clone
+        self.bin = directory / 'bin'
+        self.bin.mkdir()
+        shutil.copytree(ROOT / 'tools', self.clone / 'tools', ignore=shutil.ignore_patterns('__pycache__'))
+        for program in ('sh', 'dirname', 'g++', 'make'):
+            self.install(program, shutil.which(program) or os.devnull)
+        self.install('python3', PYTHON)
+
+    def install(self, name: str, program: str | Path) -> None:
+        (self.bin / name).symlink_to(program)
+
+    def install_script(self, name: str, text: str) -> Path:
+        file = self.bin / name
+        file.write_text(f'#!/bin/sh\n{text}\n', encoding='utf-8')
+        file.chmod(0o755)
+        return file
+
+    def start(self, command: str, **environment: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [self.clone / 'tools' / 'workspace.sh', command],
+            env={'HOME': str(self.clone), 'PATH': str(self.bin), **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def refusal(self, **environment: str) -> str:
+        """What the set-up prints when it refuses to begin."""
+        process = self.start('setup', **environment)
+        text, _ = process.communicate(timeout=TIMEOUT_S)
+        assert process.returncode == 1, text
+        assert 'Traceback' not in text
+        assert not (self.clone / '.venv').exists()
+        return text
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path, 'clone')
+
+
+def test_no_compiler(machine: Machine) -> None:
+    (machine.bin / 'g++').unlink()
+    text = machine.refusal()
+    assert 'lacks the program g++' in text
+    assert 'sudo apt-get install g++' in text
+
+
+def test_a_python_of_another_version(machine: Machine) -> None:
+    fake = machine.install_script('python3.9', 'if [ "$1" = -V ]; then echo Python 3.9.18; else exit 1; fi')
+    text = machine.refusal(PYTHON=str(fake))
+    assert f'PYTHON={fake} is not a Python 3.11 or 3.12: Python 3.9.18' in text
+    assert 'remedy:' in text
+
+
+def test_another_ros_distribution(machine: Machine) -> None:
+    text = machine.refusal(ROS_DISTRO='humble', AMENT_PREFIX_PATH='/opt/ros/humble')
+    assert 'ROS_DISTRO=humble is sourced' in text
+    assert '/opt/ros/jazzy/setup.bash' in text
+
+
+def test_an_installation_of_ros_without_colcon_and_cmake(machine: Machine) -> None:
+    prefix = machine.clone.parent / 'jazzy'
+    (prefix / 'share' / 'rclpy').mkdir(parents=True)
+    (prefix / 'share' / 'rclpy' / 'package.xml').touch()
+    text = machine.refusal(ROS_DISTRO='jazzy', AMENT_PREFIX_PATH=str(prefix))
+    assert f'set-up on ROS 2 Jazzy in {prefix}' in text
+    assert 'the program colcon' in text
+    assert 'sudo apt-get install cmake python3-colcon-common-extensions' in text
+
+
+@pytest.mark.parametrize('name', ['a space', 'a:colon', "it's"])
+def test_a_path_that_ros_cannot_build_in(tmp_path: Path, name: str) -> None:
+    text = Machine(tmp_path, name).refusal()
+    assert f'the path of the clone, {tmp_path / name}, contains' in text
+    assert 'move the clone' in text
+
+
+def test_two_at_a_time_wait_for_each_other(machine: Machine) -> None:
+    lock = os.open(machine.clone, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        process = machine.start('clean')
+        assert process.stdout is not None
+        assert 'waiting for it' in process.stdout.readline()
+        assert process.poll() is None
+    finally:
+        os.close(lock)
+    process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 0
+
+
+@pytest.mark.skipif(not (ROOT / 'install' / 'flexbt_underlay.sh').exists(), reason='built by colcon alone')
+@pytest.mark.parametrize('shell', ['bash', 'dash', 'zsh'])
+def test_the_environment_in_a_strict_shell(shell: str, tmp_path: Path) -> None:
+    """Sourced from elsewhere, twice, under `set -eu`; a plain sh has to be told where the workspace is."""
+    program = shutil.which(shell)
+    if program is None:
+        pytest.skip(f'{shell} is not installed')
+    source = '. "$0/tools/env.sh"'
+    script = f'{source}; before=$PATH; {source}; test "$before" = "$PATH"; set -o | grep nounset; command -v bt_server'
+    environment = {'HOME': str(tmp_path), 'PATH': os.defpath}
+    if shell == 'dash':
+        environment['FLEXBT_ROOT'] = str(ROOT)
+    ended = subprocess.run(
+        [program, '-euc', script, ROOT],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert ended.returncode == 0, ended.stderr
+    nounset, executable = ended.stdout.splitlines()
+    assert nounset.split()[-1] == 'on'
+    assert executable == f'{ROOT}/install/flexbt_server/lib/flexbt_server/bt_server'
