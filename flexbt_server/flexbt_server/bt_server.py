@@ -26,6 +26,7 @@ from flexbt_server.node_types import node_registry
 from flexbt_server.parameters import declare_parameters
 from flexbt_server.topic_cache import TopicCaches
 from flexbt_server.tree_store import TreeStore
+from flexbt_server.trigger_services import TriggerServices
 
 
 class BtServer:
@@ -39,7 +40,9 @@ class BtServer:
         """
         parameters = runtime.call(lambda: declare_parameters(runtime.node))
         logger = runtime.node.get_logger()
-        registry = node_registry(lambda source, error: logger.error(f'nodes of [{source}] not added: {error!r}'))
+        registry = node_registry(
+            lambda source, error: logger.error(f'nodes of [{source}] not added: {error!r}'), parameters.nav2_dialect
+        )
         store = TreeStore(registry, parameters.allowed_directories, parameters.max_file_size, parameters.max_depth)
         self._preload(store, parameters.preload)
         boards = Blackboards()
@@ -48,6 +51,7 @@ class BtServer:
             actions=ActionLinks(runtime),
             services=ServiceLinks(runtime),
             topics=TopicCaches(runtime),
+            triggers=TriggerServices(runtime),
             navigation=navigation_interfaces.load(parameters.navigation_interfaces),
             pose_topic=parameters.pose_topic,
             server_timeout=parameters.server_timeout,

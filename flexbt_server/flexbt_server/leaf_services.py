@@ -10,6 +10,7 @@ from flexbt_common.navigation_interfaces import NavigationInterfaces
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.service_call import ServiceLinks
 from flexbt_server.topic_cache import TopicCaches
+from flexbt_server.trigger_services import TriggerServices
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,8 @@ class LeafServices:
     """Shared by all leaves of a server; ``node.services`` of a leaf.
 
     ``runtime`` owns the node and the thread on which everything of rclpy happens; ``actions`` and ``services`` are
-    the shared clients, ``topics`` the shared subscriptions; ``navigation`` are the types of the navigation actions;
+    the shared clients, ``topics`` the shared subscriptions, ``triggers`` the services that nodes of trees offer;
+    ``navigation`` are the types of the navigation actions;
     ``pose_topic`` is the topic of the robot's pose. ``server_timeout`` and ``cancel_timeout`` are the deadlines for
     acceptance and for the confirmation of a cancel, in seconds of wall time.
     """
@@ -26,6 +28,7 @@ class LeafServices:
     actions: ActionLinks
     services: ServiceLinks
     topics: TopicCaches
+    triggers: TriggerServices
     navigation: NavigationInterfaces
     pose_topic: str
     server_timeout: float

@@ -14,16 +14,16 @@ ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 """Group of the entry points by which an installed package adds node types: functions that take the registry."""
 
 
-def node_registry(on_broken: Callable[[str, Exception], None]) -> NodeRegistry:
-    """A registry with everything that is installed.
+def node_registry(on_broken: Callable[[str, Exception], None], dialect: nav2_nodes.Dialect = 'jazzy') -> NodeRegistry:
+    """A registry with everything that is installed. ``dialect`` is the branch of Nav2 whose nodes its trees expect.
 
     ``on_broken(source, error)`` is told of an entry point or a module whose nodes cannot be used; the others can.
     """
     registry = builtin_registry()
-    nav2_nodes.register(registry)
+    nav2_nodes.register(registry, dialect)
     points = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
     sources: list[tuple[str, Callable[[], Callable[[NodeRegistry], None]]]] = [
-        ('flexbt_server.leaves', _ros_leaves),
+        ('flexbt_server.leaves', lambda: _ros_leaves(dialect)),
         *((f'{point.name} = {point.value}', point.load) for point in points),
     ]
     for name, load in sources:
@@ -34,7 +34,7 @@ def node_registry(on_broken: Callable[[str, Exception], None]) -> NodeRegistry:
     return registry
 
 
-def _ros_leaves() -> Callable[[NodeRegistry], None]:
+def _ros_leaves(dialect: nav2_nodes.Dialect) -> Callable[[NodeRegistry], None]:
     from flexbt_server.leaves import register_leaves
 
-    return register_leaves
+    return lambda registry: register_leaves(registry, dialect)

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from flexbt_common import names
 from flexbt_common.navigation_interfaces import CHOICES
+from flexbt_server.behavior_tree.nav2_nodes import DIALECTS, Dialect
 from flexbt_server.behavior_tree.xml_parser import MAX_BYTES, MAX_DEPTH
 from flexbt_server.errors import ServerParameterError
 
@@ -33,6 +34,7 @@ class ServerParameters:
     preload: tuple[str, ...]
     allowed_directories: tuple[Path, ...]
     navigation_interfaces: str
+    nav2_dialect: Dialect
     tick_rate: float
     feedback_rate: float
     server_timeout: float
@@ -86,11 +88,16 @@ def declare_parameters(node: Node) -> ServerParameters:
         raise ServerParameterError(
             f"parameter '{names.NAVIGATION_INTERFACES}': {interfaces!r} is not one of {', '.join(CHOICES)}"
         )
+    written = str(declare('nav2_dialect', 'jazzy', f'branch of Nav2 whose trees are run: {", ".join(DIALECTS)}'))
+    dialect = next((known for known in DIALECTS if known == written), None)
+    if dialect is None:
+        raise ServerParameterError(f"parameter 'nav2_dialect': {written!r} is not one of {', '.join(DIALECTS)}")
     return ServerParameters(
         default_tree=str(declare('default_tree', '', 'tree of a goal that names none: ID or package/path.xml')),
         preload=strings('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
         allowed_directories=directories,
         navigation_interfaces=interfaces,
+        nav2_dialect=dialect,
         tick_rate=real(
             'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'
         ),

@@ -8,7 +8,14 @@ from typing import Any, ClassVar
 
 from std_msgs.msg import Bool
 
-from flexbt_server.behavior_tree import NodeRegistry, NodeStatus, StatefulAction, SyncAction, input_port
+from flexbt_server.behavior_tree import (
+    CoroutineAction,
+    NodeRegistry,
+    NodeStatus,
+    StatefulAction,
+    SyncAction,
+    input_port,
+)
 from flexbt_server.behavior_tree.port_types import STRING
 from flexbt_server.leaves import TopicCondition
 
@@ -54,6 +61,32 @@ class NeverRests(StatefulAction):
         self.context.add_unfinished('a motor that still turns')
 
 
+class TidiesUp(CoroutineAction):
+    """Runs for ever, and needs several ticks to stop."""
+
+    tidied: ClassVar[threading.Event] = threading.Event()
+
+    async def run(self) -> NodeStatus:
+        try:
+            while True:
+                await self.next_tick()
+        finally:
+            for _ in range(3):
+                await self.sleep(0.02)
+            self.tidied.set()
+
+
+class Counts(SyncAction):
+    """Adds one to an entry."""
+
+    ports: ClassVar[dict[str, Any]] = {'key': input_port(STRING)}
+
+    def tick(self) -> NodeStatus:
+        key = self.get_input('key')
+        self.blackboard.set(key, self.blackboard.get_or(key, 0) + 1)
+        return NodeStatus.SUCCESS
+
+
 class DoorOpen(TopicCondition):
     """SUCCESS while the last message on 'door' says true."""
 
@@ -66,5 +99,5 @@ class DoorOpen(TopicCondition):
 
 def register(registry: NodeRegistry) -> None:
     """The entry point."""
-    for node in (Blocks, Raises, Nonsense, NeverRests, DoorOpen):
+    for node in (Blocks, Raises, Nonsense, NeverRests, TidiesUp, Counts, DoorOpen):
         registry.register(node.__name__, node)

@@ -161,6 +161,16 @@ def test_a_leaf_that_does_not_come_to_rest_is_an_error_in_time() -> None:
         assert 'a motor that still turns' in goal.result.message
 
 
+def test_a_leaf_that_needs_several_ticks_to_stop_gets_them(world: World) -> None:
+    server_nodes.TidiesUp.tidied.clear()
+    world.client.load_tree('<TidiesUp/>')
+    goal = world.client.execute()
+    until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.CANCELED
+    assert server_nodes.TidiesUp.tidied.is_set()
+
+
 def test_a_new_goal_takes_the_running_tree_over(world: World) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]

@@ -6,7 +6,15 @@ from __future__ import annotations
 from typing import Final
 
 from flexbt_server.behavior_tree import NodeRegistry, TreeNode
-from flexbt_server.leaves import navigation_actions, path_leaves, service_leaf, topic_leaf
+from flexbt_server.behavior_tree.nav2_nodes import Dialect
+from flexbt_server.leaves import (
+    motion_decorators,
+    navigation_actions,
+    path_leaves,
+    pause_control,
+    service_leaf,
+    topic_leaf,
+)
 
 LEAVES: Final[tuple[type[TreeNode], ...]] = (
     navigation_actions.ComputePathToPose,
@@ -30,10 +38,15 @@ LEAVES: Final[tuple[type[TreeNode], ...]] = (
     topic_leaf.ProgressCheckerSelector,
     path_leaves.TruncatePath,
     path_leaves.RemovePassedGoals,
+    motion_decorators.DistanceController,
+    motion_decorators.SpeedController,
+    pause_control.PauseResumeController,
 )
 
 
-def register_leaves(registry: NodeRegistry) -> None:
-    """Make them known to ``registry``."""
+def register_leaves(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:
+    """Make them known to ``registry``, as they are in that branch of Nav2."""
     for leaf in LEAVES:
         registry.register(leaf.__name__, leaf)
+    updater = motion_decorators.GoalUpdater if dialect == 'jazzy' else motion_decorators.GoalUpdaterOfMain
+    registry.register('GoalUpdater', updater)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Decorators of Nav2 that look at the robot's motion, or at a topic for another goal."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+
+from flexbt_common import names
+from flexbt_server.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, nav2_motion, output_port
+from flexbt_server.leaf_services import LeafServices
+from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
+from flexbt_server.topic_cache import TopicCache
+
+
+class DistanceController(nav2_motion.DistanceController):
+    __doc__ = nav2_motion.DistanceController.__doc__
+    __slots__ = ('_cache',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._cache: TopicCache | None = None
+
+    def position(self) -> nav2_motion.Position | None:
+        if self._cache is None:
+            services: LeafServices = self.services
+            self._cache = services.topics.cache(PoseStamped, services.pose_topic, 1)
+        pose = self._cache.latest
+        return None if pose is None else (pose.pose.position.x, pose.pose.position.y)
+
+
+class SpeedController(nav2_motion.SpeedController):
+    __doc__ = nav2_motion.SpeedController.__doc__
+    __slots__ = ('_cache',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._cache: TopicCache | None = None
+
+    def speed(self) -> float:
+        if self._cache is None:
+            services: LeafServices = self.services
+            self._cache = services.topics.cache(Odometry, names.ODOM, 1)
+        odometry = self._cache.latest
+        if odometry is None:
+            return 0.0
+        velocity = odometry.twist.twist.linear
+        return math.hypot(velocity.x, velocity.y)
+
+
+class GoalUpdater(Decorator):
+    """Ticks the child with the goal that was last published on ``goal_update`` when that is newer than ``input_goal``.
+
+    Newer: by the stamps of the two; a published goal without a stamp is never newer. Goals to pass are handed on.
+    """
+
+    __slots__ = ('_cache',)
+
+    ports = {
+        'input_goal': input_port(POSE_STAMPED, description='the goal that was given'),
+        'output_goal': output_port(POSE_STAMPED, description='the newer of the two'),
+        'input_goals': input_port(POSES, optional=True, description='goals to pass'),
+        'output_goals': output_port(POSES, description='the same goals'),
+    }
+    topic = 'goal_update'
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._cache: TopicCache | None = None
+
+    def tick(self) -> NodeStatus:
+        if self._cache is None:
+            services: LeafServices = self.services
+            self._cache = services.topics.cache(PoseStamped, self.topic, 1)
+            self._cache.on_message(self.context)
+        goal = self.get_input('input_goal')
+        published = self._cache.latest
+        if published is not None and self.newer(_stamp(published), _stamp(goal)):
+            goal = published
+        self.set_output('output_goal', goal)
+        goals = self.get_input_or('input_goals', None)
+        if goals is not None:
+            self.set_output('output_goals', goals)
+        return self.tick_child()
+
+    def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
+        """Whether a goal of the one stamp (s, ns) takes the place of one of the other."""
+        return published > given
+
+
+class GoalUpdaterOfMain(GoalUpdater):
+    """GoalUpdater as in the branch main of Nav2: a published goal of the same time is newer."""
+
+    __slots__ = ()
+
+    def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
+        return published >= given and published != (0, 0)
+
+
+def _stamp(pose: Any) -> tuple[int, int]:
+    return pose.header.stamp.sec, pose.header.stamp.nanosec

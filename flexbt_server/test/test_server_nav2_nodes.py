@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nav2's nodes that reach ROS for a pose, the odometry, another goal, or requests: on a live server."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import server_nodes
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from server_world import DEADLINE, World, install_nodes, open_world, pose, until
+from std_srvs.srv import Trigger
+
+from flexbt_common import names
+from flexbt_common.sent_goal import SentGoal
+from flexbt_common.service_call import ServiceCall, ServiceLinks
+from flexbt_common.values import from_entry
+from flexbt_msgs.action import BtExecute
+from flexbt_server.errors import ServerParameterError
+
+Result = BtExecute.Result
+
+
+@pytest.fixture(scope='session', autouse=True)
+def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
+    install_nodes(tmp_path_factory.mktemp('site'), server_nodes.__name__)
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    with open_world(tick_rate=50.0) as opened:
+        yield opened
+
+
+def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[Any], None]:
+    """Publishes messages, once somebody has subscribed."""
+    runtime = world.client.runtime
+    made = runtime.call(lambda: runtime.node.create_publisher(message_type, topic, 1))
+    until(made.get_subscription_count, f'a subscription of {topic}')
+    return lambda message: runtime.call(lambda: made.publish(message))
+
+
+def entry(world: World, key: str) -> Any:
+    """What the shared blackboard has under ``key``; None when it has nothing."""
+    entries = world.client.get(key).entries
+    return from_entry(entries[0]) if entries else None
+
+
+def counting(decorator: str, ports: str = '') -> str:
+    """A tree that runs for ever, in which each run of the decorator's child adds one to the entry [n]."""
+    return (
+        f'<PipelineSequence><{decorator} {ports}><Counts key="n"/></{decorator}><Sleep msec="1000000"/>'
+        '</PipelineSequence>'
+    )
+
+
+def cancel(goal: SentGoal) -> None:
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.CANCELED
+
+
+def test_distance_controller_follows_the_pose_of_the_robot(world: World) -> None:
+    publish = publisher(world, PoseStamped, names.POSE)
+    publish(pose(0.0))
+    until(lambda: world.server.execute._pose.latest.header.frame_id, 'the pose at the server')
+    world.client.load_tree(counting('DistanceController', 'distance="2"'))
+    goal = world.client.execute()
+    until(lambda: entry(world, 'n') == 1, 'the first run of the child')
+    publish(pose(1.9))
+    publish(pose(2.5))
+    until(lambda: entry(world, 'n') == 2, 'the second run of the child')
+    cancel(goal)
+
+
+def test_distance_controller_fails_while_the_pose_is_not_known(world: World) -> None:
+    world.client.load_tree(counting('DistanceController'))
+    result = world.client.execute().result
+    assert result.code == Result.FAILURE
+    assert 'it is not known where the robot is' in result.message
+
+
+def test_speed_controller_begins_its_child_the_more_often_the_faster_the_robot_is(world: World) -> None:
+    world.client.load_tree(counting('SpeedController', 'min_rate="0.001" max_rate="50" max_speed="1"'))
+    goal = world.client.execute()
+    publish = publisher(world, Odometry, names.ODOM)
+    # After the first period, the robot stands: the next run of the child is far away.
+    until(lambda: entry(world, 'n') == 2, 'the second run of the child')
+    cancel(goal)
+    driving = Odometry()
+    driving.twist.twist.linear.x, driving.twist.twist.linear.y = 0.6, 0.8
+    publish(driving)
+    goal = world.client.execute()
+    until(lambda: entry(world, 'n') > 6, 'more runs of the child')
+    cancel(goal)
+
+
+@pytest.mark.parametrize(('dialect', 'stamp', 'taken'), [
+    ('jazzy', 6, True), ('jazzy', 5, False), ('jazzy', 4, False), ('main', 5, True), ('main', 4, False),
+])  # fmt: skip
+def test_goal_updater_takes_a_newer_goal(dialect: str, stamp: int, taken: bool) -> None:
+    given, other = pose(1.0), pose(2.0)
+    given.header.stamp.sec, other.header.stamp.sec = 5, stamp
+    with open_world(nav2_dialect=dialect, tick_rate=50.0) as world:
+        world.client.load_tree(
+            '<KeepRunningUntilFailure><GoalUpdater input_goal="{goal}" output_goal="{new}">'
+            '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
+        )
+        goal = world.client.execute(goals=[given])
+        until(lambda: entry(world, 'new') == given, 'the goal that was given')
+        publish = publisher(world, PoseStamped, 'goal_update')
+        publish(other)
+        seen = entry(world, 'n')
+        until(lambda: entry(world, 'n') > seen + 3, 'some more ticks')
+        assert entry(world, 'new') == (other if taken else given)
+        cancel(goal)
+
+
+def test_a_tree_is_paused_and_resumed_by_services(world: World) -> None:
+    world.client.load_tree(
+        '<PauseResumeController pause_service_name="pause" resume_service_name="resume">'
+        '<Sleep msec="1000000" name="work"/><Sleep msec="1000000" name="paused"/>'
+        '<Counts key="pauses"/></PauseResumeController>'
+    )
+    links = ServiceLinks(world.client.runtime)
+
+    def ask(service: str) -> Any:
+        answers: queue.Queue[Any] = queue.Queue()
+        ServiceCall(
+            links.link(Trigger, service),
+            Trigger.Request(),
+            on_done=answers.put,
+            server_timeout=DEADLINE,
+            response_timeout=DEADLINE,
+        )
+        return answers.get(timeout=DEADLINE).response
+
+    def active() -> list[str]:
+        return list(goal.feedback[-1].active_nodes) if goal.feedback else []
+
+    goal = world.client.execute()
+    until(lambda: 'work' in active(), 'the work')
+    assert not ask('resume').success
+    assert ask('pause').success
+    until(lambda: 'paused' in active(), 'the pause')
+    assert entry(world, 'pauses') == 1
+    refused = ask('pause')
+    assert not refused.success
+    assert 'no running tree' in refused.message
+    assert ask('resume').success
+    until(lambda: 'work' in active(), 'the work again')
+    cancel(goal)
+    # Nothing runs any more; the next run is found under the same names.
+    assert not ask('pause').success
+    goal = world.client.execute()
+    until(lambda: 'work' in active(), 'the work of the next run')
+    assert ask('pause').success
+    cancel(goal)
+
+
+def test_an_unknown_dialect_is_refused() -> None:
+    with (
+        pytest.raises(ServerParameterError, match="'nav2_dialect': 'humble' is not one of jazzy, main"),
+        open_world(nav2_dialect='humble'),
+    ):
+        pass
