@@ -10,7 +10,7 @@ NodeExecutionError.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -62,6 +62,7 @@ def make(
     clock: ManualClock | None = None,
     dialect: nav2_nodes.Dialect = 'jazzy',
     extra: Sequence[type[TreeNode]] = (),
+    enums: Mapping[str, int] = {},
 ) -> tuple[Tree, list[str]]:
     """The tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
     registry = builtin_registry()
@@ -69,6 +70,8 @@ def make(
     node_classes: Sequence[type[TreeNode]] = (Step, *extra)
     for node_class in node_classes:
         registry.register(node_class.__name__, node_class)
+    for name, number in enums.items():
+        registry.scripts.register_enum(name, number)
     calls: list[str] = []
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'f', registry)])

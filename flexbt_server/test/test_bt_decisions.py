@@ -123,6 +123,21 @@ def test_tick_by_tick(body: str, expected: str) -> None:
     check(body, expected)
 
 
+def test_the_name_of_an_enum_constant_is_its_number() -> None:
+    switch = control('Switch3', 'S', 'S', 'S', 'S', variable='{x}', case_1='RED', case_2='GREEN', case_3='3')
+    tree, calls = make(f'<Sequence><Script code="x := y"/>{switch}</Sequence>', enums={'RED': 1, 'GREEN': 2, 'BLUE': 3})
+    for value, chosen in ((2, '1S'), (1.0, '0S'), ('RED', '0S'), ('2', '1S'), ('BLUE', '2S'), ('X', '3S'), (4, '3S')):
+        tree.blackboard.unset('x')
+        tree.blackboard.unset('y')
+        tree.blackboard.set('y', value)
+        calls.clear()
+        assert tree.tick_once() is NodeStatus.SUCCESS
+        assert calls == [chosen], value
+    tree, calls = make(f'<Sequence><Script code="x := GREEN"/>{switch}</Sequence>', enums={'RED': 1, 'GREEN': 2})
+    assert tree.tick_once() is NodeStatus.SUCCESS
+    assert calls == ['1S']
+
+
 # -- why a node failed -------------------------------------------------------------------------------------------------
 
 CAUSES = [

@@ -4,25 +4,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from .errors import PortError
 from .node import ControlNode, NodeConfig, TreeNode, halt_child
 from .port_types import STRING, number_from_text
 from .ports import input_port
+from .script_values import SAME_NUMBER
 from .status import RUNNING, SKIPPED, NodeStatus
-
-_SAME_NUMBER: Final = 2.0**-23
-"""Greatest difference at which two numbers are the same case: the resolution of a C++ float (BehaviorTree.CPP)."""
 
 
 class _Switch(ControlNode):
     """Ticks the child of the first case that equals ``variable``, or the last child, the default, when none does.
 
-    Two texts are equal when they are the same, or are, as a whole, the same decimal number. A variable that is missing,
-    was never written, or is neither text nor number, leads to the default. The variable is read at every tick; when the
-    choice changes, the child that is RUNNING is halted. A skipped child skips the node: the default is not tried.
-    As in BehaviorTree.CPP the number of children is looked at when the node is ticked.
+    Two texts are equal when they are the same, or are, as a whole, the same decimal number; the name of an enum
+    constant is its number. A variable that is missing, was never written, or is neither text nor number, leads to the
+    default. The variable is read at every tick; when the choice changes, the child that is RUNNING is halted. A skipped
+    child skips the node: the default is not tried. As in BehaviorTree.CPP the number of children is looked at when the
+    node is ticked.
     """
 
     __slots__ = ('_choice', '_complete', '_constant', '_running', '_text')
@@ -83,7 +82,7 @@ class _Switch(ControlNode):
         default = len(self.cases)
         if variable is None:
             return default
-        number = number_from_text(variable)
+        number = self._number(variable)
         for index, case in enumerate(self.cases):
             try:
                 text: str | None = self.get_input_or(case, None)
@@ -92,10 +91,14 @@ class _Switch(ControlNode):
             if text == variable:
                 return index
             if number is not None and text is not None:
-                other = number_from_text(text)
-                if other is not None and abs(number - other) <= _SAME_NUMBER:
+                other = self._number(text)
+                if other is not None and abs(number - other) <= SAME_NUMBER:
                     return index
         return default
+
+    def _number(self, text: str) -> float | None:
+        constant = self.context.scripts.enums.get(text)
+        return number_from_text(text) if constant is None else float(constant)
 
     def halt(self) -> None:
         self._running = None
