@@ -54,7 +54,8 @@ class _ScriptsGenerator(_NodesGenerator):
             return pick((*TEXTS, "'x'", "'foo'", "''", "'7'"))
         if chance < 0.6:
             return f'({self._truth(depth + 1)} ? {self._text(depth + 1)} : {self._text(depth + 1)})'
-        return f'({self._text(depth + 1)} .. {pick((self._text(depth + 1), *INTEGERS, "2", "0.5"))})'
+        # Not a number with something behind it, which a Switch of 4.8.2 takes for that number.
+        return f"(('x' .. {self._text(depth + 1)}) .. {pick((self._text(depth + 1), *INTEGERS, '2', '0.5'))})"
 
     def _truth(self, depth: int = 0) -> str:
         pick = self._random.choice
