@@ -24,6 +24,7 @@ setup(
         share('launch', '*.launch.py'),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test looks for it
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',

@@ -19,6 +19,7 @@ setup(
         ),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test looks for it
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',

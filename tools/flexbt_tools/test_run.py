@@ -59,7 +59,7 @@ def run(workspace: Workspace) -> int:
 def _colcon_test(workspace: Workspace, packages: list[Package], workers: int) -> None:
     """Runs the tests of the packages. How they ended is in the result files, not in colcon's exit code."""
     command: list[str | Path] = ['colcon', '--log-base', workspace.layout.log / 'colcon', 'test']
-    command += ['--base-paths', workspace.layout.root, '--python-testing', 'pytest', '--return-code-on-test-failure']
+    command += ['--base-paths', workspace.layout.root, '--return-code-on-test-failure']
     command += ['--executor', 'parallel', '--parallel-workers', str(workers)]
     command += ['--packages-select', *(package.name for package in packages)]
     process = subprocess.Popen(
