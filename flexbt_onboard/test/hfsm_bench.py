@@ -24,6 +24,7 @@ from flexbt_onboard.state_machine import (
     Severity,
     define,
 )
+from flexbt_onboard.state_machine.run import MAX_TRANSITIONS
 
 Do = Callable[['Scripted', Any], Any]
 """What a callback of a scripted state does, with the state and its userdata (None where it gets none)."""
@@ -152,6 +153,7 @@ class Bench:
         userdata: Mapping[str, Any] | None = None,
         steady: ManualClock | None = None,
         start: bool = True,
+        max_transitions: int = MAX_TRANSITIONS,
     ) -> None:
         self.clock = ManualClock()
         self.steady = steady or self.clock
@@ -171,6 +173,7 @@ class Bench:
             services=self,
             steady=self.steady,
             exit_timeout=3.0,
+            max_transitions=max_transitions,
             on_wake=self._ring,
         )
         if start:

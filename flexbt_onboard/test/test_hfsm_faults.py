@@ -128,6 +128,17 @@ def test_nobody_knows_whether_a_state_that_raises_in_settled_is_at_rest() -> Non
     assert bench.faults[1:] == [('/Top/A', 'was not at rest 3 s after it was left: settled() raised')]
 
 
+def test_a_state_that_raised_in_settled_is_asked_again_in_its_next_visit() -> None:
+    state = Scripted('again', outcome='again', do={'settled': boom})
+    bench = Bench(machine(Place('A', state, {'again': 'A'})))
+    state.outcome = None
+    bench.pass_time(3.0)
+    assert (len(bench.faults), state.calls('on_enter')) == (2, 2)
+    del state.do['settled']
+    assert bench.force('/A', 'again') is None
+    assert (len(bench.faults), state.calls('on_enter')) == (2, 3)
+
+
 @DEPTHS
 @pytest.mark.parametrize('outcomes', [('done', 'failed'), ('done',)])
 @pytest.mark.parametrize('how', ['stop', 'force it', 'force what is around it'])

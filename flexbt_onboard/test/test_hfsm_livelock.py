@@ -41,7 +41,7 @@ def test_a_loop_without_a_wait_ends_the_run_and_names_the_states(depth: int, mac
     bench = Bench(loop_of(*(deep(depth) for _ in range(machines))))
     assert bench.outcome == 'error'
     assert bench.run.message.startswith(
-        f'livelock: {MAX_TRANSITIONS} transitions without waiting for anything, among /'
+        f'livelock: {MAX_TRANSITIONS} transitions without waiting for anything, the last of them from /'
     )
     assert ', /M' in bench.run.message
     assert bench.steps == 1

@@ -164,6 +164,26 @@ def test_a_machine_that_was_forced_while_it_came_to_rest_is_as_new_when_it_is_en
     assert bench.active == ('/A/C',)
 
 
+def test_the_time_for_rest_is_not_that_of_an_earlier_visit() -> None:
+    state = Braking('done', outcome='done')
+    inner = machine(Place('B', state, {'done': 'out'}), outcomes=['out'])
+    bench = Bench(machine(Place('A', inner, {'out': 'A'})))
+    bench.pass_time(1.0)
+    assert bench.force('/A', 'out') is None
+    state.outcome = None
+    state.rest()
+    bench.settle()
+    assert state.calls('on_enter') == 2
+    state.at_rest = False
+    state.end('done')
+    bench.settle()
+    assert bench.clock.next_alarm() == 4.0
+    bench.pass_time(2.9)
+    assert bench.faults == []
+    bench.pass_time(0.2)
+    assert len(bench.faults) == 1
+
+
 def test_each_visit_has_the_full_time_again() -> None:
     state = Braking('again', outcome='again')
     bench = Bench(machine(Place('A', state, {'again': 'A'})))

@@ -75,7 +75,6 @@ class ContainerRun:
         self.outcome = None
         self.exit_reason = ExitReason.OUTCOME
         self.is_active = True
-        self._approved = False
         self._enter_child(self._children[self.definition.initial])
 
     def leave(self, reason: ExitReason) -> None:

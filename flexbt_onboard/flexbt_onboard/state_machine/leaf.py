@@ -121,7 +121,6 @@ class LeafRun:
         self.question = None
         self.entered_at = self.clock.now()
         self._wake_times.clear()
-        self._next_poll = None
         self._woken = True  # executed at once after it was entered
         self._never_settled = None
         self._is_active = True
@@ -197,7 +196,6 @@ class LeafRun:
 
     def _fail(self) -> None:
         self.exit_reason = ExitReason.FAULT
-        self.question = None
         self.outcome = FAILED if FAILED in self.state.outcomes else None
         if self.outcome is None:
             self._engine.abort(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')

@@ -65,7 +65,8 @@ class MachineRun:
     """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
 
     ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
-    ``clock`` is what states see, ``steady`` counts the time that they may take to come to rest.
+    ``clock`` is what states see, ``steady`` counts the time that they may take to come to rest (``exit_timeout``, s).
+    More than ``max_transitions`` in one step count as a livelock, which ends the run.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class MachineRun:
         services: Any = None,
         steady: Clock | None = None,
         exit_timeout: float = EXIT_TIMEOUT,
+        max_transitions: int = MAX_TRANSITIONS,
         on_wake: Callable[[], None] | None = None,
     ) -> None:
         if autonomy not in NAMES:
@@ -91,6 +93,7 @@ class MachineRun:
         self.message = ''
         self._steady = steady if steady is not None else clock
         self._exit_timeout = exit_timeout
+        self._max_transitions = max_transitions
         self._on_wake = on_wake
         self._autonomy = {node.path: autonomy for node in definition.nodes()}
         self._root = ContainerRun(self, definition)
@@ -222,10 +225,11 @@ class MachineRun:
         """Watch for livelocks."""
         self._transitions += 1
         self._recent.append(path)
-        if self._transitions > MAX_TRANSITIONS:
+        if self._transitions > self._max_transitions:
             loop = ', '.join(dict.fromkeys(self._recent))
-            self.fault(path, f'{MAX_TRANSITIONS} transitions without waiting for anything')
-            self.abort(f'livelock: {MAX_TRANSITIONS} transitions without waiting for anything, among {loop}')
+            text = f'{self._max_transitions} transitions without waiting for anything'
+            self.fault(path, text)
+            self.abort(f'livelock: {text}, the last of them from {loop}')
 
     # -- commands; on the thread of the run --------------------------------------------------------------------------
 
