@@ -10,6 +10,7 @@ NodeExecutionError.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from flexbt_common.clock import ManualClock
 from flexbt_server.behavior_tree import (
     NodeConfig,
     NodeExecutionError,
+    NodeRegistry,
     NodeStatus,
     StatefulAction,
     Tree,
@@ -65,17 +67,24 @@ def make(
     enums: Mapping[str, int] = {},
 ) -> tuple[Tree, list[str]]:
     """The tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
-    registry = builtin_registry()
-    nav2_nodes.register(registry, dialect)
-    node_classes: Sequence[type[TreeNode]] = (Step, *extra)
-    for node_class in node_classes:
-        registry.register(node_class.__name__, node_class)
-    for name, number in enums.items():
-        registry.scripts.register_enum(name, number)
     calls: list[str] = []
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    library = TreeLibrary([load_xml(text, 'f', registry)])
+    library = TreeLibrary([load_xml(text, 'f', _registry(dialect, tuple(extra), tuple(enums.items())))])
     return Tree(library, 'Main', clock=clock or ManualClock(), services=calls), calls
+
+
+@functools.cache
+def _registry(
+    dialect: nav2_nodes.Dialect, extra: tuple[type[TreeNode], ...], enums: tuple[tuple[str, int], ...]
+) -> NodeRegistry:
+    registry = builtin_registry()
+    nav2_nodes.register(registry, dialect)
+    node_classes: tuple[type[TreeNode], ...] = (Step, *extra)
+    for node_class in node_classes:
+        registry.register(node_class.__name__, node_class)
+    for name, number in enums:
+        registry.scripts.register_enum(name, number)
+    return registry
 
 
 def step(script: str, number: int = 0) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from bt_steps import NAMES, check, make, reasons, step
 
-from flexbt_server.behavior_tree import NodeExecutionError, NodeStatus, PortError, TreeLoadError
+from flexbt_server.behavior_tree import Loop, NodeExecutionError, NodeStatus, PortError, PortType, TreeLoadError
 
 
 def loop(script: str, queue: str, tag: str = 'LoopInt', **ports: str) -> str:
@@ -197,3 +197,20 @@ def test_a_result_that_is_remembered_keeps_its_reason() -> None:
         assert tree.tick_once() is NodeStatus.FAILURE
         assert tree.failure is not None
         assert tree.failure.path == 'FS_0'
+
+
+PAIR = PortType('pair', tuple, from_text=lambda text: tuple(map(int, text.split(','))), immutable=True)
+
+
+class LoopPair(Loop, element=PAIR):
+    """A loop of a user."""
+
+
+def test_a_loop_over_elements_of_ones_own_type_is_a_class_of_one_line() -> None:
+    tree, _ = make('<LoopPair queue="1,2;3,4" value="{v}"><AlwaysSuccess/></LoopPair>', extra=(LoopPair,))
+    seen = []
+    while tree.tick_once() is NodeStatus.RUNNING:
+        seen.append(tree.blackboard.get('v'))
+    assert seen == [(1, 2), (3, 4)]
+    with pytest.raises(TreeLoadError, match='queue of pair'):
+        make('<LoopPair queue="1,x" value="{v}"><AlwaysSuccess/></LoopPair>', extra=(LoopPair,))

@@ -29,6 +29,7 @@ from .errors import (
 from .instantiation import SubTreeInstance
 from .leaves import Condition, Halted, StatefulAction, SyncAction
 from .library import TreeKey, TreeLibrary
+from .loops import Loop
 from .node import Control, Decorator, NodeConfig, TreeNode
 from .port_types import PortType
 from .ports import Port, PortDirection, inout_port, input_port, output_port
@@ -55,6 +56,7 @@ __all__ = [
     'Halted',
     'IncludeResolver',
     'LoadError',
+    'Loop',
     'NodeConfig',
     'NodeDefinition',
     'NodeExecutionError',

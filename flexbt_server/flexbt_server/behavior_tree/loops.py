@@ -20,6 +20,10 @@ def _queue_of(element: PortType) -> PortType:
     return PortType(f'queue of {element.name}', tuple, from_text=lambda text: tuple(texts.parse(text)), immutable=True)
 
 
+def _ignore(_: Any) -> None:
+    """Writes an output that is not given."""
+
+
 class Loop(DecoratorNode):
     """Takes the first element of ``queue``, writes it to ``value``, and ticks the child until it completes; and so on.
 
@@ -56,7 +60,7 @@ class Loop(DecoratorNode):
         self._queue: deque[Any] | None = None
         # The entry that the elements of a constant queue are written to, once it is known that it has their type.
         self._target = MISSING
-        self._put: Callable[[Any], None] = self._write
+        self._put: Callable[[Any], None] = _ignore
         self._child_running = False
         self._child_failed = False
 
@@ -70,7 +74,11 @@ class Loop(DecoratorNode):
                 queue = self._shared()
             if not queue:
                 return self._empty()
-            element = queue.popleft()
+            try:
+                element = queue.popleft()
+            except IndexError:
+                # Another tree, which shares the queue, has just taken the last one.
+                return self._empty()
             if self._target.present:
                 self._put(element)
             else:
@@ -96,7 +104,7 @@ class Loop(DecoratorNode):
             entry = Entry(self.element) if key is None else self.blackboard.entry(key)
             if entry is not None and entry.type is not None and entry.type.same(self.element):
                 self._target = entry
-                self._put = self.blackboard.writer(entry)
+                self._put = _ignore if key is None else self.blackboard.writer(entry)
 
     def _shared(self) -> deque[Any]:
         """The queue of the blackboard, or what is left of the copy of it that this run made."""

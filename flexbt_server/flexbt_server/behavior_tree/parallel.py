@@ -118,6 +118,8 @@ class Parallel(_ParallelControl):
                     continue
                 if passed >= needed:
                     return self._finish(SUCCESS)
+                if status is SUCCESS and index:
+                    continue
                 if failures == too_many or failures > spare:
                     return self._finish(FAILURE)
         finally:
@@ -132,8 +134,8 @@ class Parallel(_ParallelControl):
         return self._limit('success_count', 'succeed'), self._limit('failure_count', 'fail'), tolerant
 
     def _forget(self) -> None:
-        super()._forget()
-        self._successes = 0
+        self._row[:] = self._ticks
+        self._failures = self._successes = 0
 
     def failure_reason(self) -> str:
         return f'{self.id}: no failure is one too many (failure_count="{self.port_text("failure_count")}")'

@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from .errors import PortError
+from .blackboard import EMPTY, MISSING, Entry
+from .errors import ConversionError, PortError
 from .node import ControlNode, NodeConfig, TreeNode, halt_child
-from .port_types import STRING, number_from_text
+from .port_types import STRING, cast, number_from_text
 from .ports import input_port
 from .script_values import SAME_NUMBER
 from .status import RUNNING, SKIPPED, NodeStatus
@@ -24,7 +25,7 @@ class _Switch(ControlNode):
     node is ticked.
     """
 
-    __slots__ = ('_choice', '_complete', '_constant', '_running', '_text')
+    __slots__ = ('_choice', '_complete', '_constant', '_running', '_text', '_variable')
 
     cases: ClassVar[tuple[str, ...]]
     """The ports of the cases."""
@@ -45,6 +46,10 @@ class _Switch(ControlNode):
         self._constant = all(value is None or value.key is None for value in given)
         self._text: str | None = None
         self._choice = len(self.cases)
+        variable = config.values.get('variable')
+        self._variable = MISSING
+        if variable is not None and variable.key is None:
+            self._variable = Entry.constant(variable.text)
 
     def attach(self, children: Sequence[TreeNode]) -> None:
         super().attach(children)
@@ -53,10 +58,9 @@ class _Switch(ControlNode):
     def execute(self) -> NodeStatus:
         if not self._complete:
             raise self.fault(f'{self.id} has {len(self.cases) + 1} children, not {len(self.children)}')
-        try:
-            text: str | None = self.get_input_or('variable', None)
-        except PortError:
-            text = None
+        variable = self._variable
+        value = variable.value if variable.present else self._find()
+        text: str | None = value if value.__class__ is str else self._as_text(value)
         if text != self._text or not self._constant:
             self._text = text
             self._choice = self._match(text)
@@ -76,6 +80,21 @@ class _Switch(ControlNode):
         self._failed = choice
         self.status = status
         return status
+
+    def _find(self) -> object:
+        """The value of the variable, whose entry was not there the last time."""
+        key = self.port_key('variable')
+        self._variable = (None if key is None else self.blackboard.entry(key)) or MISSING
+        return self._variable.value
+
+    def _as_text(self, value: object) -> str | None:
+        if value is EMPTY:
+            return None
+        try:
+            text: str = cast(value, STRING)
+        except ConversionError:
+            return None
+        return text
 
     def _match(self, variable: str | None) -> int:
         """The child for this value of the variable."""
