@@ -150,7 +150,7 @@ def test_one_leg_that_cannot_be_planned_fails_the_whole_path(
 def test_every_one_of_many_requests_at_once_gets_its_own_path(world: Probe) -> None:
     """More than the ten that a service keeps by default; a newer request does not take an older one's answer."""
     world.place(DOCK)
-    places = [(1.0 + 0.2 * number, 4.1, 0.05 * number) for number in range(40)]
+    places = [(1.0 + 0.2 * number, 3.95, 0.05 * number) for number in range(40)]
     goals = [world.plan(place) for place in places]
     for place, goal in zip(places, goals, strict=True):
         assert goal.wait().status is GoalStatus.SUCCEEDED
