@@ -22,6 +22,7 @@ setup(
     entry_points={
         'console_scripts': [
             'bt_server = flexbt_server.bt_server:main',
+            'bt_tool = flexbt_server.desk.command_line:main',
         ],
     },
 )

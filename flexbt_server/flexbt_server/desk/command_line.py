@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``bt_tool``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from flexbt_common.escaping import lines
+from flexbt_common.streams import abandon_stdout, make_streams_safe
+from flexbt_server.desk import check, draw, model, show
+from flexbt_server.desk.errors import DeskError, ExitCode
+
+EXIT_CODES: Final = (
+    ('0', 'nothing is wrong; the tree succeeded'),
+    ('1', 'check: something is wrong; run: the tree did not succeed'),
+    ('2', 'wrong usage, or something is missing on this computer'),
+    ('3', 'a file cannot be used; the reasons are printed'),
+    ('4', 'run: a node raised an exception, or broke the rules'),
+    ('5', 'run: the tree was not done in time'),
+    ('130', 'interrupted'),
+)
+
+_COMMANDS: Final = (
+    ('check', check, 'find what is wrong, and what is suspicious, in tree files'),
+    ('show', show, 'show the trees of a file as text'),
+    ('draw', draw, 'draw the trees of a file'),
+    ('model', model, 'describe the node types that are known here, for editors'),
+)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Runs ``bt_tool`` and gives its exit code, see :class:`flexbt_server.desk.errors.ExitCode`."""
+    make_streams_safe()
+    options = _parser().parse_args(words)
+    try:
+        code: ExitCode = options.run(options)
+        sys.stdout.flush()
+    except DeskError as error:
+        for line in lines(str(error), limit=1000):
+            print(line, file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        abandon_stdout()
+        return ExitCode.OK
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    codes = '\n'.join(f'  {code:4} {meaning}' for code, meaning in EXIT_CODES)
+    parser = argparse.ArgumentParser(
+        prog='bt_tool',
+        description='Behavior-tree files at the desk: without ROS running.',
+        epilog=f'exit codes:\n{codes}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(metavar='COMMAND', required=True)
+    for name, module, summary in _COMMANDS:
+        command = commands.add_parser(name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())
