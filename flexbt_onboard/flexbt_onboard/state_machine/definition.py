@@ -78,14 +78,6 @@ class MachineDefinition:
             else:
                 yield child
 
-    def states(self) -> Iterator[StateDefinition]:
-        """The leaves, depth first."""
-        return (node for node in self.nodes() if isinstance(node, StateDefinition))
-
-    def find(self, path: str) -> StateDefinition | MachineDefinition | None:
-        """The node of a path."""
-        return next((node for node in self.nodes() if node.path == path), None)
-
     def structure(self) -> list[StructureEntry]:
         """All nodes as the operator's station wants them."""
         return [_entry(node) for node in self.nodes()]
