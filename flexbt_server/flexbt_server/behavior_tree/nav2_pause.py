@@ -26,13 +26,14 @@ _NEXT: Final = {PauseState.ON_PAUSE: PauseState.PAUSED, PauseState.ON_RESUME: Pa
 
 
 class PauseResumeController(Control):
-    """Ticks its first child. After :meth:`pause` the third, until it completes, and then the second; after
-    :meth:`resume` the fourth, until it completes, and then the first again.
+    """Ticks its first child. After a pause the third, until it completes, and then the second; after the resume the
+    fourth, until it completes, and then the first again.
 
     A request halts the child that runs. The result of the first child is that of the node (skipped counts as SUCCESS);
     that of the others only takes it on, but a FAILURE of any is the node's. Children after the first may be left out.
-    The host derives from this class to make the two requests callable under the names of the ports.
     """
+
+    # The host derives from this class, and calls pause and resume for requests to the services that the ports name.
 
     __slots__ = ('_lock', '_requested', '_state')
 
