@@ -56,7 +56,7 @@ def least_clearance(world: OccupancyMap, start: Pose, goal: Pose) -> float:
     return min(world.clearance(pose.x, pose.y) for pose in GridPlanner(Costmap(world, INFLATION)).plan(start, goal))
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @example(660)
 @given(st.integers(0, 10**6))
 def test_arrives_on_random_maps_and_touches_nothing(seed: int) -> None:
