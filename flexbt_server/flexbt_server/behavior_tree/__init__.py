@@ -26,7 +26,7 @@ from .errors import (
     ScriptError,
     TreeLoadError,
 )
-from .instantiation import SubTreeInstance
+from .instantiation import Substitute, SubTreeInstance
 from .leaves import Condition, Halted, StatefulAction, SyncAction
 from .library import TreeKey, TreeLibrary
 from .loops import Loop
@@ -75,6 +75,7 @@ __all__ = [
     'SimpleDecorator',
     'StatefulAction',
     'SubTreeInstance',
+    'Substitute',
     'SyncAction',
     'ThreadedAction',
     'TransitionObserver',

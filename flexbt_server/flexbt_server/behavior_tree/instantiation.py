@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from .blackboard import Blackboard
@@ -11,9 +12,12 @@ from .context import TreeContext
 from .definition import NodeDefinition, TreeDefinition
 from .errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
 from .library import TreeKey, TreeLibrary
-from .node import ControlNode, DecoratorNode, NodeConfig, TreeNode
+from .node import ControlNode, DecoratorNode, NodeConfig, TreeNode, node_path
 from .port_types import STRING
 from .ports import PortValue, pointer_key
+
+Substitute = Callable[[NodeDefinition, str], NodeDefinition]
+"""Says what is made in the place of a node, from its definition and its path: that definition, or another one."""
 
 
 class SubTreeInstance(NamedTuple):
@@ -43,19 +47,26 @@ class _Scope(NamedTuple):
     board: Blackboard
 
 
-def instantiate(library: TreeLibrary, key: TreeKey, blackboard: Blackboard, context: TreeContext) -> Instance:
-    """Makes the tree ``key`` on ``blackboard``.
+def instantiate(
+    library: TreeLibrary,
+    key: TreeKey,
+    blackboard: Blackboard,
+    context: TreeContext,
+    substitute: Substitute | None = None,
+) -> Instance:
+    """Makes the tree ``key`` on ``blackboard``, of what ``substitute`` gives for each node.
 
     Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types, or when a node does
     not find on the blackboard what it is made of, such as a script.
     """
-    return _Builder(library, context).build(key, blackboard)
+    return _Builder(library, context, substitute).build(key, blackboard)
 
 
 class _Builder:
-    def __init__(self, library: TreeLibrary, context: TreeContext) -> None:
+    def __init__(self, library: TreeLibrary, context: TreeContext, substitute: Substitute | None) -> None:
         self._library = library
         self._context = context
+        self._substitute = substitute
         self._errors: list[LoadError] = []
         self._subtrees: dict[str, SubTreeInstance] = {}
         self._nodes: list[TreeNode] = []
@@ -81,6 +92,10 @@ class _Builder:
         return Instance(tuple(self._nodes), tuple(self._definitions), tuple(self._subtrees.values()), depth)
 
     def _make(self, definition: NodeDefinition, scope: _Scope, siblings: list[TreeNode], level: int) -> None:
+        uid = len(self._nodes) + 1
+        if self._substitute is not None:
+            id = definition.tree_id or definition.manifest.id
+            definition = self._substitute(definition, node_path(scope.path, id, definition.name, uid))
         manifest = definition.manifest
         tree_id = definition.tree_id
         if tree_id is None and definition.values:
@@ -88,7 +103,7 @@ class _Builder:
         config = NodeConfig(
             tree_id or manifest.id,
             definition.name,
-            len(self._nodes) + 1,
+            uid,
             scope.path,
             self._context,
             scope.board,

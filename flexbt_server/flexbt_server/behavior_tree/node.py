@@ -90,8 +90,7 @@ class TreeNode(ABC):
     @property
     def path(self) -> str:
         """Path within the tree: sub-tree instances, then the name; ``ID::uid`` for a node without a name."""
-        name = f'{self.name}::{self.uid}' if self.name == self.id else self.name
-        return f'{self._scope}/{name}' if self._scope else name
+        return node_path(self._scope, self.id, self.name, self.uid)
 
     @property
     def clock(self) -> Clock:
@@ -277,6 +276,12 @@ class TreeNode(ABC):
         if not isinstance(status, NodeStatus):
             raise self.fault(f'a tick has to return a NodeStatus, not {status!r}')
         return status
+
+
+def node_path(scope: str, id: str, name: str, uid: int) -> str:
+    """The path of a node in the sub-tree instance ``scope``; see :attr:`TreeNode.path`."""
+    own = f'{name}::{uid}' if name == id else name
+    return f'{scope}/{own}' if scope else own
 
 
 def entry_point(node: TreeNode) -> Execute:

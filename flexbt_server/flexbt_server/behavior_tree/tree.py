@@ -14,7 +14,7 @@ from .call_stack import with_room
 from .context import TransitionObserver, TreeContext
 from .definition import NodeDefinition
 from .errors import NodeExecutionError, PortError
-from .instantiation import SubTreeInstance, instantiate
+from .instantiation import Substitute, SubTreeInstance, instantiate
 from .library import TreeKey, TreeLibrary
 from .node import TreeNode, entry_point
 from .observation import observe, unobserve
@@ -36,7 +36,8 @@ class Tree:
 
     ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``on_transition(node,
     before, after)`` hears every change of a status, in order and at once, on the ticking thread. ``on_wake()``
-    is called, from any thread, when a leaf asks for a tick, and when unfinished work ends.
+    is called, from any thread, when a leaf asks for a tick, and when unfinished work ends. ``substitute(definition,
+    path)`` may give another definition for a node, such as a leaf that stands for it in a test.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class Tree:
         on_transition: TransitionObserver | None = None,
         on_wake: Callable[[], None] | None = None,
         max_rounds: int = 10_000,
+        substitute: Substitute | None = None,
     ) -> None:
         """Makes the nodes. Raises TreeLoadError when a blackboard entry is used with several types, LookupError when
         there is no such tree. ``max_rounds`` bounds how often one ``tick_once`` ticks a tree that wakes itself."""
@@ -63,7 +65,7 @@ class Tree:
         self.context = TreeContext(
             clock if clock is not None else SteadyClock(), services, library.documents[key.file].scripts
         )
-        instance = instantiate(library, key, self.blackboard, self.context)
+        instance = instantiate(library, key, self.blackboard, self.context, substitute)
         self.nodes: tuple[TreeNode, ...] = instance.nodes
         self.definitions: tuple[NodeDefinition, ...] = instance.definitions
         self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
