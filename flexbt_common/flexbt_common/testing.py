@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A pytest plugin: every test run has a ROS domain of its own, and messages that check their fields.
+"""A pytest plugin: every test run has a ROS domain of its own, messages that check their fields, and the time it needs.
 
 The workspace's pyproject.toml loads it (``-p flexbt_common.testing``). Test runs can then go on at the same time, and
 beside a robot, without meeting.
@@ -17,6 +17,14 @@ import pytest
 def pytest_load_initial_conftests() -> None:
     """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later."""
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+
+
+def pytest_configure() -> None:
+    """An example of hypothesis may take long on a busy machine; what has to be fast says so by itself."""
+    from hypothesis import settings
+
+    settings.register_profile('flexbt', deadline=None)
+    settings.load_profile('flexbt')
 
 
 @pytest.fixture(scope='session', autouse=True)

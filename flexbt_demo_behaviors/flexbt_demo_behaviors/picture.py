@@ -108,14 +108,14 @@ class _Canvas:
             self._draw.line([self._pixel(point) for point in points], fill=color, width=width, joint='curve')
 
     def spot(self, point: Point, color: Color) -> None:
-        self._draw.circle(self._pixel(point), 8, fill=color, outline=FREE, width=2)
+        self._disc(self._pixel(point), 8, color, outline=FREE)
 
     def goal(self, goal: GoalMark) -> None:
         color = REACHED if goal.reached else GIVEN_UP
         x, y = self._pixel((goal.x, goal.y))
         tip = (x + 26 * math.cos(goal.yaw), y - 26 * math.sin(goal.yaw))
         self._draw.line([(x, y), tip], fill=color, width=4)
-        self._draw.circle((x, y), 10, fill=color, outline=FREE, width=2)
+        self._disc((x, y), 10, color, outline=FREE)
         self._draw.text((x + 12, y + 8), goal.label, fill=INK, font=self._font, stroke_width=3, stroke_fill=FREE)
 
     def legend(self) -> None:
@@ -131,9 +131,14 @@ class _Canvas:
             if width:
                 self._draw.line([(x, y), (x + 28, y)], fill=color, width=width)
             else:
-                self._draw.circle((x + 14, y), 8, fill=color)
+                self._disc((x + 14, y), 8, color)
             self._draw.text((x + 36, y), text, fill=INK, font=self._font, anchor='lm')
             x += 36 + self._draw.textlength(text, font=self._font) + 20
+
+    def _disc(self, center: Point, radius: float, color: Color, outline: Color | None = None) -> None:
+        x, y = center
+        # ImageDraw.circle is not yet in the Pillow of Ubuntu 24.04.
+        self._draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color, outline=outline, width=2)
 
     def _pixel(self, point: Point) -> Point:
         return (
