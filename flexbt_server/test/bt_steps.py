@@ -11,6 +11,7 @@ NodeExecutionError.
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -30,6 +31,9 @@ from flexbt_server.behavior_tree import (
     load_xml,
     nav2_nodes,
 )
+
+PATIENCE = 10.0
+"""Seconds (wall) after which what another thread should have done has not happened."""
 
 LETTERS = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'R': NodeStatus.RUNNING, 'K': NodeStatus.SKIPPED}
 NAMES = {status: letter for letter, status in LETTERS.items()}
@@ -140,3 +144,15 @@ def reasons(body: str) -> tuple[str, str, list[str]]:
             return tree.failure.path, tree.failure.reason, list(tree.failure.chain)
         assert status is NodeStatus.RUNNING, status
     raise AssertionError('the tree does not end')
+
+
+class Woken:
+    """Waits for the wake-ups of a tree."""
+
+    def __init__(self, tree: Tree) -> None:
+        self._event = threading.Event()
+        tree.context.on_wake = self._event.set
+
+    def wait(self) -> None:
+        assert self._event.wait(PATIENCE), 'the tree was not woken'
+        self._event.clear()
