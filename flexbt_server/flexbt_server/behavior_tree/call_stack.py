@@ -11,9 +11,9 @@ from typing import Final, TypeVar
 
 T = TypeVar('T')
 
-# Nested Python frames per level of a tree (a node whose tick is Python code in a base class of ours has three), and
-# what host and leaves need on top.
-_FRAMES_PER_LEVEL: Final = 4
+# Nested Python frames per level of a tree (a node whose tick is Python code in a base class of ours has three; its
+# pre- and post-conditions have up to three more), and what host and leaves need on top.
+_FRAMES_PER_LEVEL: Final = 6
 _FRAMES_OF_HOST: Final = 1000
 
 # CPython keeps the frames of Python calls in chunks of 16 KiB, which it gets from the system, and gives back, one by

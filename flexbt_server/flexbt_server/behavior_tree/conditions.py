@@ -7,22 +7,22 @@ them that is true (``_while``: false) decides the result, and the node is not ti
 ``_post``, run when the node completes, before its status is stored; also when a pre-condition has decided.
 ``_onHalted`` runs whenever the node was halted, whatever it did.
 
-A node that has such scripts gets a class of its own, derived from the one that it has, in which ``execute``, ``halt``
-and ``status`` take care of them. All others pay nothing.
+A node that has such scripts gets a class that is derived from its own, in which ``execute``, ``halt`` and ``status``
+take care of them. All others pay nothing.
 """
 
 from __future__ import annotations
 
 import functools
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from .errors import NodeExecutionError, ScriptError
-from .node import TreeNode
+from .node import Execute, TreeNode
 from .observation import get_status, set_and_tell
-from .script import BoundScript, CompiledScript
-from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from .script import BoundScript, CompiledScript, gate_factory, kinds_of
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 
 # What a pre-condition has to be for it to decide, and the result then.
 _DECISIONS: Final[Mapping[str, tuple[bool, NodeStatus]]] = {
@@ -37,15 +37,25 @@ class _Script(NamedTuple):
     """A script of a node, and the attribute that it is in. A pre-condition decides when it is ``decisive``."""
 
     attribute: str
-    script: BoundScript
+    bound: BoundScript
     decisive: bool
     result: NodeStatus
 
 
 class Conditions:
-    """The scripts of one node, and what has to be remembered of them from one step of a tick to the next."""
+    """The scripts of one node. ``execute`` ticks the node with them; what it is changes at times."""
 
-    __slots__ = ('decided', 'failure', 'halted', 'pending', 'running', 'start', 'success')
+    __slots__ = (
+        '_completed',
+        '_countdown',
+        '_execute',
+        '_halted',
+        '_node',
+        '_pending',
+        '_start',
+        'decided',
+        'execute',
+    )
 
     def __init__(self, node: TreeNode, scripts: Mapping[str, CompiledScript]) -> None:
         def bound(*attributes: str) -> tuple[_Script, ...]:
@@ -59,130 +69,137 @@ class Conditions:
                 if attribute in scripts
             )
 
-        self.start = bound(*_DECISIONS)
-        self.running = bound('_while')
-        self.success = bound('_onSuccess', '_post')
-        self.failure = bound('_onFailure', '_post')
-        self.halted = bound('_onHalted')
+        self._node = node
+        self._start = bound(*_DECISIONS)
+        self._completed = {SUCCESS: bound('_onSuccess', '_post'), FAILURE: bound('_onFailure', '_post')}
         # Whether the scripts of the completion are still to be run in this tick.
-        self.pending = False
-        # The pre-condition that decided the last result; None when the node did.
+        self._pending = False
+        self._halted = bound('_onHalted')
+        # The pre-condition because of which the node failed; None when it failed by itself.
         self.decided: _Script | None = None
+        completing = any(self._completed.values())
+        self._execute: Execute = self._execute_and_complete(node.execute) if completing else node.execute
+        self._countdown = self._start[0].bound.script.warm_up if self._start else 0
+        self.execute: Execute = self._decide_and_execute if self._start else self._execute
 
-    def decide(self, node: TreeNode, scripts: tuple[_Script, ...]) -> _Script | None:
-        """The first pre-condition that decides."""
+    # -- pre-conditions ----------------------------------------------------------------------------------------------
+
+    def _decide_and_execute(self) -> NodeStatus:
+        """Ticks the node after its pre-conditions; also for the code that is made of them, when that does not fit."""
+        self._countdown -= 1
+        if self._countdown <= 0:
+            self._countdown = self._start[0].bound.script.warm_up
+            self._specialize()
+        status = self._node.status
+        asked = self._start
+        if status is not IDLE and status is not SKIPPED:
+            asked = self._while if status is RUNNING else ()
+        for place, script in enumerate(asked, len(self._start) - len(asked)):
+            try:
+                decided = script.bound.run() is script.decisive
+            except ScriptError as error:
+                raise self._fault(script, error) from error
+            if decided:
+                return self.decide(place)
+        self.decided = None
+        return self._execute()
+
+    @property
+    def _while(self) -> tuple[_Script, ...]:
+        """The pre-condition that is asked while the node is RUNNING; it is the last one."""
+        return self._start[-1:] if self._start[-1].attribute == '_while' else ()
+
+    def decide(self, place: int) -> NodeStatus:
+        """The result that this pre-condition gives. The node completes with it, or is halted when it was RUNNING."""
+        script = self._start[place]
+        node, result = self._node, script.result
+        if result is not SKIPPED:
+            self.decided = script if result is FAILURE else None
+            self._run(self._completed[result])
+            node.status = result
+        elif node.status is RUNNING:
+            node.halt()
+        return result
+
+    def _specialize(self) -> None:
+        """Makes code for the pre-conditions and what their entries hold now, if there is such code."""
+        execute: Execute = self._decide_and_execute
+        entries = {name: entry for script in self._start for name, entry in script.bound.entries.items()}
+        variables = kinds_of(entries)
+        if variables is not None:
+            factory = gate_factory(
+                [script.bound.script for script in self._start],
+                [script.decisive for script in self._start],
+                variables,
+                ongoing=bool(self._while),
+                forgetful=self._start[0].result is FAILURE,
+            )
+            if factory is not None:
+                found = list(entries.values())
+                types = [entry.type for entry in found]
+                execute = factory(found, types, self._decide_and_execute, self._node, self._execute, self)
+        if execute != self.execute:
+            self.execute = execute
+            self._node.context.exchanged.append(self._node)
+
+    # -- post-conditions ---------------------------------------------------------------------------------------------
+
+    def _execute_and_complete(self, execute: Execute) -> Execute:
+        """``execute`` with the scripts of the completion.
+
+        They run before the status is stored: when one raises, the node has not completed. An observed node tells them
+        the moment; otherwise the status is put back, to what most nodes have while they execute.
+        """
+        node = self._node
+        leaf = node.kind in (NodeKind.ACTION, NodeKind.CONDITION)
+
+        success, failure = self._completed[SUCCESS], self._completed[FAILURE]
+
+        def execute_and_complete() -> NodeStatus:
+            before = node.status
+            self._pending = True
+            status = execute()
+            scripts = success if status is SUCCESS else failure if status is FAILURE else ()
+            if scripts and self._pending:
+                try:
+                    for script in scripts:
+                        script.bound.run()
+                except ScriptError as error:
+                    node.status = before if leaf else RUNNING
+                    raise self._fault(script, error) from error
+            return status
+
+        return execute_and_complete
+
+    def complete(self, status: NodeStatus) -> None:
+        """Runs the scripts for the node's completing with this status, once in a tick."""
+        if self._pending:
+            self._pending = False
+            self._run(self._completed[status])
+
+    def halted(self) -> None:
+        """Runs the script for the node's having been halted."""
+        self._run(self._halted)
+
+    def _run(self, scripts: tuple[_Script, ...]) -> None:
         for script in scripts:
             try:
-                if script.script.run() is script.decisive:
-                    return script
+                script.bound.run()
             except ScriptError as error:
-                raise _fault(node, script, error) from error
-        return None
+                raise self._fault(script, error) from error
 
-    def run(self, node: TreeNode, scripts: tuple[_Script, ...]) -> None:
-        for script in scripts:
-            try:
-                script.script.run()
-            except ScriptError as error:
-                raise _fault(node, script, error) from error
-
-
-def _fault(node: TreeNode, script: _Script, error: ScriptError) -> NodeExecutionError:
-    return node.fault(ScriptError(error.script, error.offset, f'{script.attribute}: {error.reason}'))
+    def _fault(self, script: _Script, error: ScriptError) -> NodeExecutionError:
+        return self._node.fault(ScriptError(error.script, error.offset, f'{script.attribute}: {error.reason}'))
 
 
 def add_conditions(node: TreeNode, scripts: Mapping[str, CompiledScript]) -> None:
     """Gives the node these pre- and post-conditions, by attribute. While the tree is being built, and once."""
-    conditions = Conditions(node, scripts)
-    node._conditions = conditions
-    node.__class__ = _class_with_conditions(
-        type(node), bool(conditions.start), bool(conditions.success or conditions.failure), bool(conditions.halted)
-    )
+    node._conditions = Conditions(node, scripts)
+    node.__class__ = _class_with_conditions(type(node), '_onHalted' in scripts)
 
 
 @functools.cache
-def _class_with_conditions(node_class: type[TreeNode], pre: bool, completing: bool, halting: bool) -> type[TreeNode]:
-    def fill(namespace: dict[str, Any]) -> None:
-        namespace.update(
-            __slots__=(),
-            __module__=node_class.__module__,
-            __qualname__=node_class.__qualname__,
-            __doc__=node_class.__doc__,
-        )
-        execute: Callable[[Any], NodeStatus] = node_class.execute
-        if completing:
-            namespace['status'] = _COMPLETING_STATUS
-            execute = _completing(execute)
-        if pre:
-            execute = _preceded(execute)
-            namespace.update(_reasons(node_class))
-        namespace['execute'] = execute
-        if halting:
-            namespace['halt'] = _halting(node_class.halt)
-
-    return types.new_class(node_class.__name__, (node_class,), exec_body=fill)
-
-
-def _preceded(execute: Callable[[Any], NodeStatus]) -> Callable[[Any], NodeStatus]:
-    """``execute`` after the pre-conditions."""
-
-    def execute_if(self: TreeNode) -> NodeStatus:
-        conditions = self._conditions
-        status = self.status
-        if status is IDLE or status is SKIPPED:
-            decided = conditions.decided = conditions.decide(self, conditions.start)
-            if decided is not None:
-                if decided.result is not SKIPPED:
-                    conditions.pending = True
-                    self.status = decided.result
-                return decided.result
-        elif status is RUNNING and conditions.running and conditions.decide(self, conditions.running) is not None:
-            self.halt()
-            return SKIPPED
-        return execute(self)
-
-    return execute_if
-
-
-def _completing(execute: Callable[[Any], NodeStatus]) -> Callable[[Any], NodeStatus]:
-    """``execute``, with the scripts of the completion run before the status is stored, and once."""
-
-    def execute_and_complete(self: TreeNode) -> NodeStatus:
-        conditions = self._conditions
-        conditions.pending = True
-        status = execute(self)
-        if conditions.pending and (status is SUCCESS or status is FAILURE):
-            # A result that stands since an earlier tick.
-            self.status = status
-        return status
-
-    return execute_and_complete
-
-
-def _complete(node: TreeNode, status: NodeStatus) -> None:
-    """Stores a status. What completes the node stays undone when a script raises, as in BehaviorTree.CPP."""
-    if status is SUCCESS or status is FAILURE:
-        conditions = node._conditions
-        if conditions.pending:
-            conditions.pending = False
-            conditions.run(node, conditions.success if status is SUCCESS else conditions.failure)
-    set_and_tell(node, status)
-
-
-_COMPLETING_STATUS = property(get_status, _complete, doc='The status; when it is stored, post-conditions run first.')
-
-
-def _halting(halt: Callable[[Any], None]) -> Callable[[Any], None]:
-    def halt_and_run(self: TreeNode) -> None:
-        halt(self)
-        self._conditions.run(self, self._conditions.halted)
-
-    return halt_and_run
-
-
-def _reasons(node_class: type[TreeNode]) -> dict[str, Any]:
-    """Why a node failed, when a pre-condition decided that."""
-
+def _class_with_conditions(node_class: type[TreeNode], halting: bool) -> type[TreeNode]:
     def failure_cause(self: TreeNode) -> TreeNode | None:
         return None if self._conditions.decided is not None else node_class.failure_cause(self)
 
@@ -190,6 +207,33 @@ def _reasons(node_class: type[TreeNode]) -> dict[str, Any]:
         decided = self._conditions.decided
         if decided is None:
             return node_class.failure_reason(self)
-        return f'{self.id}: [{decided.script.text}] of {decided.attribute} holds'
+        return f'{self.id}: [{decided.bound.script.text}] of {decided.attribute} holds'
 
-    return {'failure_cause': failure_cause, 'failure_reason': failure_reason}
+    def halt(self: TreeNode) -> None:
+        node_class.halt(self)
+        self._conditions.halted()
+
+    def fill(namespace: dict[str, Any]) -> None:
+        namespace.update(
+            __slots__=(),
+            __module__=node_class.__module__,
+            __qualname__=node_class.__qualname__,
+            __doc__=node_class.__doc__,
+            execute=property(lambda self: self._conditions.execute),
+            observed_status=_OBSERVED_STATUS,
+            failure_cause=failure_cause,
+            failure_reason=failure_reason,
+        )
+        if halting:
+            namespace['halt'] = halt
+
+    return types.new_class(node_class.__name__, (node_class,), exec_body=fill)
+
+
+def _complete_and_tell(node: TreeNode, status: NodeStatus) -> None:
+    if status is SUCCESS or status is FAILURE:
+        node._conditions.complete(status)
+    set_and_tell(node, status)
+
+
+_OBSERVED_STATUS = property(get_status, _complete_and_tell)

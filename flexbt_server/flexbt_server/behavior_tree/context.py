@@ -38,7 +38,7 @@ class TreeContext:
 
     ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
-    work that needs ticks.
+    work that needs ticks. ``exchanged`` are nodes that have another ``execute`` now, which their parents may fetch.
     """
 
     def __init__(self, clock: Clock, services: Any, scripts: ScriptLibrary) -> None:
@@ -50,6 +50,7 @@ class TreeContext:
         self.on_transition: TransitionObserver | None = None
         self.deadlines: dict[TreeNode, float] = {}
         self.halt_errors: list[NodeExecutionError] = []
+        self.exchanged: list[TreeNode] = []
         self.advancing = False
         self._unfinished: list[UnfinishedWork] = []
         self._lock = threading.Lock()

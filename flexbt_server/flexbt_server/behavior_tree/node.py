@@ -311,6 +311,14 @@ class DecoratorNode(TreeNode):
     def attach(self, children: Sequence[TreeNode]) -> None:
         """Takes the child, while the tree is being built."""
         (self.child,) = children
+        self.fetch_ticks()
+
+    @property
+    def attached(self) -> tuple[TreeNode, ...]:
+        return (self.child,)
+
+    def fetch_ticks(self) -> None:
+        """Fetches the callable by which the child is ticked, which may have been exchanged."""
         self._tick = entry_point(self.child)
 
     def halt(self) -> None:
@@ -339,7 +347,15 @@ class ControlNode(TreeNode):
     def attach(self, children: Sequence[TreeNode]) -> None:
         """Takes the children, while the tree is being built."""
         self.children = tuple(children)
-        self._ticks = tuple(entry_point(child) for child in children)
+        self.fetch_ticks()
+
+    @property
+    def attached(self) -> tuple[TreeNode, ...]:
+        return self.children
+
+    def fetch_ticks(self) -> None:
+        """Fetches the callables by which the children are ticked; some of them may have been exchanged."""
+        self._ticks = tuple(entry_point(child) for child in self.children)
 
     def reset_children(self) -> None:
         """Halts the children that are RUNNING, and sets all to IDLE, in their order."""

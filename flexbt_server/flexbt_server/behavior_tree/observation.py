@@ -2,8 +2,8 @@
 """Watching the statuses of a tree at no cost to a tree that is not watched.
 
 A node keeps its status in a slot that every ``execute`` writes directly. To watch it, the class of the *instance* is
-exchanged for one that is derived from it and in which ``status`` is a property that tells the observer; nothing else
-differs, and the callables by which parents tick it stay valid.
+exchanged for one that is derived from it and in which ``status`` is a property that tells the observer (its own
+``observed_status``, if it has one); nothing else differs, and the callables by which parents tick it stay valid.
 """
 
 from __future__ import annotations
@@ -42,22 +42,23 @@ def _observed_class(node_class: type[TreeNode]) -> type[TreeNode]:
             __module__=node_class.__module__,
             __qualname__=node_class.__qualname__,
             __doc__=node_class.__doc__,
-            status=_STATUS,
+            status=getattr(node_class, 'observed_status', _STATUS),
         )
 
     return types.new_class(node_class.__name__, (node_class,), exec_body=fill)
 
 
 def observe(node: TreeNode) -> None:
-    """Tells every change of the node's status to ``context.on_transition`` from now on.
-
-    A node whose class has a property already, because of its post-conditions, tells them always.
-    """
-    if not isinstance(type(node).__dict__.get('status'), property):
+    """Tells every change of the node's status to ``context.on_transition`` from now on."""
+    if not _is_observed(node):
         node.__class__ = _observed_class(type(node))
 
 
 def unobserve(node: TreeNode) -> None:
     """Undoes :func:`observe`."""
-    if type(node).__dict__.get('status') is _STATUS:
+    if _is_observed(node):
         node.__class__ = type(node).__bases__[0]
+
+
+def _is_observed(node: TreeNode) -> bool:
+    return isinstance(type(node).__dict__.get('status'), property)

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 import re
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from .blackboard import EMPTY, Blackboard
+from .blackboard import EMPTY, Blackboard, Entry
 from .errors import ConversionError, RegistrationError, ScriptError
 from .port_types import PortType
 from .script_closures import ClosureCompiler, Scope
+from .script_code import NotSpecializable, Variable, variable_of
 from .script_parser import Comparison, Expression, parse_script
-from .script_specialization import Factory, NotSpecializable, Variable, specialize, variable_of
+from .script_specialization import Factory, specialize, specialize_gate
 from .script_values import Value, truth
 
 WARM_UP: Final = 8
@@ -23,9 +24,12 @@ _ENUM_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 
 
 class CompiledScript:
-    """A script, independent of nodes and blackboards. Made by :class:`ScriptLibrary`."""
+    """A script, independent of nodes and blackboards. Made by :class:`ScriptLibrary`.
 
-    __slots__ = ('__weakref__', '_closures', '_enums', '_factories', '_names', '_statements', 'text', 'warm_up')
+    ``names`` are the keys of the entries that it uses.
+    """
+
+    __slots__ = ('__weakref__', '_closures', '_enums', '_factories', '_statements', 'names', 'text', 'warm_up')
 
     def __init__(self, text: str, enums: Mapping[str, int], warm_up: int) -> None:
         """Raises ScriptError when the text is no script. The empty text is one that does nothing."""
@@ -35,8 +39,8 @@ class CompiledScript:
         self._statements = parse_script(text)
         compiler = ClosureCompiler(text, enums)
         self._closures = tuple(map(compiler.compile, self._statements))
-        self._names = compiler.names
-        self._factories: dict[tuple[bool, tuple[Variable, ...]], Factory | None] = {}
+        self.names = compiler.names
+        self._factories: dict[Hashable, Factory | None] = {}
 
     def __repr__(self) -> str:
         return f'CompiledScript({self.text!r})'
@@ -54,7 +58,7 @@ class CompiledScript:
 
     def scope(self, board: Blackboard) -> Scope:
         """The place of the script on ``board``."""
-        return Scope(board, len(self._names))
+        return Scope(board, len(self.names))
 
     def evaluate(self, scope: Scope) -> Value:
         """Runs the closures; gives the value of the last statement, EMPTY when there is none."""
@@ -70,19 +74,51 @@ class CompiledScript:
         except ConversionError as error:
             raise ScriptError(self.text, _offset(self._statements[-1]), str(error)) from None
 
-    def factory(self, variables: tuple[Variable, ...], condition: bool) -> Factory | None:
+    def factory(self, variables: Mapping[str, Variable], condition: bool) -> Factory | None:
         """What makes the code for entries of these kinds; None when that is for the closures."""
-        key = condition, variables
+
+        def make() -> Factory:
+            return specialize(self._statements, variables, self._enums, condition=condition)
+
+        return self._made((condition, *variables.values()), make)
+
+    def _made(self, key: Hashable, make: Callable[[], Factory]) -> Factory | None:
         if key not in self._factories:
             if len(self._factories) >= _MOST_FACTORIES:
                 self._factories.clear()
-            named = dict(zip(self._names, variables, strict=True))
             try:
-                made: Factory | None = specialize(self._statements, named, self._enums, condition=condition)
+                self._factories[key] = make()
             except NotSpecializable:
-                made = None
-            self._factories[key] = made
+                self._factories[key] = None
         return self._factories[key]
+
+
+def gate_factory(
+    scripts: Sequence[CompiledScript],
+    decisive: Sequence[bool],
+    variables: Mapping[str, Variable],
+    *,
+    ongoing: bool,
+    forgetful: bool,
+) -> Factory | None:
+    """What makes the code that ticks a node with these pre-conditions, see ``specialize_gate``.
+
+    None when that is for the closures. All scripts are of one library.
+    """
+    first = scripts[0]
+
+    def make() -> Factory:
+        conditions = [(script._statements, wanted) for script, wanted in zip(scripts, decisive, strict=True)]
+        return specialize_gate(conditions, variables, first._enums, ongoing=ongoing, forgetful=forgetful)
+
+    key = (*scripts[1:], *decisive, *variables.items(), ongoing, forgetful)
+    return first._made(key, make)
+
+
+def kinds_of(entries: Mapping[str, Entry]) -> dict[str, Variable] | None:
+    """The kinds of the entries that scripts use, by name; None when there is no code for one of them."""
+    variables = {name: variable for name, entry in entries.items() if (variable := variable_of(entry)) is not None}
+    return variables if len(variables) == len(entries) else None
 
 
 SCRIPT: Final = PortType('script', CompiledScript)
@@ -97,48 +133,39 @@ class BoundScript:
     It raises ScriptError. What the script has done before that stays done.
     """
 
-    __slots__ = ('_condition', '_countdown', '_scope', '_script', 'run')
+    __slots__ = ('_condition', '_countdown', '_scope', 'run', 'script')
 
     def __init__(self, script: CompiledScript, board: Blackboard, *, condition: bool) -> None:
-        self._script = script
+        self.script = script
         self._condition = condition
         self._scope = script.scope(board)
         self._countdown = script.warm_up
-        self.run: Callable[[], bool | None] = self._warm_up
+        self.run: Callable[[], bool | None] = self._evaluate
 
     @property
-    def text(self) -> str:
-        return self._script.text
+    def entries(self) -> dict[str, Entry]:
+        """The entries that the script uses, by name, as it found them in its last run."""
+        return dict(zip(self.script.names, self._scope.entries, strict=True))
 
     def _evaluate(self) -> bool | None:
-        value = self._script.evaluate(self._scope)
-        return self._script.truth(value) if self._condition else None
-
-    def _warm_up(self) -> bool | None:
+        """Runs the closures; also for the code that is made of them, when that does not fit."""
         self._countdown -= 1
         if self._countdown <= 0:
-            self._countdown = self._script.warm_up
+            self._countdown = self.script.warm_up
             self._specialize()
-        return self._evaluate()
+        value = self.script.evaluate(self._scope)
+        return self.script.truth(value) if self._condition else None
 
     def _specialize(self) -> None:
-        """Makes the code for what the entries hold, if there is such code; otherwise it is tried again some time."""
+        """Makes the code for what the entries hold now, if there is such code."""
+        self.run = self._evaluate
         entries = self._scope.entries
-        variables = tuple(variable for entry in entries if (variable := variable_of(entry)) is not None)
+        variables = kinds_of(self.entries)
         # Two names of one entry: a local variable of the code could not stand for it.
-        if len(variables) < len(entries) or len(set(map(id, entries))) < len(entries):
-            return
-        factory = self._script.factory(variables, self._condition)
-        if factory is not None:
-            self.run = factory(self._slow, entries, [entry.type for entry in entries])
-
-    def _slow(self) -> bool | None:
-        """What the code calls when it is not made for what it finds."""
-        self._countdown -= 1
-        if self._countdown <= 0:
-            self._countdown = self._script.warm_up
-            self.run = self._warm_up
-        return self._evaluate()
+        if variables is not None and len(set(map(id, entries))) == len(entries):
+            factory = self.script.factory(variables, self._condition)
+            if factory is not None:
+                self.run = factory(entries, [entry.type for entry in entries], self._evaluate)
 
 
 class ScriptLibrary:
@@ -172,7 +199,9 @@ class ScriptLibrary:
         """The script of this text, shared by all who have it. Raises ScriptError when the text is no script."""
         script = self._scripts.get(text)
         if script is None:
-            script = self._scripts[text] = CompiledScript(text, dict(self._enums), self._warm_up)
+            # Not all at the same moment: to make code takes time.
+            warm_up = self._warm_up + len(self._scripts) % self._warm_up
+            script = self._scripts[text] = CompiledScript(text, dict(self._enums), warm_up)
         return script
 
 

@@ -10,68 +10,13 @@ to be raised. So the code never decides what a script means; it only is several 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any
 
-from .blackboard import Entry
-from .port_types import INT64
-from .script_parser import Assignment, Binary, Comparison, Conditional, Expression, Name, Unary
-from .script_parser import Literal as Constant
-from .script_values import SAME_NUMBER
+from .script_code import CodeWriter, NotSpecializable, Variable
+from .script_parser import Expression
+from .status import IDLE, RUNNING, SKIPPED
 
-Kind = Literal['integer', 'bool', 'real', 'text']
-Run = Callable[[], bool | None]
-Factory = Callable[..., Run]
-
-KINDS: Final[Mapping[type[Any], Kind]] = {int: 'integer', bool: 'bool', float: 'real', str: 'text'}
-
-_LARGEST: Final = 2**30 - 1
-"""Integers of entries are taken up to this size; the sums of a few of them are exact as doubles, too."""
-_EXACT: Final = 2**53 - 1
-_MAX_DEPTH: Final = 40
-"""Nesting of expressions, since Python's own parser has a limit."""
-
-
-class Variable(NamedTuple):
-    """What is known of an entry: the kind of its value, and between which integers it is (when that matters)."""
-
-    kind: Kind
-    minimum: int
-    maximum: int
-
-
-class NotSpecializable(Exception):
-    """The script, with these kinds, is for the closures."""
-
-
-def variable_of(entry: Entry) -> Variable | None:
-    """The kind of an entry; None when there is no code for such values."""
-    kind = KINDS.get(entry.value.__class__)
-    if kind is None:
-        return None
-    declared = entry.type if entry.type is not None and entry.type.category == 'integer' else INT64
-    assert declared.minimum is not None
-    assert declared.maximum is not None
-    return Variable(kind, max(declared.minimum, -_LARGEST), min(declared.maximum, _LARGEST))
-
-
-class _Code(NamedTuple):
-    """Python code for an expression, and what it gives.
-
-    ``bound`` is the greatest absolute value of an integer or bool. ``integral`` says that the language calls it an
-    integer; the others of these kinds are doubles that are kept as int, or as bool (0.0 and 1.0), because that is
-    faster. ``simple`` code is a name or a literal, and may be repeated.
-    """
-
-    text: str
-    kind: Kind
-    bound: int = 0
-    integral: bool = False
-    simple: bool = False
-
-    @property
-    def real(self) -> str:
-        """The code of the number as float."""
-        return self.text if self.kind == 'real' else f'({self.text} * 1.0)'
+Factory = Callable[..., Callable[[], Any]]
 
 
 def specialize(
@@ -81,268 +26,99 @@ def specialize(
     *,
     condition: bool,
 ) -> Factory:
-    """Gives ``bind(slow, entries, types)``, which makes the code for entries of these kinds, in this order.
+    """Gives ``bind(entries, types, slow)``, which makes the code for entries of these kinds, in this order.
 
     The code gives the truth of the last statement when the script is a ``condition``, otherwise None. ``types`` are the
     present types of the entries. Raises NotSpecializable.
     """
-    source = _Writer(variables, enums).write(statements, condition)
-    namespace: dict[str, Any] = {}
-    exec(compile(source, '<script>', 'exec'), namespace)  # noqa: S102 - made from a syntax tree, see _Writer
+    writer = CodeWriter(variables, enums)
+    result = writer.statements(statements)
+    if condition:
+        writer.lines.append(f'result = {writer.truth(result)}')
+    body = [
+        *writer.guards(),
+        *_guarded(writer.lines),
+        *writer.commits(),
+        'return result' if condition else 'return None',
+    ]
+    return _compiled(len(variables), ['slow'], body)
+
+
+def specialize_gate(
+    conditions: Sequence[tuple[Sequence[Expression], bool]],
+    variables: Mapping[str, Variable],
+    enums: Mapping[str, int],
+    *,
+    ongoing: bool,
+    forgetful: bool,
+) -> Factory:
+    """Gives ``bind(entries, types, slow, node, execute, conditions)``, which makes the code that ticks a node with
+    pre-conditions.
+
+    Each condition is a script, and whether it decides by being true, or by being false. ``conditions.decide(place)`` is
+    called for the first that does, ``execute()`` when none does; ``conditions.decided`` is None then, if it is
+    ``forgetful``. The last condition is asked while the node is RUNNING as well when it is ``ongoing``. Raises
+    NotSpecializable.
+    """
+    gate = ['status = node.status', 'if status is IDLE or status is SKIPPED:']
+    gate += _indented(_decision(conditions, 0, variables, enums))
+    if forgetful:
+        gate.append('    conditions.decided = None')
+    if ongoing:
+        gate.append('elif status is RUNNING:')
+        gate += _indented(_decision(conditions[-1:], len(conditions) - 1, variables, enums))
+    gate.append('return execute()')
+    return _compiled(len(variables), ['slow', 'node', 'execute', 'conditions'], gate)
+
+
+def _decision(
+    conditions: Sequence[tuple[Sequence[Expression], bool]],
+    first: int,
+    variables: Mapping[str, Variable],
+    enums: Mapping[str, int],
+) -> list[str]:
+    """The lines that let the first condition decide that does; the places of the conditions begin with ``first``."""
+    writer = CodeWriter(variables, enums)
+    decisive = []
+    for statements, decides_by_truth in conditions:
+        holds = writer.truth(writer.statements(statements))
+        decisive.append(holds if decides_by_truth else f'not {holds}')
+    if writer.writes:
+        # What a condition has written stays written when a later one is for the closures.
+        raise NotSpecializable
+    places = range(first, first + len(conditions))
+    if not writer.lines and not writer.may_raise:
+        checks = [f'if {code}: return conditions.decide({place})' for place, code in zip(places, decisive, strict=True)]
+        return [*writer.guards(), *checks]
+    choice = ' else '.join(f'{place} if {code}' for place, code in zip(places, decisive, strict=True))
+    lines = [*writer.lines, f'place = {choice} else -1']
+    return [*writer.guards(), *_guarded(lines), 'if place >= 0: return conditions.decide(place)']
+
+
+def _guarded(lines: Sequence[str]) -> list[str]:
+    return [
+        'try:',
+        *_indented(lines or ['pass']),
+        'except (ArithmeticError, ValueError):',
+        '    return slow()',
+    ]
+
+
+def _indented(lines: Sequence[str]) -> list[str]:
+    return [f'    {line}' for line in lines]
+
+
+def _compiled(variables: int, names: Sequence[str], body: Sequence[str]) -> Factory:
+    """``bind`` for a function with this body, in which so many entries and types, and the names, are known."""
+    lines = [
+        f'def bind(entries, types, {", ".join(names)}):',
+        *(f'    e{place} = entries[{place}]' for place in range(variables)),
+        *(f'    t{place} = types[{place}]' for place in range(variables)),
+        '    def run():',
+        *_indented(_indented(body)),
+        '    return run',
+    ]
+    namespace: dict[str, Any] = {'IDLE': IDLE, 'RUNNING': RUNNING, 'SKIPPED': SKIPPED}
+    exec(compile('\n'.join(lines), '<script>', 'exec'), namespace)  # noqa: S102 - made by CodeWriter, which says of what
     factory: Factory = namespace['bind']
     return factory
-
-
-class _Writer:
-    """Writes the code. Of the text of a script nothing gets into it but numbers and texts, by their repr()."""
-
-    def __init__(self, variables: Mapping[str, Variable], enums: Mapping[str, int]) -> None:
-        self._variables = variables
-        self._enums = enums
-        self._locals = {name: f'v{index}' for index, name in enumerate(variables)}
-        self._lines: list[str] = []
-        self._writes: dict[str, int] = {}
-        self._temporaries = 0
-        self._depth = 0
-
-    def write(self, statements: Sequence[Expression], condition: bool) -> str:
-        result = _Code('False', 'bool')
-        for statement in statements:
-            result = self._assign(statement) if isinstance(statement, Assignment) else self._expression(statement)
-        if condition:
-            self._lines.append(f'result = {self._truth(result)}')
-        places = range(len(self._variables))
-        run = [
-            *self._guards(),
-            'try:',
-            *(f'    {line}' for line in self._lines or ['pass']),
-            'except (ArithmeticError, ValueError):',
-            '    return slow()',
-            *self._commits(),
-            'return result' if condition else 'return None',
-        ]
-        lines = [
-            'def bind(slow, entries, types):',
-            *(f'    e{place} = entries[{place}]' for place in places),
-            *(f'    t{place} = types[{place}]' for place in places),
-            '    def run():',
-            *(f'        {line}' for line in run),
-            '    return run',
-        ]
-        return '\n'.join(lines)
-
-    def _guards(self) -> list[str]:
-        lines = []
-        for place, (name, variable) in enumerate(self._variables.items()):
-            lines.append(f'v{place} = e{place}.value')
-            wrong = f'v{place}.__class__ is not {_CLASSES[variable.kind]}'
-            if variable.kind == 'integer':
-                wrong += f' or not {-_LARGEST} <= v{place} <= {_LARGEST}'
-                if name in self._writes:
-                    # The bounds of the type are a part of the code.
-                    wrong += f' or e{place}.type is not t{place}'
-            lines.append(f'if {wrong}: return slow()')
-        return lines
-
-    def _commits(self) -> list[str]:
-        # Two stores, and no call between them: no other thread comes between a value and its number.
-        lines = []
-        for name, count in self._writes.items():
-            place = self._locals[name][1:]
-            lines += [f'e{place}.value = v{place}', f'e{place}.sequence += {count}']
-        return lines
-
-    def _check(self, holds: str) -> None:
-        self._lines.append(f'if not ({holds}): return slow()')
-
-    def _name(self, code: _Code) -> str:
-        """A name for the value of the code."""
-        if code.simple:
-            return code.text
-        self._temporaries += 1
-        name = f'x{self._temporaries}'
-        self._lines.append(f'{name} = {code.text}')
-        return name
-
-    # -- statements --------------------------------------------------------------------------------------------------
-
-    def _assign(self, statement: Assignment) -> _Code:
-        name = statement.target
-        target = self._variables[name]
-        code = self._expression(statement.value)
-        if statement.operator not in (':=', '='):
-            code = self._operate(statement.operator[0], self._variable(name), code)
-        local = self._locals[name]
-        bounds = f'{target.minimum} <= {local} <= {target.maximum}'
-        match target.kind, code.kind:
-            case ('integer', 'integer'):
-                self._lines.append(f'{local} = {code.text}')
-                if not target.minimum <= -code.bound <= code.bound <= target.maximum:
-                    self._check(bounds)
-            case ('integer', 'bool'):
-                self._lines.append(f'{local} = +{code.text}')
-            case ('integer', 'real'):
-                number = self._name(code)
-                self._lines.append(f'{local} = int({number})')
-                self._check(f'{local} == {number} and {bounds}')
-            case ('real', 'integer' | 'bool' | 'real'):
-                self._lines.append(f'{local} = {code.real}')
-            case ('bool', 'bool') | ('text', 'text'):
-                self._lines.append(f'{local} = {code.text}')
-            case _:
-                raise NotSpecializable
-        self._writes[name] = self._writes.get(name, 0) + 1
-        return self._variable(name)
-
-    def _truth(self, code: _Code) -> str:
-        """The code as a condition."""
-        match code.kind:
-            case 'bool':
-                return code.text
-            case 'text':
-                raise NotSpecializable
-        number = self._name(code)
-        self._check(f'0 <= {number} <= 1' if code.integral else f'{number} >= 0')
-        return f'({number} != 0)'
-
-    # -- expressions -------------------------------------------------------------------------------------------------
-
-    def _expression(self, expression: Expression) -> _Code:
-        self._depth += 1
-        if self._depth > _MAX_DEPTH:
-            raise NotSpecializable
-        code = self._dispatch(expression)
-        self._depth -= 1
-        return code
-
-    def _dispatch(self, expression: Expression) -> _Code:
-        match expression:
-            case Constant(_, value):
-                return _constant(value)
-            case Name(_, name):
-                enum = self._enums.get(name)
-                return self._variable(name) if enum is None else _integer(enum)
-            case Unary(_, symbol, operand):
-                return self._unary(symbol, operand)
-            case Binary(_, symbol, left, right):
-                return self._operate(symbol, self._expression(left), self._expression(right))
-            case Comparison():
-                return self._comparison(expression)
-            case Conditional(_, condition, then, otherwise):
-                return self._conditional(condition, then, otherwise)
-        raise NotSpecializable  # an assignment within an expression
-
-    def _variable(self, name: str) -> _Code:
-        kind = self._variables[name].kind
-        bound = {'integer': _LARGEST, 'bool': 1}.get(kind, 0)
-        return _Code(self._locals[name], kind, bound, integral=kind in _INTEGERS, simple=True)
-
-    def _unary(self, symbol: str, operand: Expression) -> _Code:
-        code = self._expression(operand)
-        if code.kind == 'text':
-            raise NotSpecializable
-        match symbol:
-            case '!':
-                return _truth_value(f'(not {code.text})' if code.kind == 'bool' else f'({code.text} == 0)')
-            case '~' if code.kind in _INTEGERS:
-                return _Code(f'(-1 - {code.text})', 'integer', code.bound + 1)
-            case '-' if isinstance(operand, Constant) and code.kind == 'integer' and operand.value:
-                return _Code(f'(-{code.text})', 'integer', code.bound, simple=True)
-            case '-':
-                # Of doubles: there is a negative zero.
-                return _Code(f'(-{code.real})', 'real')
-        raise NotSpecializable
-
-    def _operate(self, symbol: str, left: _Code, right: _Code) -> _Code:
-        if symbol in ('&&', '||'):
-            # Both are computed, as there; and neither can do anything.
-            first, second = self._truth(left), self._truth(right)
-            return _truth_value(f'({first} {"and" if symbol == "&&" else "or"} {second})')
-        texts = (left.kind == 'text') + (right.kind == 'text')
-        if symbol == '..' and texts:
-            return _Code(f'({_text(left)} + {_text(right)})', 'text')
-        if texts == 2 and symbol == '+':
-            return _Code(f'({left.text} + {right.text})', 'text')
-        if texts or symbol == '..':
-            raise NotSpecializable
-        integers = left.kind in _INTEGERS and right.kind in _INTEGERS
-        text = f'({left.text} {symbol} {right.text})'
-        if symbol in ('&', '|', '^'):
-            if not integers:
-                raise NotSpecializable
-            if left.kind == right.kind == 'bool':
-                return _truth_value(text)
-            return _Code(text, 'integer', 1 << max(left.bound, right.bound).bit_length())
-        if integers and symbol in ('+', '-') and left.bound + right.bound <= _EXACT:
-            return _Code(text, 'integer', left.bound + right.bound)
-        if symbol == '/' or not integers:
-            return _Code(text, 'real')
-        return _Code(f'({left.real} {symbol} {right.text})', 'real')
-
-    def _comparison(self, expression: Comparison) -> _Code:
-        codes = [self._expression(operand) for operand in expression.operands]
-        # An operand between two operators is compared twice, but computed once.
-        codes[1:-1] = [code._replace(text=self._name(code)) for code in codes[1:-1]]
-        links = map(_compared, expression.operators, codes, codes[1:])
-        return _truth_value(f'({" and ".join(links)})')
-
-    def _conditional(self, condition: Expression, then: Expression, otherwise: Expression) -> _Code:
-        chosen, first, second = map(self._expression, (condition, then, otherwise))
-        if chosen.kind == 'text' or first.integral is not second.integral:
-            raise NotSpecializable
-        holds = chosen.text if chosen.kind == 'bool' else f'{chosen.text} != 0'
-        kinds = {first.kind, second.kind}
-        if len(kinds) == 1:
-            branches, kind = (first.text, second.text), first.kind
-        elif kinds == {'integer', 'bool'}:
-            branches, kind = (f'+{first.text}', f'+{second.text}'), 'integer'
-        elif 'text' not in kinds:
-            branches, kind = (first.real, second.real), 'real'
-        else:
-            raise NotSpecializable
-        text = f'({branches[0]} if {holds} else {branches[1]})'
-        return _Code(text, kind, max(first.bound, second.bound), first.integral)
-
-
-_CLASSES: Final[Mapping[Kind, str]] = {kind: python_type.__name__ for python_type, kind in KINDS.items()}
-_INTEGERS: Final[tuple[Kind, ...]] = ('integer', 'bool')
-
-
-def _truth_value(text: str) -> _Code:
-    return _Code(text, 'bool', 1)
-
-
-def _integer(value: int, integral: bool = False) -> _Code:
-    if abs(value) > _EXACT:
-        raise NotSpecializable
-    return _Code(f'({value})', 'integer', abs(value), integral, simple=True)
-
-
-def _constant(value: int | float | str) -> _Code:
-    if isinstance(value, int):
-        return _integer(value, integral=True)
-    if isinstance(value, float):
-        if value in (0.0, 1.0):
-            return _Code(repr(value == 1.0), 'bool', 1, simple=True)
-        return _Code(repr(value), 'real', simple=True)
-    return _Code(repr(value), 'text', simple=True)
-
-
-def _text(code: _Code) -> str:
-    """A number or text as text, see text_of."""
-    if code.kind == 'text':
-        return code.text
-    return f"format({code.text}, '{'d' if code.integral else 'f'}')"
-
-
-def _compared(symbol: str, left: _Code, right: _Code) -> str:
-    """See compare() in script_values."""
-    if (left.kind == 'text') is not (right.kind == 'text'):
-        raise NotSpecializable
-    if 'real' not in (left.kind, right.kind):
-        return f'{left.text} {symbol} {right.text}'
-    if symbol in ('==', '!='):
-        same = f'{-SAME_NUMBER} <= {left.text} - {right.text} <= {SAME_NUMBER}'
-        return same if symbol == '==' else f'not {same}'
-    opposite = {'<': '>=', '>': '<=', '<=': '>', '>=': '<'}[symbol]
-    return f'not {left.text} {opposite} {right.text}'

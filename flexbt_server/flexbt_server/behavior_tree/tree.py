@@ -16,7 +16,7 @@ from .definition import NodeDefinition
 from .errors import NodeExecutionError, PortError
 from .instantiation import Substitute, SubTreeInstance, instantiate
 from .library import TreeKey, TreeLibrary
-from .node import TreeNode, entry_point
+from .node import ControlNode, DecoratorNode, TreeNode, entry_point
 from .observation import observe, unobserve
 from .status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
 
@@ -70,7 +70,8 @@ class Tree:
         self.definitions: tuple[NodeDefinition, ...] = instance.definitions
         self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
         self.root = self.nodes[0]
-        self._entry = with_room(entry_point(self.root), instance.depth)
+        self._depth = instance.depth
+        self._entry = with_room(entry_point(self.root), self._depth)
         self._max_rounds = max_rounds
         self._failure: Failure | None = None
         self._status = IDLE
@@ -121,6 +122,8 @@ class Tree:
                 del deadlines[node]
         if self.context.advancing:
             self.context.advance_unfinished()
+        if self.context.exchanged:
+            self._fetch_ticks()
         try:
             status = self._entry()
         except PortError as error:
@@ -128,6 +131,16 @@ class Tree:
         if self.context.halt_errors:
             self._raise_halt_errors()
         return status
+
+    def _fetch_ticks(self) -> None:
+        """Has the parents of nodes fetch their callables anew, which were exchanged for faster ones."""
+        exchanged = set(self.context.exchanged)
+        self.context.exchanged.clear()
+        for node in self.nodes:
+            if isinstance(node, ControlNode | DecoratorNode) and not exchanged.isdisjoint(node.attached):
+                node.fetch_ticks()
+        if self.root in exchanged:
+            self._entry = with_room(entry_point(self.root), self._depth)
 
     def _settle(self, status: NodeStatus) -> NodeStatus:
         if status is not RUNNING:
@@ -150,6 +163,10 @@ class Tree:
                 node.halt()
             except NodeExecutionError as error:
                 self.context.halt_errors.append(error)
+        # A script of _onHalted that fails keeps the nodes above it from finishing their halt.
+        for node in self.nodes:
+            if node.status is not IDLE:
+                node.status = IDLE
         self.context.deadlines.clear()
         self._status = IDLE
         self._raise_halt_errors()

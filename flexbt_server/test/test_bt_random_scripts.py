@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scripts, pre- and post-conditions against BehaviorTree.CPP: random trees, and recorded traces (those of 4.10)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bt_conformance
+import bt_random_scripts
+import bt_scripted
+import bt_wheel
+import pytest
+
+VECTORS: list[dict[str, Any]] = [
+    json.loads(line) for line in (Path(__file__).parent / 'bt_vectors_scripts.jsonl').read_text().splitlines()
+]
+
+
+@pytest.mark.skipif(not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4')
+@pytest.mark.parametrize('block', range(4))
+def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
+    cases = [bt_random_scripts.make_case(seed) for seed in range(block * 200, (block + 1) * 200)]
+    failing = 0
+    for case, expected, found in bt_conformance.compare(cases):
+        assert not found, f'{found}\n{case}'
+        assert 'crash' not in expected
+        failing += any(step['error'] for step in expected['steps'])
+    assert 10 < failing < 80, 'some scripts have to fail, and most must not'
+
+
+@pytest.mark.parametrize('vector', VECTORS, ids=[vector['title'] for vector in VECTORS])
+def test_a_recorded_trace(vector: dict[str, Any]) -> None:
+    found = bt_conformance.difference(vector['trace'], bt_scripted.Run(vector['case']).trace())
+    assert not found, found
+
+
+def test_a_tree_does_the_same_when_nobody_looks() -> None:
+    for seed in range(250):
+        case = bt_random_scripts.make_case(seed)
+        seen, unseen = (bt_scripted.Run(case, observed=observed).trace() for observed in (True, False))
+        for step in [*seen['steps'], seen['final']]:
+            step['events'] = [event for event in step['events'] if event[0] != 'st']
+        assert unseen == seen, case
