@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from flexbt_sim.geometry import Pose
-from flexbt_sim.occupancy_map import UNKNOWN, OccupancyMap
+from flexbt_sim.occupancy_map import OccupancyMap
 
 LETHAL: Final = 254
 INSCRIBED: Final = 253
@@ -31,6 +32,10 @@ class Inflation:
     scaling: float = 3.0
 
 
+Position = tuple[float, float]
+"""Row and column of a point, in cells; see :meth:`flexbt_sim.occupancy_map.OccupancyMap.grid_position`."""
+
+
 class Costmap:
     """Cost of each cell for the centre of the robot: 0 to 252, 253 in collision, 254 obstacle. Unknown is free."""
 
@@ -45,21 +50,38 @@ class Costmap:
         costs[distance <= inflation.robot_radius] = INSCRIBED
         costs[world.obstacles] = LETHAL
         self.costs: NDArray[numpy.uint8] = costs.astype(numpy.uint8)
-        self.unknown: NDArray[numpy.bool_] = world.cells == UNKNOWN
-
-    def cost(self, x: float, y: float) -> int | None:
-        """Cost at a point of the map frame; None outside of the map."""
-        row, column = self.world.cell(x, y)
-        return int(self.costs[row, column]) if self.world.contains(row, column) else None
 
     def in_collision(self, pose: Pose) -> bool:
-        """Whether the robot would touch an obstacle there, or be outside of the map."""
-        cost = self.cost(pose.x, pose.y)
-        return cost is None or cost >= INSCRIBED
+        """Whether the robot would overlap an obstacle there, or its centre be outside of the map."""
+        world = self.world
+        return not (
+            world.contains(*world.cell(pose.x, pose.y)) and world.is_free(pose.x, pose.y, self.inflation.robot_radius)
+        )
 
-    def line_costs(self, start: tuple[float, float], end: tuple[float, float]) -> NDArray[numpy.int64]:
-        """Costs along a straight line between two grid positions (row, column), sampled twice per cell."""
-        count = max(2, math.ceil(2.0 * math.dist(start, end)) + 1)
-        rows = numpy.rint(numpy.linspace(start[0], end[0], count)).astype(int)
-        columns = numpy.rint(numpy.linspace(start[1], end[1], count)).astype(int)
-        return self.costs[rows, columns].astype(numpy.int64)
+    def is_clear(self, start: Position, end: Position, radius: float) -> bool:
+        """Whether a circle, of a radius in m, can move straight from one position to the other.
+
+        Never wrongly true; wrongly false at most where it has less than a cell to spare. Distances are interpolated
+        between points half a cell apart. What that and the gaps between the samples may hide is bounded by the squares
+        of the spacings, since the square of the distance from a point has the constant curvature 2.
+        """
+        world = self.world
+        points, spacing = along(start, end)
+        distances = ndimage.map_coordinates(world.half_cell_distances, 2.0 * points, order=1, mode='nearest')
+        between_points = 2.0 * (world.resolution / 4.0) ** 2
+        between_samples = (spacing * world.resolution / 2.0) ** 2
+        return bool(distances.min() >= math.sqrt(radius**2 + between_points + between_samples))
+
+    def mean_cost(self, start: Position, end: Position) -> float:
+        """Mean cost of the cells along a straight line between two positions on the map."""
+        samples = max(1, math.ceil(8.0 * math.dist(start, end)))
+        parts = (numpy.arange(samples) + 0.5) / samples
+        points = numpy.outer(start, 1.0 - parts) + numpy.outer(end, parts)
+        rows, columns = numpy.minimum(points.astype(int), [[self.world.height - 1], [self.world.width - 1]])
+        return float(self.costs[rows, columns].mean())
+
+
+def along(start: Position, end: Position) -> tuple[NDArray[numpy.float64], float]:
+    """Evenly spaced positions from start to end, shape (2, n), and their spacing, at most half a cell."""
+    intervals = max(1, math.ceil(2.0 * math.dist(start, end)))
+    return numpy.linspace(start, end, intervals + 1, axis=1), math.dist(start, end) / intervals

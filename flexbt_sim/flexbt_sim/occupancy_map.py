@@ -8,6 +8,7 @@ import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,8 +27,11 @@ UNKNOWN: Final = -1
 MODES: Final = ('trinary', 'scale', 'raw')
 
 MAX_YAML_BYTES: Final = 20_000
-MAX_CELLS: Final = 25_000_000
-"""Largest map, cells: what costmaps of it need still fits a laptop."""
+MAX_CELLS: Final = 10_000_000
+"""Largest map, cells: a plan on it takes some 4 GB of memory."""
+
+FAR: Final = 1e9
+"""Distance, m, that stands for no obstacle at all."""
 
 Occupancy = NDArray[numpy.int8]
 Distances = NDArray[numpy.float32]
@@ -62,22 +66,37 @@ class OccupancyMap:
         return obstacles
 
     @cached_property
+    def half_cell_distances(self) -> Distances:
+        """Distances to the nearest obstacle, m, at corners, edges (their middles) and centres of the cells.
+
+        Shape (2 * height + 1, 2 * width + 1): ``[2 * row, 2 * column]`` is the lower left corner of a cell,
+        ``[2 * row + 1, 2 * column + 1]`` its centre. Exact, to the nearest point of an obstacle cell, for that is again
+        a corner, a middle or a centre. ``FAR`` everywhere on a map without obstacles.
+        """
+        touched = numpy.zeros((2 * self.height + 1, 2 * self.width + 1), bool)
+        for row, column in product(range(3), repeat=2):
+            touched[row : row + 2 * self.height : 2, column : column + 2 * self.width : 2] |= self.obstacles
+        if not self.obstacles.any():
+            return numpy.full(touched.shape, FAR, numpy.float32)
+        distances: Distances = ndimage.distance_transform_edt(~touched).astype(numpy.float32)
+        distances *= self.resolution / 2.0
+        return distances
+
+    @property
     def distances(self) -> Distances:
         """For each cell, the distance from its centre to the nearest point of an obstacle cell, m; 0 in an obstacle."""
-        if not self.obstacles.any():
-            return numpy.full(self.cells.shape, math.inf, numpy.float32)
-        to_centre = ndimage.distance_transform_edt(~self.obstacles) * self.resolution
-        distances: Distances = numpy.maximum(to_centre - self.resolution / 2.0, 0.0).astype(numpy.float32)
-        return distances
+        return self.half_cell_distances[1::2, 1::2]
+
+    def grid_position(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the map frame in cells from the lower left corner of the grid: upwards, to the right."""
+        dx, dy = x - self.origin.x, y - self.origin.y
+        cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
+        return (dy * cos - dx * sin) / self.resolution, (dx * cos + dy * sin) / self.resolution
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """Row and column of a point of the map frame; they may lie outside of the grid."""
-        dx, dy = x - self.origin.x, y - self.origin.y
-        cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
-        return (
-            math.floor((dy * cos - dx * sin) / self.resolution),
-            math.floor((dx * cos + dy * sin) / self.resolution),
-        )
+        row, column = self.grid_position(x, y)
+        return math.floor(row), math.floor(column)
 
     def point(self, row: float, column: float) -> tuple[float, float]:
         """Centre of a cell, in the map frame."""
@@ -90,9 +109,33 @@ class OccupancyMap:
         return 0 <= row < self.height and 0 <= column < self.width
 
     def clearance(self, x: float, y: float) -> float:
-        """Distance from a point to the nearest obstacle, m, to half a cell; infinite outside of the map."""
-        row, column = self.cell(x, y)
-        return float(self.distances[row, column]) if self.contains(row, column) else math.inf
+        """Distance from a point, on the map or beside it, to the nearest obstacle, m, exactly; infinite without any."""
+        row, column = self.grid_position(x, y)
+        known, beside = self._nearest_known(row, column)
+        reach = (known + beside) / self.resolution + 1.0
+        bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
+        near = self.obstacles[bottom : math.ceil(row + reach), left : math.ceil(column + reach)]
+        rows, columns = numpy.nonzero(near)
+        gaps = numpy.hypot(_gaps(rows + bottom, row), _gaps(columns + left, column))
+        return float(gaps.min(initial=math.inf)) * self.resolution
+
+    def is_free(self, x: float, y: float, radius: float) -> bool:
+        """Whether a circle of a radius, m, round a point overlaps no obstacle; the same as clearance >= radius."""
+        row, column = self.grid_position(x, y)
+        known, beside = self._nearest_known(row, column)
+        return known - beside >= radius or self.clearance(x, y) >= radius
+
+    def _nearest_known(self, row: float, column: float) -> tuple[float, float]:
+        """Distance from an obstacle at the nearest point where that is known, and how far away this point is; m."""
+        r = min(max(round(2.0 * row), 0), 2 * self.height)
+        c = min(max(round(2.0 * column), 0), 2 * self.width)
+        beside = math.hypot(row - r / 2.0, column - c / 2.0) * self.resolution
+        return float(self.half_cell_distances[r, c]), beside
+
+
+def _gaps(cells: NDArray[numpy.int64], position: float) -> NDArray[numpy.float64]:
+    """How far cells are from a position along one axis."""
+    return numpy.maximum(numpy.maximum(cells - position, position - 1.0 - cells), 0.0)
 
 
 def load_map(file: Path) -> OccupancyMap:

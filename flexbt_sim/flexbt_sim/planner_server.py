@@ -127,7 +127,7 @@ class PlannerServer:
         path: list[Pose] = []
         here = start
         for goal in goals:
-            leg = planner.plan(here, goal)
-            path += leg[1:] if path else leg
+            # A leg begins with the place where the one before it ends.
+            path[-1:] = planner.plan(here, goal)
             here = goal
         return path

@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 from flexbt_sim.geometry import Pose, drive
 from flexbt_sim.occupancy_map import OccupancyMap
 
-CONTACT_STEPS: Final = 8
-"""Bisections by which the point of contact with a wall is found."""
+TICK: Final = 0.01
+"""Longest time, s, for which speeds are taken as constant."""
+
+HOP: Final = 0.002
+"""How far, m, the robot goes from one look for walls to the next when it is near one."""
 
 
 @dataclass(frozen=True)
@@ -30,23 +34,15 @@ class RobotLimits:
 
 
 class Robot:
-    """State of the robot. Deterministic: it depends on the commands and the steps only."""
+    """State of the robot. Deterministic: it depends on the commands and the steps only.
+
+    ``in_contact`` says whether an obstacle has ended the last movement; the robot has stopped there, and can turn.
+    """
 
     def __init__(self, world: OccupancyMap, pose: Pose, limits: RobotLimits) -> None:
         self.limits = limits
         self._world = world
-        self.pose = pose
-        self.linear = 0.0
-        self.angular = 0.0
-        self.in_contact = False
-        self._wanted = (0.0, 0.0)
-        self._commanded_at: float | None = None
-
-    def command(self, linear: float, angular: float, now: float) -> None:
-        """Take a velocity command, m/s and rad/s, at a time in s. It is cut to the limits."""
-        limits = self.limits
-        self._wanted = (_clamp(linear, limits.linear_speed), _clamp(angular, limits.angular_speed))
-        self._commanded_at = now
+        self.place(pose)
 
     def place(self, pose: Pose) -> None:
         """Put the robot somewhere, at rest."""
@@ -54,7 +50,18 @@ class Robot:
         self.linear = self.angular = 0.0
         self.in_contact = False
         self._wanted = (0.0, 0.0)
-        self._commanded_at = None
+        self._commanded_at: float | None = None
+
+    def command(self, linear: float, angular: float, now: float) -> None:
+        """Take a velocity command, m/s and rad/s, at a time in s.
+
+        It is cut to the limits. One that is not finite is not followed in any part: it means to stop.
+        """
+        if not (math.isfinite(linear) and math.isfinite(angular)):
+            linear = angular = 0.0
+        limits = self.limits
+        self._wanted = (_clamp(linear, limits.linear_speed), _clamp(angular, limits.angular_speed))
+        self._commanded_at = now
 
     @property
     def commanded_at(self) -> float | None:
@@ -62,41 +69,47 @@ class Robot:
         return self._commanded_at
 
     def step(self, now: float, duration: float) -> None:
-        """Move for ``duration`` seconds, the time being ``now``."""
-        limits = self.limits
-        stale = self._commanded_at is None or now - self._commanded_at > limits.watchdog
-        linear, angular = (0.0, 0.0) if stale else self._wanted
-        self.linear = _approach(self.linear, linear, limits.linear_acceleration * duration)
-        self.angular = _approach(self.angular, angular, limits.angular_acceleration * duration)
-        if self.linear == 0.0:
-            # A circle that turns on the spot touches nothing new.
-            self.pose = drive(self.pose, 0.0, self.angular, duration)
-            return
-        moved = drive(self.pose, self.linear, self.angular, duration)
-        self.in_contact = not self._may_be(moved)
-        if self.in_contact:
-            moved = self._until_contact(duration)
-            self.linear = 0.0
-        self.pose = moved
+        """Move for ``duration`` seconds, however many, until the time is ``now``."""
+        ticks = max(1, math.ceil(duration / TICK - 1e-6))
+        tick = duration / ticks
+        for left in reversed(range(ticks)):
+            linear, angular = self._wanted_at(now - left * tick)
+            self.linear = _approach(self.linear, linear, self.limits.linear_acceleration * tick)
+            self.angular = _approach(self.angular, angular, self.limits.angular_acceleration * tick)
+            if self.linear == self.angular == 0.0:
+                return  # and so it stays
+            self._move(tick)
+
+    def _wanted_at(self, time: float) -> tuple[float, float]:
+        stale = self._commanded_at is None or time - self._commanded_at > self.limits.watchdog
+        return (0.0, 0.0) if stale else self._wanted
+
+    def _move(self, duration: float) -> None:
+        """At the present speeds. A circle that turns on the spot touches nothing new."""
+        speed, left = abs(self.linear), duration
+        self.in_contact = self.in_contact and speed == 0.0
+        while speed > 0.0 and left > 0.0:
+            unhindered = self._world.is_free(self.pose.x, self.pose.y, self.limits.radius + speed * left)
+            hop = left if unhindered else min(left, HOP / speed)
+            ahead = drive(self.pose, self.linear, self.angular, hop)
+            if not unhindered and not self._may_be(ahead):
+                self.in_contact = True
+                self.linear = speed = 0.0
+            else:
+                self.pose = ahead
+                left -= hop
+        self.pose = drive(self.pose, 0.0, self.angular, left)
 
     def _may_be(self, pose: Pose) -> bool:
-        """Whether the robot fits there, or at least is not deeper in a wall than it is now (a bad start)."""
-        clearance = self._world.clearance(pose.x, pose.y)
-        return clearance >= self.limits.radius or clearance > self._world.clearance(self.pose.x, self.pose.y)
-
-    def _until_contact(self, duration: float) -> Pose:
-        low, high = 0.0, duration
-        for _ in range(CONTACT_STEPS):
-            middle = (low + high) / 2.0
-            low, high = (
-                (middle, high) if self._may_be(drive(self.pose, self.linear, self.angular, middle)) else (low, middle)
-            )
-        reached = drive(self.pose, self.linear, self.angular, low)
-        return Pose(reached.x, reached.y, drive(self.pose, 0.0, self.angular, duration).yaw)
+        """Whether the robot fits there, or at least is less deep in an obstacle than it is now (a bad start)."""
+        world = self._world
+        return world.is_free(pose.x, pose.y, self.limits.radius) or (
+            world.clearance(pose.x, pose.y) > world.clearance(self.pose.x, self.pose.y)
+        )
 
 
 def _clamp(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value)) if value == value else 0.0  # not a number: stand still
+    return max(-limit, min(limit, value))
 
 
 def _approach(value: float, target: float, step: float) -> float:

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps for tests: drawn from text, or at random from a seed."""
+"""Maps for tests: drawn from text, or at random; and distances on them, computed in the slow and obvious way."""
 
 from __future__ import annotations
 
 import math
 import random
+from collections.abc import Sequence
 
 import numpy
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from flexbt_sim.geometry import Pose
 from flexbt_sim.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
@@ -41,3 +44,53 @@ def free_pose(world: OccupancyMap, chance: random.Random, clearance: float) -> P
         return None
     index = chance.randrange(rows.size)
     return Pose(*world.point(float(rows[index]), float(columns[index])), chance.uniform(-math.pi, math.pi))
+
+
+@st.composite
+def worlds(
+    draw: st.DrawFn,
+    *,
+    least: int = 4,
+    size: int = 40,
+    blocks: int = 10,
+    border: bool | None = None,
+    resolutions: Sequence[float] = (0.02, 0.05, 0.1, 0.3),
+) -> OccupancyMap:
+    """A map of rectangular blocks, some of them of unknown cells, turned and shifted; a border closes it, or may."""
+    height, width = draw(st.integers(least, size)), draw(st.integers(least, size))
+    cells = numpy.zeros((height, width), numpy.int8)
+    corner = st.tuples(st.integers(0, height - 1), st.integers(0, width - 1))
+    block = st.tuples(
+        corner, st.integers(1, 9), st.integers(1, 9), st.sampled_from([OCCUPIED, OCCUPIED, 51, 50, UNKNOWN])
+    )
+    for (row, column), tall, wide, value in draw(st.lists(block, max_size=blocks)):
+        cells[row : row + tall, column : column + wide] = value
+    if draw(st.booleans()) if border is None else border:
+        cells[0, :] = cells[-1, :] = cells[:, 0] = cells[:, -1] = OCCUPIED
+    origin = Pose(draw(st.floats(-9, 9)), draw(st.floats(-9, 9)), draw(st.floats(-math.pi, math.pi)))
+    return OccupancyMap(cells, draw(st.sampled_from(resolutions)), origin)
+
+
+def places(world: OccupancyMap, beside: float = 0.0) -> st.SearchStrategy[Pose]:
+    """Poses anywhere on a map, or up to so many cells beside it."""
+    return st.builds(
+        lambda row, column, yaw: Pose(*world.point(row, column), yaw),
+        st.floats(-0.5 - beside, world.height - 0.5 + beside),
+        st.floats(-0.5 - beside, world.width - 0.5 + beside),
+        st.floats(-math.pi, math.pi),
+    )
+
+
+def rooms(world: OccupancyMap, points: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
+    """Distances from points, shape (n, 2), to the nearest of the squares that are obstacles, m: all are looked at."""
+    turn = complex(math.cos(world.origin.yaw), -math.sin(world.origin.yaw))
+    place = ((points[:, 0] - world.origin.x) + 1j * (points[:, 1] - world.origin.y)) * turn / world.resolution
+    x, y = place.real[:, None], place.imag[:, None]
+    rows, columns = numpy.nonzero(world.cells > OCCUPIED // 2)
+    gaps = numpy.hypot(numpy.clip(x, columns, columns + 1) - x, numpy.clip(y, rows, rows + 1) - y)
+    return gaps.min(axis=1, initial=math.inf) * world.resolution
+
+
+def room(world: OccupancyMap, x: float, y: float) -> float:
+    """Of one point."""
+    return float(rooms(world, numpy.array([[x, y]]))[0])
