@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A planar lidar, by marching along all beams at once through the field of distances."""
+"""A planar lidar, by marching along all beams at once over the cells and through the field of distances."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.geometry import Pose
 from flexbt_sim.occupancy_map import OccupancyMap
+
+_BEYOND: Final = 1e-6
+"""By how much, in cells, a beam goes into the next cell to be in it."""
 
 
 @dataclass(frozen=True)
@@ -41,36 +45,38 @@ class Lidar:
         self._angles = numpy.arange(model.beams) * model.angle_increment
 
     def scan(self, pose: Pose) -> NDArray[numpy.float32]:
-        """Range of each beam, m; infinite where nothing is within range."""
-        world, model = self._world, self.model
-        # In units of cells, in the frame of the grid.
-        row0, column0 = _grid_position(world, pose)
-        angles = self._angles + pose.yaw - world.origin.yaw
-        cos, sin = numpy.cos(angles), numpy.sin(angles)
-        travelled = numpy.zeros(model.beams)
-        limit = model.range_max / world.resolution
-        open_beams = numpy.arange(model.beams)
-        hit = numpy.zeros(model.beams, bool)
-        distances = world.distances
-        while open_beams.size:
-            t = travelled[open_beams]
-            rows = numpy.floor(row0 + t * sin[open_beams]).astype(int)
-            columns = numpy.floor(column0 + t * cos[open_beams]).astype(int)
-            inside = (rows >= 0) & (rows < world.height) & (columns >= 0) & (columns < world.width) & (t <= limit)
-            open_beams, rows, columns = open_beams[inside], rows[inside], columns[inside]
-            free = distances[rows, columns] / world.resolution
-            struck = world.obstacles[rows, columns]
-            hit[open_beams[struck]] = True
-            # The distance of a cell holds for its centre: a beam may safely go less than that by a diagonal.
-            travelled[open_beams] += numpy.maximum(free - 0.71, 0.25)
-            open_beams = open_beams[~struck]
-        ranges = numpy.where(hit, travelled * world.resolution, math.inf)
-        noisy = ranges + self._random.normal(0.0, model.noise, model.beams)
-        ranges = numpy.where((noisy >= model.range_min) & (noisy <= model.range_max), noisy, math.inf)
+        """Range of each beam, m; infinite where nothing is within range, and minus infinity where it is too near.
+
+        So says REP 117 of ROS.
+        """
+        model = self.model
+        angles = self._angles + (pose.yaw - self._world.origin.yaw)
+        directions = numpy.stack([numpy.sin(angles), numpy.cos(angles)])  # in rows and columns
+        directions[numpy.abs(directions) < 1e-12] = 1e-12
+        ranges = self._march(numpy.array([self._world.grid_position(pose.x, pose.y)]).T, directions)
+        ranges = ranges * self._world.resolution + self._random.normal(0.0, model.noise, model.beams)
+        ranges[ranges > model.range_max] = math.inf
+        ranges[ranges < model.range_min] = -math.inf
         return ranges.astype(numpy.float32)
 
-
-def _grid_position(world: OccupancyMap, pose: Pose) -> tuple[float, float]:
-    dx, dy = pose.x - world.origin.x, pose.y - world.origin.y
-    cos, sin = math.cos(world.origin.yaw), math.sin(world.origin.yaw)
-    return (dy * cos - dx * sin) / world.resolution, (dx * cos + dy * sin) / world.resolution
+    def _march(self, position: NDArray[numpy.float64], directions: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
+        """How far beams get from a position (2, 1) in directions (2, n), in cells; infinite where they hit nothing."""
+        world = self._world
+        size = numpy.array([[world.height], [world.width]])
+        borders = numpy.stack([-position / directions, (size - position) / directions])
+        travelled = numpy.maximum(borders.min(axis=0).max(axis=0), 0.0) + _BEYOND
+        ends = numpy.minimum(borders.max(axis=0).min(axis=0), self.model.range_max / world.resolution) - _BEYOND
+        ranges = numpy.full(travelled.shape, math.inf)
+        beams = numpy.flatnonzero(travelled < ends)
+        while beams.size:
+            along = directions[:, beams]
+            places = position + travelled[beams] * along
+            cells = numpy.floor(places).astype(int)
+            rows, columns = numpy.clip(cells, 0, size - 1)
+            struck = world.obstacles[rows, columns]
+            ranges[beams[struck]] = travelled[beams[struck]]
+            # To the next cell; or as far as nothing is round the centre of this one, less half its diagonal.
+            to_next = ((cells + (along > 0.0) - places) / along).min(axis=0) + _BEYOND
+            travelled[beams] += numpy.maximum(to_next, world.distances[rows, columns] / world.resolution - 0.71)
+            beams = beams[~struck & (travelled[beams] < ends[beams])]
+        return ranges

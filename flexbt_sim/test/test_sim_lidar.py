@@ -29,8 +29,9 @@ def cast(world: OccupancyMap, pose: Pose, angle: float) -> float:
     turned = heading - world.origin.yaw
     place = complex(x, y) * complex(math.cos(world.origin.yaw), -math.sin(world.origin.yaw)) / world.resolution
     enters, leaves = numpy.zeros(rows.size), numpy.full(rows.size, math.inf)
-    for cells, start, speed in ((columns, place.real, math.cos(turned)), (rows, place.imag, math.sin(turned))):
-        ends = numpy.stack([(cells - start) / (speed or 1e-30), (cells + 1 - start) / (speed or 1e-30)])
+    for cells, start, component in ((columns, place.real, math.cos(turned)), (rows, place.imag, math.sin(turned))):
+        speed = component if abs(component) > 1e-30 else 1e-30
+        ends = numpy.stack([(cells - start) / speed, (cells + 1 - start) / speed])
         enters, leaves = numpy.maximum(enters, ends.min(axis=0)), numpy.minimum(leaves, ends.max(axis=0))
     return float(enters[enters <= leaves].min(initial=math.inf)) * world.resolution
 
