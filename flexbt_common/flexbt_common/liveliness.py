@@ -60,14 +60,17 @@ class LivelinessWatch:
         self._on_change = on_change
         self._alive: bool | None = None
         self._loss: Timer | None = None
-        self._subscription: Any = runtime.call(
-            lambda: runtime.node.create_subscription(
-                Empty,
-                alive_topic(node_name),
-                lambda _message: None,
-                _qos(),
-                event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
-            )
+        self._subscription: Any = None
+        runtime.call(self._open)
+
+    def _open(self) -> None:
+        # On the executor thread, so that no event comes before there is the subscription.
+        self._subscription = self._runtime.node.create_subscription(
+            Empty,
+            alive_topic(self.node_name),
+            lambda _message: None,
+            _qos(),
+            event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
         )
 
     @property
