@@ -59,11 +59,12 @@ class Probe:
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
         """The first true value of the condition; fails with ``what`` when there is none in time."""
         end = time.monotonic() + timeout
-        with self._changed:
-            while not (value := condition()):
-                assert time.monotonic() < end, f'{what}: not within {timeout:g} s; last status: {self.status}'
+        # Without the lock: a condition may need the executor, which takes it for each message.
+        while not (value := condition()):
+            assert time.monotonic() < end, f'{what}: not within {timeout:g} s; last status: {self.status}'
+            with self._changed:
                 self._changed.wait(0.05)
-            return value
+        return value
 
     def wait_ready(self) -> None:
         """Everything runs and is connected."""
