@@ -70,9 +70,10 @@ class _NodesGenerator(_Generator):
                 attributes = [('then_skip', pick(('true', 'false', '{k}')))]
         else:
             attributes = [('entry', self._entry())]
-            skipping, self._skipping = self._skipping, 0.0
+            outer = self._skipping, self._conditional
+            self._skipping = self._conditional = 0.0
             child = self._element('Sync', 'Action', [('_script', self._letters(False))], named=True)
-            self._skipping = skipping
+            self._skipping, self._conditional = outer
             return self._element(tag, 'Decorator', attributes, child)
         return self._element(tag, 'Decorator', attributes, self._children(1, depth))
 

@@ -34,11 +34,11 @@ class _ScriptsGenerator(_NodesGenerator):
         if chance < 0.5:
             return pick(('0', '1', '2', '5', '0.5', '2.25', '0x1F', '1e2'))
         if chance < 0.58:
-            return f'({pick("-!~")}({self._number(depth + 1)}))'
+            return f'({pick("-!")}({self._number(depth + 1)}))'
         if chance < 0.66:
             return f'({self._truth(depth + 1)} ? {self._number(depth + 1)} : {self._number(depth + 1)})'
         if chance < 0.7:
-            return f'({pick(INTEGERS)} {pick("&|^")} {pick((*INTEGERS, "6", "d"))})'
+            return f'({pick(("", "~"))}({pick(INTEGERS)}) {pick("&|^")} {pick((*INTEGERS, "6", "d"))})'
         if chance < 0.71:
             return self._new()
         return f'({self._number(depth + 1)} {pick("++-**/")} {self._number(depth + 1)})'
@@ -88,7 +88,7 @@ class _ScriptsGenerator(_NodesGenerator):
                         f'{key} {pick(("+=", "-="))} {pick((1, 2))}',
                         f'{key} *= {pick(("0", "1", "(-1)"))}',
                         f'{key} {write} ({pick(INTEGERS)} - {pick((1, 2))})',
-                        f'{key} {write} {self._truth(2)}' if not self._gaps else f'{key} -= 1',
+                        f'{key} {write} (!({self._truth(2)}))' if not self._gaps else f'{key} -= 1',
                     )
                 )
             case 'r':
@@ -96,13 +96,13 @@ class _ScriptsGenerator(_NodesGenerator):
             case 't':
                 return f'{pick(TEXTS)} {pick((write, write, "+="))} {self._text(1)}'
             case 'b':
-                return f'{pick(BOOLEANS)} {write} {pick((self._truth(2), "(!k)", "1"))}'
+                return f'{pick(BOOLEANS)} {write} {pick((f"(!({self._truth(2)}))", "(!k)", "1"))}'
             case 'u':
                 return f'{pick(NEW)} := {pick((self._number(1), self._random.randint(0, 9)))}'
             case _:
                 # What may fail.
-                wrong = 's = 1', 'd = s', 'k = 2', 'a += s', 'u *= t', 'w = 1'
-                return pick((f'{pick(INTEGERS)} = {self._number(1)}', *wrong))
+                wrong = 's = 1', 'd = s', 'a += s', 'u *= t', 'w = 1'
+                return pick((f'{pick(INTEGERS)} = ({pick(INTEGERS)} / 2)', *wrong))
 
     def _script(self) -> str:
         return '; '.join(self._statement() for _ in range(self._random.choice((1, 1, 2, 3))))

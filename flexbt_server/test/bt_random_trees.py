@@ -49,6 +49,7 @@ class _Generator:
         self._drain = self._random.random() < 0.25
         self._running = pick((0.1, 0.3, 0.5))
         self._skipping = pick((0.0, 0.0, 0.1, 0.3))
+        self._conditional = 0.0
         self._blackboard = pick((0.0, 0.1, 0.4))
         # Entries that are missing at first, or removed. They come back untyped, and a literal of SetBlackboard empties
         # an untyped entry in the library; here it is written. So a case has either the one or the other.
@@ -126,7 +127,7 @@ class _Generator:
         return f'<{head}{text}>{children}</{head}>' if children else f'<{head}{text}/>'
 
     def _conditions(self) -> list[tuple[str, str]]:
-        """Pre- and post-conditions; see ``bt_random_scripts``."""
+        """Pre- and post-conditions, with the probability ``_conditional``; see ``bt_random_scripts``."""
         return []
 
     def _node(self, depth: int) -> str:

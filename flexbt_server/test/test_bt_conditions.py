@@ -181,6 +181,31 @@ def test_post_conditions_of_every_round_of_a_retry() -> None:
     assert board_after(body, 't') == {'x': 5, 'y': 5}
 
 
+@pytest.mark.parametrize('observed', [False, True])
+def test_scripts_of_the_completion_run_once(observed: bool) -> None:
+    tree, _ = make(leaf('KRS', _successIf='n > 3', _post='n += 1'))
+    if observed:
+        tree.observe(lambda *transition: None)
+    tree.blackboard.set('n', 0)
+    counts = []
+    for _ in range(8):
+        tree.tick_once()
+        counts.append(tree.blackboard.get('n'))
+        if counts[-1] == 1:
+            tree.blackboard.set('n', 2)
+    assert counts == [0, 0, 1, 2, 2, 3, 3, 3]
+    tree.blackboard.set('n', 9)
+    tree.halt()
+    tree.tick_once()
+    tree.tick_once()
+    assert tree.blackboard.get('n') == 11
+
+
+def test_a_loop_that_a_pre_condition_has_completed_and_nobody_reset_has_nothing_to_do() -> None:
+    loop = node('LoopInt', leaf('S'), queue='1;2', value='{v}', _failureIf='x')
+    check(node('IfThenElse', loop, leaf('S', 1)), 'x=1 F | x=0 S 1S | R 0S')
+
+
 def test_a_node_that_another_decorator_wraps_completes_first() -> None:
     body = node(
         'ForceSuccess', leaf('S', _failureIf='1', _onFailure="s += 'leaf '"), _onSuccess="s += 'force '", _post='n := 1'

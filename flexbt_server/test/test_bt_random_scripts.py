@@ -1,21 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scripts, pre- and post-conditions against BehaviorTree.CPP: random trees, and recorded traces (those of 4.10)."""
+"""Scripts, pre- and post-conditions against BehaviorTree.CPP: random trees."""
 
 from __future__ import annotations
-
-import json
-from pathlib import Path
-from typing import Any
 
 import bt_conformance
 import bt_random_scripts
 import bt_scripted
 import bt_wheel
 import pytest
-
-VECTORS: list[dict[str, Any]] = [
-    json.loads(line) for line in (Path(__file__).parent / 'bt_vectors_scripts.jsonl').read_text().splitlines()
-]
 
 
 @pytest.mark.skipif(not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4')
@@ -28,12 +20,6 @@ def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
         assert 'crash' not in expected
         failing += any(step['error'] for step in expected['steps'])
     assert 10 < failing < 80, 'some scripts have to fail, and most must not'
-
-
-@pytest.mark.parametrize('vector', VECTORS, ids=[vector['title'] for vector in VECTORS])
-def test_a_recorded_trace(vector: dict[str, Any]) -> None:
-    found = bt_conformance.difference(vector['trace'], bt_scripted.Run(vector['case']).trace())
-    assert not found, found
 
 
 def test_a_tree_does_the_same_when_nobody_looks() -> None:

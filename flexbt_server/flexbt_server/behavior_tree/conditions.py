@@ -113,6 +113,7 @@ class Conditions:
         """The result that this pre-condition gives. The node completes with it, or is halted when it was RUNNING."""
         script = self._start[place]
         node, result = self._node, script.result
+        self._pending = False
         if result is not SKIPPED:
             self.decided = script if result is FAILURE else None
             self._run(self._completed[result])

@@ -57,7 +57,8 @@ class Loop(DecoratorNode):
         super().__init__(config)
         given = config.values['queue']
         self._constant: tuple[Any, ...] | None = given.literal if given.key is None else None
-        self._queue: deque[Any] | None = None
+        # A constant queue is filled when a run begins; a node that was completed by a pre-condition has not begun one.
+        self._queue: deque[Any] | None = None if self._constant is None else deque()
         # The entry that the elements of a constant queue are written to, once it is known that it has their type.
         self._target = MISSING
         self._put: Callable[[Any], None] = _ignore
