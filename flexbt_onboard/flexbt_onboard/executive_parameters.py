@@ -37,21 +37,21 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         'peers',
         list(defaults.peers),
         ParameterDescriptor(
-            description='Names of the nodes that the missions depend on; the operator is shown whether they are alive.'
+            description='names of the nodes that the missions depend on; the operator is shown whether they are alive'
         ),
     )
     pose_topic = _declare(
         node,
         'pose_topic',
         defaults.pose_topic,
-        ParameterDescriptor(description='Topic of the robot pose (geometry_msgs/msg/PoseStamped) for the status.'),
+        ParameterDescriptor(description='topic of the robot pose (geometry_msgs/msg/PoseStamped) for the status'),
     )
     heartbeat_period = _declare(
         node,
         'heartbeat_period',
         defaults.heartbeat_period,
         ParameterDescriptor(
-            description='Seconds of wall time between two status messages while nothing changes.',
+            description='seconds of wall time between two status messages while nothing changes',
             floating_point_range=[FloatingPointRange(from_value=0.05, to_value=10.0)],
         ),
     )
@@ -60,7 +60,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         'autonomy',
         defaults.autonomy,
         ParameterDescriptor(
-            description='Autonomy level before the first run: 0 Off, 1 Low, 2 High, 3 Full.',
+            description='autonomy level before the first run: 0 Off, 1 Low, 2 High, 3 Full',
             integer_range=[IntegerRange(from_value=0, to_value=3, step=1)],
         ),
     )

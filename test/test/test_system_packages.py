@@ -104,3 +104,13 @@ def test_what_is_declared_is_used(manifest: Manifest) -> None:
         words.add('action_msgs')  # of which the definitions of goals and results are made
     assert manifest.of_python - words - manifest.imported(manifest.name, 'launch', 'test') == set()
     assert manifest.at_run_time & manifest.dependencies('test_depend') == set()
+
+
+@each_package
+def test_the_packages_depend_on_each_other_as_agreed(manifest: Manifest) -> None:
+    """The agreement is the table in CONTRIBUTING.md."""
+    ours = {other.name for other in MANIFESTS} - {manifest.name}
+    rows = re.findall(r'^\| `(\w+)` \|.*\| ([^|]+) \|$', (ROOT / 'CONTRIBUTING.md').read_text('utf-8'), re.MULTILINE)
+    words = dict(rows)[manifest.directory.name]
+    agreed = ours if words == 'all' else {f'flexbt_{word}' for word in re.findall(r'\w+', words)}
+    assert manifest.of_python & ours <= agreed

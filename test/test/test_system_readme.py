@@ -5,21 +5,10 @@ import os
 import re
 import signal
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix
-from rclpy.node import Node
-
-import flexbt_onboard.executive_parameters
-import flexbt_server.parameters
-import flexbt_sim.navigation_parameters
-import flexbt_sim.simulator_parameters
-import flexbt_states
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_console.command_table import COMMANDS
-from flexbt_server.node_types import node_registry
 
 README = Path(__file__).parents[2] / 'README.md'
 FENCE = '```'
@@ -47,42 +36,6 @@ def commands(text: str) -> list[str]:
     section = text[text.index('### Build and run it') :]
     begin = section.index(f'{FENCE}sh') + len(f'{FENCE}sh')
     return [line for line in section[begin : section.index(FENCE, begin)].splitlines() if line.strip()]
-
-
-def named(text: str) -> set[str]:
-    """What the reference names in code form, in tables: whole, and its first word."""
-    reference = re.sub(f'{FENCE}.*?{FENCE}', '', text[text.index('## Reference') :], flags=re.DOTALL)
-    words = re.findall(r'`([^`]+)`', reference)
-    return {*words, *(word.split()[0] for word in words)}
-
-
-def test_the_reference_names_every_node_state_and_command() -> None:
-    known = named(README.read_text(encoding='utf-8'))
-    nodes = {manifest.id for manifest in node_registry(lambda _point, _error: None)}
-    assert nodes - known == set()
-    assert set(flexbt_states.__all__) - known == set()
-    assert {command.name for command in COMMANDS} - known == set()
-
-
-@pytest.mark.parametrize(
-    'declare',
-    [
-        flexbt_onboard.executive_parameters.declare_parameters,
-        flexbt_server.parameters.declare_parameters,
-        flexbt_sim.navigation_parameters.declare_parameters,
-        flexbt_sim.simulator_parameters.declare_parameters,
-    ],
-    ids=lambda declare: declare.__module__,
-)
-def test_the_reference_names_every_parameter(
-    declare: Callable[[Node], object],
-) -> None:
-    with NodeRuntime.open('readme') as runtime:
-        before = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
-        runtime.call(lambda: declare(runtime.node))
-        declared = runtime.call(lambda: set(runtime.node.get_parameters_by_prefix('')))
-    assert declared > before
-    assert declared - before - named(README.read_text(encoding='utf-8')) == set()
 
 
 @pytest.fixture
