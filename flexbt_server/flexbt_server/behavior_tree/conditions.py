@@ -42,6 +42,9 @@ class _Script(NamedTuple):
     result: NodeStatus
 
 
+_NOTHING: Final[Mapping[NodeStatus, tuple[_Script, ...]]] = {SUCCESS: (), FAILURE: ()}
+
+
 class Conditions:
     """The scripts of one node. ``execute`` ticks the node with them; what it is changes at times."""
 
@@ -71,13 +74,15 @@ class Conditions:
 
         self._node = node
         self._start = bound(*_DECISIONS)
-        self._completed = {SUCCESS: bound('_onSuccess', '_post'), FAILURE: bound('_onFailure', '_post')}
+        self._completed = _NOTHING
+        if any(attribute in scripts for attribute in ('_onSuccess', '_onFailure', '_post')):
+            self._completed = {SUCCESS: bound('_onSuccess', '_post'), FAILURE: bound('_onFailure', '_post')}
         # Whether the scripts of the completion are still to be run in this tick.
         self._pending = False
         self._halted = bound('_onHalted')
         # The pre-condition because of which the node failed; None when it failed by itself.
         self.decided: _Script | None = None
-        completing = any(self._completed.values())
+        completing = self._completed is not _NOTHING
         self._execute: Execute = self._execute_and_complete(node.execute) if completing else node.execute
         self._countdown = self._start[0].bound.script.warm_up if self._start else 0
         self.execute: Execute = self._decide_and_execute if self._start else self._execute
