@@ -18,6 +18,8 @@ from desk_tool import STOCK_TREES, document, tool
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+pytestmark = pytest.mark.filterwarnings('ignore::DeprecationWarning:pydot')
+
 Row = tuple[int, str, str]
 """Depth, ID and name of a node."""
 

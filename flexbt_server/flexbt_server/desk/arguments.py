@@ -8,6 +8,7 @@ import sys
 
 from flexbt_common.escaping import one_line
 from flexbt_server.behavior_tree import NodeRegistry
+from flexbt_server.behavior_tree.nav2_nodes import DIALECTS
 from flexbt_server.desk.files import read_models
 from flexbt_server.desk.stand_ins import OpenRegistry
 from flexbt_server.node_types import node_registry
@@ -24,13 +25,19 @@ def add_file(parser: argparse.ArgumentParser) -> None:
 
 
 def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = True) -> None:
-    """Where node types come from besides the installed packages: ``options.models``, ``options.allow_unknown``."""
+    """Which node types are known: ``options.models``, ``options.nav2_dialect``, ``options.allow_unknown``."""
     parser.add_argument(
         '--models',
         metavar='FILE',
         action='append',
         default=[],
         help='XML file whose <TreeNodesModel> describes node types that are not installed here; repeatable',
+    )
+    parser.add_argument(
+        '--nav2-dialect',
+        choices=DIALECTS,
+        default=DIALECTS[0],
+        help='branch of Nav2 whose nodes are known (default: %(default)s)',
     )
     if allow_unknown:
         parser.add_argument('--allow-unknown', action='store_true', help='node types may be unknown')
@@ -47,7 +54,8 @@ def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistr
     Tells of packages whose nodes cannot be used.
     """
     known = node_registry(
-        lambda source, error: print(one_line(f'note: without the nodes of {source}: {error}'), file=sys.stderr)
+        lambda source, error: print(one_line(f'note: without the nodes of {source}: {error}'), file=sys.stderr),
+        options.nav2_dialect,
     )
     read_models(options.models, known)
     return OpenRegistry(known) if allow_unknown else known

@@ -10,7 +10,7 @@ from typing import Final
 
 from flexbt_common.escaping import lines
 from flexbt_common.streams import abandon_stdout, make_streams_safe
-from flexbt_server.desk import check, draw, model, show
+from flexbt_server.desk import check, draw, model, run, show
 from flexbt_server.desk.errors import DeskError, ExitCode
 
 EXIT_CODES: Final = (
@@ -23,11 +23,12 @@ EXIT_CODES: Final = (
     ('130', 'interrupted'),
 )
 
-_COMMANDS: Final = (
+COMMANDS: Final = (
     ('check', check, 'find what is wrong, and what is suspicious, in tree files'),
     ('show', show, 'show the trees of a file as text'),
     ('draw', draw, 'draw the trees of a file'),
     ('model', model, 'describe the node types that are known here, for editors'),
+    ('run', run, 'run a tree with mocks, and print what happens'),
 )
 
 
@@ -59,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(metavar='COMMAND', required=True)
-    for name, module, summary in _COMMANDS:
+    for name, module, summary in COMMANDS:
         command = commands.add_parser(name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
         module.add_arguments(command)
         command.set_defaults(run=module.run)

@@ -8,7 +8,7 @@ through remappings, defaults of models and ``@``, and which types clash.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -28,7 +28,6 @@ from flexbt_server.behavior_tree import (
 from flexbt_server.behavior_tree.definition import NO_CONDITIONS
 from flexbt_server.behavior_tree.node import ControlNode
 from flexbt_server.desk.keys import KeyUse, uses
-from flexbt_server.desk.rewriting import rewritten
 
 
 class Place(NamedTuple):
@@ -78,27 +77,29 @@ class KeyUsage:
     """The uses of all entries of the trees of a library."""
 
     def __init__(self, library: TreeLibrary) -> None:
+        self._library = library
         self._uses: dict[int, tuple[TreeDefinition, tuple[KeyUse, ...]]] = {}
-        documents = []
         for document in library.documents.values():
-            inert = rewritten(document, _inert)
-            documents.append(inert)
-            enums: Collection[str] = document.scripts.enums
-            for tree, original in zip(inert.trees.values(), document.trees.values(), strict=True):
-                for node, whole in zip(tree.nodes(), original.nodes(), strict=True):
-                    self._uses[id(node)] = original, tuple(uses(whole, enums))
-        self._library = TreeLibrary(documents, max_nodes=library.max_nodes)
+            for tree in document.trees.values():
+                for node in tree.nodes():
+                    self._uses[id(node)] = tree, tuple(uses(node, document.scripts.enums))
 
     def add(self, key: TreeKey, board: Blackboard, usages: dict[Entry, EntryUsage]) -> None:
         """Adds the uses of a tree that runs on ``board``. Raises TreeLoadError when the tree cannot be made."""
-        tree = Tree(self._library, key.id, file=key.file, blackboard=board)
+        definitions: list[NodeDefinition] = []
+
+        def inert(node: NodeDefinition, path: str) -> NodeDefinition:
+            definitions.append(node)
+            return node._replace(manifest=replace(node.manifest, node_class=_Inert), conditions=NO_CONDITIONS)
+
+        tree = Tree(self._library, key.id, file=key.file, blackboard=board, substitute=inert)
         boards = {sub_tree.path: sub_tree.blackboard for sub_tree in tree.subtrees}
 
         def usage(of: Blackboard, key: str) -> EntryUsage:
             entry = of.declare(key, None)
             return usages.setdefault(entry, EntryUsage(entry))
 
-        for node, definition in zip(tree.nodes, tree.definitions, strict=True):
+        for node, definition in zip(tree.nodes, definitions, strict=True):
             owner, node_uses = self._uses[id(definition)]
             for use in node_uses:
                 # What cannot be declared was reported, or is an error when a script runs.
@@ -107,10 +108,6 @@ class KeyUsage:
             if definition.tree_id is not None:
                 for place, text in _constants(owner, definition):
                     usage(boards[node.path], place.use.key).constants.append((place, text))
-
-
-def _inert(tree: TreeDefinition, node: NodeDefinition) -> NodeDefinition:
-    return node._replace(manifest=replace(node.manifest, node_class=_Inert), conditions=NO_CONDITIONS)
 
 
 def _constants(tree: TreeDefinition, node: NodeDefinition) -> Iterator[tuple[Place, str]]:

@@ -28,7 +28,6 @@ from flexbt_server.behavior_tree.leaves import LeafNode
 from flexbt_server.behavior_tree.node import ControlNode, DecoratorNode
 from flexbt_server.behavior_tree.ports import NO_DEFAULT
 from flexbt_server.behavior_tree.xml_parser import Element, Source, parse
-from flexbt_server.desk.rewriting import rewritten
 
 _BASES: Final[Mapping[NodeKind, Any]] = {
     NodeKind.ACTION: LeafNode,
@@ -156,7 +155,16 @@ class OpenRegistry(NodeRegistry):
 
     def settled(self, document: TreeDocument) -> TreeDocument:
         """The document, in which types that are not registered have the kind and the ports by which they are used."""
-        return rewritten(document, self._settle)
+        trees = {id: tree._replace(root=self._settled_root(tree)) for id, tree in document.trees.items()}
+        return document._replace(trees=trees)
+
+    def _settled_root(self, tree: TreeDefinition) -> NodeDefinition:
+        settled: dict[int, NodeDefinition] = {}
+        # Parents come first in the order of the document: from its end, children are there when they are needed.
+        for node in reversed(list(tree.nodes())):
+            children = tuple(settled.pop(id(child)) for child in node.children)
+            settled[id(node)] = self._settle(tree, node._replace(children=children))
+        return settled[id(tree.root)]
 
     def _settle(self, tree: TreeDefinition, node: NodeDefinition) -> NodeDefinition:
         if not isinstance(node.manifest.ports, _AnyPorts):
