@@ -273,6 +273,24 @@ def test_a_node_whose_post_condition_fails_has_not_completed(observed: bool) -> 
     assert tree.tick_once() is NodeStatus.RUNNING
 
 
+def test_all_scripts_of_a_file_that_cannot_be_parsed_are_reported_with_their_places() -> None:
+    text = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <Script code="a := 1; b := " _skipIf="x &amp;&amp; "/>
+  <Precondition else="NO" if='
+    a == $'><AlwaysSuccess _post="" name="leaf"/></Precondition>
+</Sequence></BehaviorTree></root>"""
+    with pytest.raises(TreeLoadError) as caught:
+        load_xml(text, 'f.xml', builtin_registry())
+    assert [(error.line, error.column, error.message[:22]) for error in caught.value.errors] == [
+        (2, 30, 'script of [code]: a va'),
+        (2, 54, 'script of [_skipIf]: a'),
+        (3, 17, 'port [else] of type BT'),
+        (4, 10, "script of [if]: '$' me"),
+        (4, 35, 'script of [_post]: the'),
+    ]
+    assert caught.value.errors[-1].node == "<AlwaysSuccess 'leaf'>"
+
+
 def test_a_halt_goes_on_when_a_script_of_it_fails() -> None:
     tree, calls = make(
         node(

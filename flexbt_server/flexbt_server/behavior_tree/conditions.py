@@ -7,8 +7,8 @@ them that is true (``_while``: false) decides the result, and the node is not ti
 ``_post``, run when the node completes, before its status is stored; also when a pre-condition has decided.
 ``_onHalted`` runs whenever the node was halted, whatever it did.
 
-A node that has such scripts gets a class that is derived from its own, in which ``execute``, ``halt`` and ``status``
-take care of them. All others pay nothing.
+A node that has such scripts gets a class that is derived from its own, in which ``execute`` and ``halt`` take care of
+them, and ``status`` when it is observed. All others pay nothing.
 """
 
 from __future__ import annotations
