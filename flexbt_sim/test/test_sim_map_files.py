@@ -63,10 +63,11 @@ def test_modes_negation_and_thresholds(
     )
     loaded = load_map(file).cells[0]
     for shade, cell in zip(shades, loaded, strict=True):
-        assert abs(cell - by_map_server(shade, mode.lower(), negate in ('1', 'true'), occupied, free)) <= (
-            # Which way a half is rounded, rests on the last bit.
-            mode == 'scale' and 0 < cell < 100 and (shade * 200) % 255 < 5
-        )
+        expected = by_map_server(shade, mode.lower(), negate in ('1', 'true'), occupied, free)
+        # Which way a half is rounded, rests on the last bit.
+        share = (shade / 255.0 if negate in ('1', 'true') else 1.0 - shade / 255.0) - free
+        is_half = mode.lower() == 'scale' and abs(share / (occupied - free) * 100.0 % 1.0 - 0.5) < 1e-6
+        assert abs(cell - expected) <= is_half
 
 
 def test_a_threshold_itself_is_occupied_or_free(tmp_path: Path) -> None:
