@@ -221,7 +221,10 @@ class TreeStore:
             name = path
         else:
             name = posixpath.normpath(f'{including.rpartition("/")[0]}/{path}')
-        return name, self._content(name)[0]
+        try:
+            return name, self._content(name)[0]
+        except ResourceError as error:
+            raise OSError(_without_name(error, name)) from error
 
 
 def _stamp(path: Path) -> tuple[int, int]:

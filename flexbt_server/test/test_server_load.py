@@ -74,6 +74,17 @@ def test_one_bad_file_refuses_all_and_what_was_loaded_still_works(world: World, 
     assert unknown.code == BtExecute.Result.ERROR
 
 
+def test_an_include_that_cannot_be_read_is_refused_at_its_place_with_all_other_errors(
+    world: World, tmp_path: Path
+) -> None:
+    text = document('<Nowhere/>', 'A').replace('<BehaviorTree', '\n<include path="gone.xml"/>\n<BehaviorTree')
+    file = write(tmp_path / 'trees/a.xml', text)
+    [report] = world.client.load(file).reports
+    assert [(error.file, error.line) for error in report.errors] == [(file, 2), (file, 3)]
+    assert "'gone.xml' cannot be included" in report.errors[0].message
+    assert 'no such file' in report.errors[0].message
+
+
 @pytest.mark.parametrize(
     ('text', 'fragment'),
     [
