@@ -145,4 +145,5 @@ def _unused_ports(library: TreeLibrary) -> Iterator[Diagnostic]:
                 hint = f'; did you mean [{similar[0]}]?' if similar else ''
                 message = f'tree [{target.id}] does not use the key [{name}]{hint}'
                 yield Diagnostic(UNUSED_PORT, tree.error(node, message, name))
-        known[key] = keys
+        # Of the topmost scope, and private: nothing that a sub-tree can be given.
+        known[key] = {name for name in keys if not name.startswith(('@', '_'))}
