@@ -18,6 +18,7 @@ LOOK_AHEAD: Final = 2.0
 """How far ahead collisions are looked for, s."""
 
 LOOK_AHEAD_STEP: Final = 0.1
+"""Time, s, from one look to the next, where that is less than a cell of driving."""
 
 
 class Velocity(NamedTuple):
@@ -127,14 +128,21 @@ class DriveMotion:
 
 
 def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -> bool:
-    """Whether driving on like this ends in an obstacle.
+    """Whether driving on like this for some time ends in an obstacle, or beside the map.
 
-    Moving away from one that the robot already touches is no collision.
+    Moving away from one that the robot overlaps already is no collision, and neither is turning on the spot.
     """
-    clearance = costmap.world.clearance(pose.x, pose.y)
-    count = max(1, math.ceil(seconds / LOOK_AHEAD_STEP))
-    for index in range(1, count + 1):
-        ahead = drive(pose, *velocity, seconds * index / count)
-        if costmap.in_collision(ahead) and costmap.world.clearance(ahead.x, ahead.y) <= clearance:
+    if velocity.linear == 0.0:
+        return False
+    world = costmap.world
+    steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(abs(velocity.linear) * seconds / world.resolution))
+    here = pose
+    for step in range(1, steps + 1):
+        ahead = drive(pose, *velocity, seconds * step / steps)
+        if costmap.in_collision(ahead) and not (
+            world.contains(*world.cell(ahead.x, ahead.y))
+            and world.clearance(ahead.x, ahead.y) > world.clearance(here.x, here.y)
+        ):
             return True
+        here = ahead
     return False

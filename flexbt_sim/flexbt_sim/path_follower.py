@@ -9,11 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import Final
+
+import numpy
 
 from flexbt_sim.costmap import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.geometry import Pose, wrap
-from flexbt_sim.motions import TurnLimits, Velocity, collides
+from flexbt_sim.motions import STOP, TurnLimits, Velocity, collides
+from flexbt_sim.track import Track
+
+SEARCH_DISTANCE: Final = 1.5
+"""How far along the path, m, the robot may have come from one step to the next; the path may cross itself."""
+
+NEAREST_LOOKAHEAD: Final = 0.05
+"""Distance, m, of the nearest point that the robot is directed to."""
 
 
 @dataclass(frozen=True)
@@ -75,36 +86,42 @@ class PathFollower:
         """``progress`` is that of the path that this one replaces.
 
         Raises:
-            NavigationError: INVALID_PATH for one without poses.
+            NavigationError: INVALID_PATH for one without poses, or with one that is not finite.
         """
-        if not path:
-            raise NavigationError('INVALID_PATH', 'the path has no poses')
-        self._path = list(path)
+        if not path or not all(map(math.isfinite, chain.from_iterable(path))):
+            raise NavigationError('INVALID_PATH', 'the path has no poses' if not path else 'a pose is not finite')
+        self._goal = path[-1]
+        self._track = Track(path)
         self._costmap = costmap
         self._limits = limits
         self.progress = progress or ProgressChecker(limits)
         self._turn = TurnLimits(maximum=limits.angular_speed)
-        self._left = _distances_to_end(self._path)
-        self._nearest = 0
+        self._at = 0.0
         self._at_goal = False
         self._blocked_since: float | None = None
         self.speed = 0.0
-        self.distance_to_goal = self._left[0]
+        self.distance_to_goal = self._track.length
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
-        """See :class:`flexbt_sim.motions.Motion`."""
-        goal = self._path[-1]
-        self._nearest = self._find_nearest(pose)
-        self.distance_to_goal = pose.distance(self._path[self._nearest]) + self._left[self._nearest]
-        near_end = self._left[self._nearest] <= 2.0 * self._limits.xy_tolerance
-        self._at_goal = self._at_goal or (near_end and pose.distance(goal) <= self._limits.xy_tolerance)
+        """See :class:`flexbt_sim.motions.Motion`.
+
+        Raises:
+            NavigationError: FAILED_TO_MAKE_PROGRESS; PATIENCE_EXCEEDED when an obstacle stays in the way, or
+                NO_VALID_CONTROL at once when there is no patience.
+        """
+        limits = self._limits
+        self._at = self._track.nearest(pose, self._at, self._at + SEARCH_DISTANCE)
+        left = self._track.length - self._at
+        self.distance_to_goal = math.dist(pose[:2], self._track.point(self._at)) + left
+        near_end = left <= 2.0 * limits.xy_tolerance
+        self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= limits.xy_tolerance)
         self.progress.check(pose, now, self._at_goal)
         if self._at_goal:
-            velocity = self._turn_to(wrap(goal.yaw - pose.yaw), self._limits.yaw_tolerance)
             self.speed = 0.0
-            return velocity
+            angle = wrap(self._goal.yaw - pose.yaw)
+            return None if abs(angle) <= limits.yaw_tolerance else self._turn_by(angle)
         velocity = self._pursue(pose)
-        if collides(self._costmap, pose, velocity, self._look_ahead_time(velocity)):
+        if velocity is None:
             velocity = self._wait_for_way(now)
         else:
             self._blocked_since = None
@@ -115,15 +132,33 @@ class PathFollower:
         """See :class:`flexbt_sim.motions.Motion`."""
         self._costmap = costmap
 
-    def _pursue(self, pose: Pose) -> Velocity:
+    def _pursue(self, pose: Pose) -> Velocity | None:
+        """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""
         limits = self._limits
-        carrot = self._carrot(pose)
+        reach = min(limits.lookahead_max, max(limits.lookahead_min, self.speed * limits.lookahead_time))
+        end = self._at + reach
+        while reach >= NEAREST_LOOKAHEAD:
+            carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
+            velocity = self._towards(pose, carrot)
+            if not self._is_blocked(pose, carrot, velocity):
+                return velocity
+            if not self._is_free_until(end):
+                return None
+            reach /= 2.0
+        return None
+
+    def _is_free_until(self, end: float) -> bool:
+        """Whether the path itself is free for so far, m from its beginning."""
+        places = numpy.arange(self._at, min(end, self._track.length), self._costmap.world.resolution)
+        return not any(self._costmap.in_collision(Pose(*self._track.point(at), 0.0)) for at in places)
+
+    def _towards(self, pose: Pose, carrot: Pose) -> Velocity:
+        limits = self._limits
         bearing = pose.bearing(carrot.x, carrot.y)
-        turning = abs(self.speed) < 0.01
-        if abs(bearing) > (limits.rotate_angle / 3.0 if turning else limits.rotate_angle):
-            return self._turn_to(bearing, 0.0) or Velocity(0.0, 0.0)
-        reach = max(pose.distance(carrot), 0.05)
-        curvature = 2.0 * math.sin(bearing) / reach
+        at_rest = abs(self.speed) < 0.01
+        if abs(bearing) > (limits.rotate_angle / 3.0 if at_rest else limits.rotate_angle):
+            return self._turn_by(bearing)
+        curvature = 2.0 * math.sin(bearing) / max(pose.distance(carrot), 0.05)
         speed = limits.speed
         if abs(curvature) * limits.curvature_radius > 1.0:
             speed = max(limits.curve_speed, speed / (abs(curvature) * limits.curvature_radius))
@@ -132,45 +167,23 @@ class PathFollower:
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
         return Velocity(speed, angular)
 
-    def _turn_to(self, angle: float, tolerance: float) -> Velocity | None:
-        if abs(angle) <= tolerance:
-            return None
+    def _turn_by(self, angle: float) -> Velocity:
         return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))
 
-    def _look_ahead_time(self, velocity: Velocity) -> float:
-        if velocity.linear <= 0.0:
-            return self._limits.collision_time
-        return min(self._limits.collision_time, max(0.1, self.distance_to_goal / velocity.linear))
+    def _is_blocked(self, pose: Pose, carrot: Pose, velocity: Velocity) -> bool:
+        """By an obstacle before the carrot, as in Nav2: there the way bends. What counts for a turn is the way after it."""
+        if velocity.linear == 0.0:
+            pose = Pose(pose.x, pose.y, math.atan2(carrot.y - pose.y, carrot.x - pose.x))
+            velocity = Velocity(self._limits.speed, 0.0)
+        seconds = min(self._limits.collision_time, pose.distance(carrot) / velocity.linear)
+        return collides(self._costmap, pose, velocity, seconds)
 
     def _wait_for_way(self, now: float) -> Velocity:
+        patience = self._limits.patience
         if self._blocked_since is None:
             self._blocked_since = now
-        elif now - self._blocked_since > self._limits.patience:
+        if patience <= 0.0:
             raise NavigationError('NO_VALID_CONTROL', 'an obstacle is ahead on the path')
-        return Velocity(0.0, 0.0)
-
-    def _find_nearest(self, pose: Pose) -> int:
-        """Index of the nearest pose from where the robot was, not beyond 1.5 m along the path (it may cross itself)."""
-        best, best_distance = self._nearest, math.inf
-        for index in range(self._nearest, len(self._path)):
-            if self._left[self._nearest] - self._left[index] > 1.5:
-                break
-            distance = pose.distance(self._path[index])
-            if distance < best_distance:
-                best, best_distance = index, distance
-        return best
-
-    def _carrot(self, pose: Pose) -> Pose:
-        limits = self._limits
-        reach = min(limits.lookahead_max, max(limits.lookahead_min, self.speed * limits.lookahead_time))
-        for index in range(self._nearest, len(self._path)):
-            if pose.distance(self._path[index]) >= reach:
-                return self._path[index]
-        return self._path[-1]
-
-
-def _distances_to_end(path: Sequence[Pose]) -> list[float]:
-    left = [0.0]
-    for here, ahead in zip(reversed(path[:-1]), reversed(path), strict=False):
-        left.append(left[-1] + here.distance(ahead))
-    return left[::-1]
+        if now - self._blocked_since > patience:
+            raise NavigationError('PATIENCE_EXCEEDED', f'an obstacle has been ahead on the path for {patience:g} s')
+        return STOP

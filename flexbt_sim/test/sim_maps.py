@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Sequence
 
 import numpy
@@ -22,28 +21,6 @@ def drawn(*rows: str, resolution: float = RESOLUTION, origin: Pose = Pose(0.0, 0
     values = {'#': OCCUPIED, '?': UNKNOWN}
     cells = numpy.array([[values.get(mark, FREE) for mark in row] for row in reversed(rows)], numpy.int8)
     return OccupancyMap(cells, resolution, origin)
-
-
-def cluttered(seed: int, *, size: int = 80, blocks: int = 14, border: bool = True) -> OccupancyMap:
-    """A square map with rectangular blocks at random, closed by a border, and turned and shifted at random."""
-    chance = random.Random(seed)
-    cells = numpy.zeros((size, size), numpy.int8)
-    if border:
-        cells[0, :] = cells[-1, :] = cells[:, 0] = cells[:, -1] = OCCUPIED
-    for _ in range(blocks):
-        row, column = chance.randrange(size), chance.randrange(size)
-        cells[row : row + chance.randint(1, 9), column : column + chance.randint(1, 9)] = OCCUPIED
-    origin = Pose(chance.uniform(-5, 5), chance.uniform(-5, 5), chance.uniform(-math.pi, math.pi))
-    return OccupancyMap(cells, RESOLUTION, origin)
-
-
-def free_pose(world: OccupancyMap, chance: random.Random, clearance: float) -> Pose | None:
-    """A pose at random with so much room round it; None when there is none."""
-    rows, columns = numpy.nonzero(world.distances > clearance)
-    if not rows.size:
-        return None
-    index = chance.randrange(rows.size)
-    return Pose(*world.point(float(rows[index]), float(columns[index])), chance.uniform(-math.pi, math.pi))
 
 
 @st.composite
@@ -77,6 +54,16 @@ def places(world: OccupancyMap, beside: float = 0.0) -> st.SearchStrategy[Pose]:
         lambda row, column, yaw: Pose(*world.point(row, column), yaw),
         st.floats(-0.5 - beside, world.height - 0.5 + beside),
         st.floats(-0.5 - beside, world.width - 0.5 + beside),
+        st.floats(-math.pi, math.pi),
+    )
+
+
+def free_places(world: OccupancyMap, clearance: float) -> st.SearchStrategy[Pose]:
+    """Poses at the centres of cells with so much room round them; of no cell when there is none."""
+    cells = numpy.argwhere(world.distances >= clearance).tolist()
+    return st.builds(
+        lambda cell, yaw: Pose(*world.point(*cell), yaw),
+        st.sampled_from(cells) if cells else st.nothing(),
         st.floats(-math.pi, math.pi),
     )
 

@@ -134,7 +134,7 @@ def test_a_refused_path_leaves_the_one_that_is_followed(world: Probe) -> None:
 
 def test_a_path_into_a_wall_ends_before_it(world: Probe) -> None:
     world.place(DOCK)
-    aborted(world.follow(line(DOCK, (DOCK[0], 6.5))), Result.NO_VALID_CONTROL)
+    aborted(world.follow(line(DOCK, (DOCK[0], 6.5))), Result.PATIENCE_EXCEEDED)
     rest = world.wait_at_rest()
     assert rest.y < 5.4 - LIMITS.radius
 

@@ -92,7 +92,7 @@ def test_a_wall_that_appears_ahead_stops_the_robot_that_follows_a_path(surveyor:
     goal = probe.follow(line((4.0, 3.95), (11.2, 3.95)))
     probe.wait_driving()
     surveyor.publish(wall_across_the_corridor)
-    aborted(goal, FollowPath.Result.NO_VALID_CONTROL)
+    aborted(goal, FollowPath.Result.PATIENCE_EXCEEDED)
     assert probe.wait_at_rest().x < 6.0 - 0.22
     surveyor.publish()
 

@@ -6,7 +6,20 @@ from __future__ import annotations
 import subprocess
 import sys
 
-CORE = ('costmap', 'geometry', 'lidar', 'motions', 'occupancy_map', 'pacing', 'path_follower', 'planner', 'robot')
+CORE = (
+    'costmap',
+    'errors',
+    'geometry',
+    'lidar',
+    'motions',
+    'occupancy_map',
+    'pacing',
+    'path_follower',
+    'placement',
+    'planner',
+    'robot',
+    'track',
+)
 
 
 def test_the_core_imports_no_ros() -> None:

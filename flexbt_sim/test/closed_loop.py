@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A motion that drives a robot, as the nodes do it: poses at 33 Hz, commands that arrive later."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+from sim_maps import room
+
+from flexbt_sim.costmap import Costmap, Inflation
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.geometry import Pose, wrap
+from flexbt_sim.motions import STOP, Motion, Velocity
+from flexbt_sim.occupancy_map import OccupancyMap
+from flexbt_sim.path_follower import FollowerLimits, PathFollower
+from flexbt_sim.planner import GridPlanner
+from flexbt_sim.robot import Robot, RobotLimits
+
+PERIOD = 0.03
+"""Time from pose to pose, s."""
+
+LIMITS = RobotLimits()
+FOLLOWER = FollowerLimits()
+
+ROLLING = LIMITS.linear_speed**2 / (2.0 * LIMITS.linear_acceleration)
+"""How far the robot rolls on while it brakes, m."""
+
+
+@dataclass
+class Run:
+    """What became of a motion: ``code`` of the error that ended it, or '' when it was complete. Times in s."""
+
+    robot: Robot
+    now: float = 0.0
+    code: str = ''
+    touched: bool = False
+    commands: list[Velocity] = field(default_factory=list)
+    poses: list[Pose] = field(default_factory=list)
+
+    def go(self, motion: Motion, late: int = 0, until: float = math.inf, timeout: float = 300.0) -> Run:
+        """Let a motion drive until it ends, or until a time; then the robot brakes. Commands are so many poses late."""
+        under_way = deque([STOP] * late)
+        end = self.now + timeout
+        while self.now < until:
+            assert self.now < end, f'not complete after {timeout} s'
+            self.poses.append(self.robot.pose)
+            try:
+                velocity = motion.step(self.robot.pose, self.now)
+            except NavigationError as error:
+                self.code = error.code
+                break
+            if velocity is None:
+                break
+            self.commands.append(velocity)
+            under_way.append(velocity)
+            self._move(under_way.popleft())
+        else:
+            return self
+        for _ in range(late + 20):
+            self._move(under_way.popleft() if under_way else STOP)
+        assert (self.robot.linear, self.robot.angular) == (0.0, 0.0)
+        return self
+
+    def _move(self, velocity: Velocity) -> None:
+        self.robot.command(*velocity, self.now)
+        self.now += PERIOD
+        self.robot.step(self.now, PERIOD)
+        self.touched = self.touched or self.robot.in_contact
+
+
+def run(world: OccupancyMap, start: Pose, motion: Motion, late: int = 0) -> Run:
+    """Drive a robot from a place on a map to the end of a motion."""
+    return Run(Robot(world, start, LIMITS)).go(motion, late)
+
+
+def assert_arrived(done: Run, goal: Pose) -> None:
+    """At the goal, from where the robot may roll on while it brakes; within its limits; without a touch."""
+    assert (done.code, done.touched) == ('', False)
+    assert done.robot.pose.distance(goal) <= FOLLOWER.xy_tolerance + ROLLING
+    assert abs(wrap(done.robot.pose.yaw - goal.yaw)) <= FOLLOWER.yaw_tolerance + 0.1
+    assert all(0.0 <= command.linear <= FOLLOWER.speed for command in done.commands)
+    assert all(abs(command.angular) <= FOLLOWER.angular_speed for command in done.commands)
+
+
+def check_following(world: OccupancyMap, start: Pose, goal: Pose, late: int) -> None:
+    """Plan, and follow the plan. Raises NavigationError when there is none."""
+    costmap = Costmap(world, Inflation())
+    path = GridPlanner(costmap).plan(start, goal)
+    done = run(world, start, PathFollower(path, costmap, FOLLOWER), late)
+    if min(room(world, pose.x, pose.y) for pose in path) >= LIMITS.radius + 0.01:
+        assert_arrived(done, goal)
+    else:
+        # With less than a centimetre to spare it may give up.
+        assert done.code in ('', 'PATIENCE_EXCEEDED', 'FAILED_TO_MAKE_PROGRESS')

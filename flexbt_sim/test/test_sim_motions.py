@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Turning and driving straight in closed loop, and what Nav2 says when that does not work."""
+
+from __future__ import annotations
+
+import math
+
+import numpy
+import pytest
+from closed_loop import LIMITS, PERIOD, run
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from sim_maps import drawn, free_places, places, rooms, worlds
+
+from flexbt_sim.costmap import Costmap, Inflation
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.geometry import Pose
+from flexbt_sim.motions import LOOK_AHEAD, DriveMotion, Motion, SpinMotion, Velocity, collides
+from flexbt_sim.occupancy_map import OccupancyMap
+
+OPEN = drawn(*['.' * 120] * 120)
+CENTRE = Pose(3.0, 3.0, 2.0)
+WALL = drawn(*['.' * 60 + '#' + '.' * 59] * 120)
+"""Open, but for a wall of one cell at x = 3.0."""
+
+SPARE = 0.06
+"""Nearer than this to what is possible, m, it does not matter what is said: the robot brakes, and cells are checked."""
+
+
+def costs(world: OccupancyMap) -> Costmap:
+    return Costmap(world, Inflation())
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.floats(-15.0, 15.0), st.integers(0, 3))
+def test_a_spin_turns_by_its_angle_on_the_spot(angle: float, late: int) -> None:
+    motion = SpinMotion(angle, 0.0)
+    done = run(OPEN, CENTRE, motion, late)
+    assert done.code == ''
+    assert motion.turned == pytest.approx(angle, abs=0.03)
+    assert done.robot.pose[:2] == CENTRE[:2]
+    assert all(command.linear == 0.0 and command.angular * angle > 0.0 for command in done.commands)
+    assert done.now < abs(angle) / 1.0 + 2.5
+
+
+def test_a_spin_of_nothing_is_complete_at_once() -> None:
+    assert SpinMotion(0.0, 1.0).step(CENTRE, 5.0) is None
+
+
+def test_a_robot_against_a_wall_can_turn() -> None:
+    done = run(WALL, Pose(3.0 - LIMITS.radius, 3.0, 0.0), SpinMotion(3.0, 10.0))
+    assert (done.code, done.touched) == ('', False)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.floats(0.0, 2.0), st.sampled_from([-1.0, 1.0]), st.floats(0.05, 3.0), st.integers(0, 3))
+def test_a_drive_covers_its_distance_straight_ahead_or_back(
+    distance: float, sign: float, speed: float, late: int
+) -> None:
+    motion = DriveMotion(sign * distance, sign * speed, 0.0, costs(OPEN))
+    done = run(OPEN, CENTRE, motion, late)
+    assert done.code == ''
+    reached = done.robot.pose
+    assert (reached.x - 3.0) * math.cos(2.0) + (reached.y - 3.0) * math.sin(2.0) == pytest.approx(
+        sign * distance, abs=0.04 + 0.01 * late
+    )
+    assert abs((reached.y - 3.0) * math.cos(2.0) - (reached.x - 3.0) * math.sin(2.0)) < 1e-9
+    assert motion.driven == pytest.approx(distance, abs=0.02 + 0.01 * late)
+
+
+def way_ahead(world: OccupancyMap, start: Pose, sign: float, distance: float) -> float:
+    """How far a robot could go straight, m, up to a distance, without touching an obstacle or leaving the map."""
+    lengths = numpy.arange(0.0, distance + 0.002, 0.002)
+    direction = numpy.array([math.cos(start.yaw), math.sin(start.yaw)]) * sign
+    points = start[:2] + lengths[:, None] * direction
+    outside = [not world.contains(*world.cell(*point)) for point in points]
+    stops = numpy.flatnonzero((rooms(world, points) < LIMITS.radius) | outside)
+    return float(lengths[stops[0]]) if stops.size else distance
+
+
+@settings(deadline=None, max_examples=80)
+@given(st.data(), worlds(), st.floats(0.05, 2.0), st.sampled_from([-1.0, 1.0]), st.sampled_from([0.1, 0.26, 5.0]))
+def test_a_drive_is_complete_or_an_obstacle_is_ahead_and_not_touched(
+    data: st.DataObject, world: OccupancyMap, distance: float, sign: float, speed: float
+) -> None:
+    anywhere = free_places(world, LIMITS.radius)
+    assume(not anywhere.is_empty)
+    start = data.draw(anywhere)
+    way = way_ahead(world, start, sign, distance + SPARE)
+    done = run(world, start, DriveMotion(sign * distance, sign * speed, 0.0, costs(world)))
+    if done.code:
+        assert done.code == 'COLLISION_AHEAD'
+        assert way < distance + SPARE
+        assert not done.touched
+        assert start.distance(done.robot.pose) >= way - LOOK_AHEAD * max(speed, 0.1) - SPARE
+    else:
+        assert way >= distance - SPARE
+
+
+@pytest.mark.parametrize('speed', [0.1, 1.0, 40.0, 1e6, 1e300])
+def test_no_speed_is_so_great_that_a_wall_is_overlooked(speed: float) -> None:
+    done = run(WALL, Pose(2.0, 3.0, 0.0), DriveMotion(3.0, speed, 0.0, costs(WALL)))
+    assert (done.code, done.touched) == ('COLLISION_AHEAD', False)
+
+
+@pytest.mark.parametrize('distance', [4.0, 1e300])
+def test_the_map_is_not_left(distance: float) -> None:
+    for start, sign in ((Pose(5.0, 3.0, 0.0), 1.0), (Pose(1.0, 3.0, 0.0), -1.0)):
+        done = run(OPEN, start, DriveMotion(sign * distance, sign * 0.2, 0.0, costs(OPEN)))
+        assert done.code == 'COLLISION_AHEAD'
+        assert 0.0 < done.robot.pose.x < 6.0
+
+
+def test_a_robot_that_overlaps_a_wall_can_back_out_of_it_but_not_on_through() -> None:
+    inside = Pose(2.9, 3.0, 0.0)
+    away = run(WALL, inside, DriveMotion(-0.3, -0.15, 10.0, costs(WALL)))
+    assert (away.code, away.touched) == ('', False)
+    assert away.robot.pose.x < 2.62
+    assert run(WALL, inside, DriveMotion(0.3, 0.15, 10.0, costs(WALL))).code == 'COLLISION_AHEAD'
+
+
+def test_a_robot_that_leaves_one_obstacle_does_not_get_to_drive_into_another() -> None:
+    world = drawn(*['.' * 60 + '#' + '.' * 20 + '#' + '.' * 38] * 120)
+    assert run(world, Pose(3.06, 3.0, 0.0), DriveMotion(0.95, 0.2, 0.0, costs(world))).code == 'COLLISION_AHEAD'
+
+
+def test_a_map_that_changes_counts_from_then_on() -> None:
+    motion = DriveMotion(2.0, 0.2, 0.0, costs(OPEN))
+    assert motion.step(Pose(2.5, 3.0, 0.0), 0.0) == (0.2, 0.0)
+    motion.update(costs(WALL))
+    with pytest.raises(NavigationError) as raised:
+        motion.step(Pose(2.5, 3.0, 0.0), 0.1)
+    assert raised.value.code == 'COLLISION_AHEAD'
+
+
+@pytest.mark.parametrize(
+    'motion', [SpinMotion(6.0, 1.0), DriveMotion(2.0, 0.1, 1.0, costs(OPEN)), DriveMotion(-2.0, -0.1, 1.0, costs(OPEN))]
+)
+def test_what_takes_longer_than_allowed_times_out(motion: Motion) -> None:
+    done = run(OPEN, CENTRE, motion)
+    assert done.code == 'TIMEOUT'
+    assert 1.0 < PERIOD * len(done.commands) < 1.1
+
+
+@pytest.mark.parametrize('allowance', [0.0, -1.0])
+def test_no_allowance_is_no_limit(allowance: float) -> None:
+    assert run(OPEN, CENTRE, SpinMotion(25.0, allowance)).code == ''
+
+
+def test_the_allowance_counts_from_the_first_step() -> None:
+    motion = SpinMotion(3.0, 1.0)
+    assert motion.step(CENTRE, 1000.0) is not None
+    assert motion.step(CENTRE, 1001.0) is not None
+
+
+@settings(deadline=None)
+@given(st.data(), worlds(size=24), st.floats(-0.5, 0.5), st.floats(-2.0, 2.0))
+def test_a_predicted_collision_is_one(data: st.DataObject, world: OccupancyMap, linear: float, angular: float) -> None:
+    """On the arc that is driven, and within the time; and there is none where nothing is near the arc."""
+    start = data.draw(places(world, beside=-0.5))
+    times = numpy.linspace(0.0, 1.0, 200)
+    headings = start.yaw + angular * times / 2.0
+    chords = linear * times * numpy.sinc(angular * times / 2.0 / math.pi)
+    arc = numpy.stack([start.x + chords * numpy.cos(headings), start.y + chords * numpy.sin(headings)], axis=1)
+    distances = rooms(world, arc)
+    assume(distances[0] >= LIMITS.radius)
+    inside = all(world.contains(*world.cell(*point)) for point in arc)
+    if collides(costs(world), start, Velocity(linear, angular), 1.0):
+        assert not inside or distances.min() < LIMITS.radius
+    else:
+        assert inside
+        assert distances.min() >= LIMITS.radius - world.resolution**2 / (8.0 * LIMITS.radius) - 1e-3

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Following a path in closed loop: arriving, touching nothing, and giving up for the right reason."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from closed_loop import FOLLOWER, LIMITS, PERIOD, ROLLING, Run, assert_arrived, check_following, run
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from sim_maps import drawn, free_places, worlds
+
+from flexbt_sim.costmap import Costmap, Inflation
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.geometry import Pose
+from flexbt_sim.occupancy_map import OccupancyMap
+from flexbt_sim.path_follower import FollowerLimits, PathFollower, ProgressChecker
+from flexbt_sim.planner import GridPlanner
+from flexbt_sim.robot import Robot
+
+OPEN = drawn(*['.' * 160] * 120)
+WALL = drawn(*['.' * 80 + '##' + '.' * 78] * 120)
+"""Open, but for a wall at x = 4.0 to 4.1."""
+
+
+def follower(path: list[Pose], world: OccupancyMap = OPEN, limits: FollowerLimits = FOLLOWER) -> PathFollower:
+    return PathFollower(path, Costmap(world, Inflation()), limits)
+
+
+def line(*corners: tuple[float, float], spacing: float = 0.05, yaw: float = 0.0) -> list[Pose]:
+    """Poses along straight lines; only the heading of the last counts."""
+    poses = [Pose(*corners[0], yaw)]
+    for a, b in pairwise(corners):
+        count = max(1, round(math.dist(a, b) / spacing))
+        poses += [
+            Pose(a[0] + (b[0] - a[0]) * i / count, a[1] + (b[1] - a[1]) * i / count, yaw) for i in range(1, count + 1)
+        ]
+    return poses
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.data(), worlds(least=30, size=90, blocks=14, resolutions=(0.03, 0.05, 0.1)), st.integers(0, 3))
+def test_it_arrives_wherever_a_plan_leads(data: st.DataObject, world: OccupancyMap, late: int) -> None:
+    anywhere = free_places(world, LIMITS.radius + 0.01)
+    assume(not anywhere.is_empty)
+    try:
+        check_following(world, data.draw(anywhere), data.draw(anywhere), late)
+    except NavigationError as error:
+        assert error.code == 'NO_VALID_PATH'
+
+
+SLOT = drawn(*['.' * 60] * 40, *['#' * 25 + '.' * 10 + '#' * 25] * 20, *['.' * 60] * 40)
+"""A passage of 0.5 m, 1 m long."""
+
+
+@pytest.mark.parametrize('late', [0, 2, 4])
+@pytest.mark.parametrize('start', [Pose(0.5, 1.0, 0.0), Pose(2.6, 0.4, 3.0), Pose(1.5, 4.5, -1.0)])
+def test_it_gets_through_a_passage_with_three_centimetres_on_each_side(start: Pose, late: int) -> None:
+    goal = Pose(1.0, 4.2, 1.0) if start.y < 2.5 else Pose(0.4, 0.4, 1.0)
+    check_following(SLOT, start, goal, late)
+
+
+@pytest.mark.parametrize('spacing', [0.01, 0.3, 10.0])
+def test_how_far_the_poses_of_a_path_are_apart_does_not_matter(spacing: float) -> None:
+    path = line((1.0, 1.0), (5.0, 1.0), (5.0, 4.0), spacing=spacing, yaw=2.0)
+    done = run(OPEN, Pose(1.0, 1.0, 0.0), follower(path))
+    assert_arrived(done, path[-1])
+    assert done.now < 7.0 / FOLLOWER.speed + 8.0
+    assert all(min(abs(pose.y - 1.0), abs(pose.x - 5.0)) < 0.2 for pose in done.poses)
+
+
+@pytest.mark.parametrize('yaw', [0.0, 1.6, math.pi, -2.0])
+def test_a_path_behind_the_robot_begins_with_a_turn(yaw: float) -> None:
+    path = line((3.0, 3.0), (3.0 + 2.0 * math.cos(yaw), 3.0 + 2.0 * math.sin(yaw)), yaw=yaw)
+    done = run(OPEN, Pose(3.0, 3.0, 0.0), follower(path))
+    assert_arrived(done, path[-1])
+    assert all(min(pose.distance(point) for point in path) < 0.1 for pose in done.poses)
+
+
+def test_a_path_that_begins_elsewhere_is_driven_to() -> None:
+    path = line((4.0, 4.0), (6.0, 4.0))
+    done = run(OPEN, Pose(1.0, 1.0, 0.0), follower(path))
+    assert_arrived(done, path[-1])
+
+
+def test_a_path_that_crosses_itself_and_passes_its_own_end_is_driven_to_its_end() -> None:
+    path = line((1.0, 2.0), (5.0, 2.0), (5.0, 4.0), (3.0, 4.0), (3.0, 1.0), (1.5, 1.0), (1.5, 2.0), yaw=1.5)
+    done = run(OPEN, Pose(1.0, 2.0, 0.0), follower(path))
+    assert_arrived(done, path[-1])
+    for corner in ((5.0, 4.0), (3.0, 1.0)):
+        assert min(math.dist(pose[:2], corner) for pose in done.poses) < 0.3
+
+
+def test_poses_that_are_repeated_do_no_harm() -> None:
+    path = [pose for pose in line((1.0, 1.0), (2.0, 1.0)) for _ in range(3)]
+    assert_arrived(run(OPEN, path[0], follower(path)), path[-1])
+
+
+@pytest.mark.parametrize('goal', [Pose(3.0, 3.0, 1.5), Pose(3.05, 3.0, -3.0), Pose(2.0, 2.5, 0.0), Pose(3.0, 3.0, 0.0)])
+def test_a_path_of_one_pose_is_a_goal(goal: Pose) -> None:
+    assert_arrived(run(OPEN, Pose(3.0, 3.0, 0.0), follower([goal])), goal)
+
+
+@pytest.mark.parametrize(
+    'path',
+    [
+        [],
+        [Pose(math.nan, 1.0, 0.0)],
+        [Pose(1.0, 1.0, 0.0), Pose(math.inf, 1.0, 0.0), Pose(2.0, 1.0, 0.0)],
+        [Pose(1.0, 1.0, 0.0), Pose(2.0, 1.0, math.nan)],
+    ],
+)
+def test_what_is_no_path_is_refused(path: list[Pose]) -> None:
+    with pytest.raises(NavigationError) as raised:
+        follower(path)
+    assert raised.value.code == 'INVALID_PATH'
+
+
+def test_the_distance_to_the_goal_is_that_along_the_path() -> None:
+    path = line((1.0, 1.0), (3.0, 1.0), (3.0, 3.0))
+    motion = follower(path)
+    assert motion.distance_to_goal == pytest.approx(4.0)
+    motion.step(Pose(2.0, 1.02, 0.0), 0.0)
+    assert motion.distance_to_goal == pytest.approx(3.02)
+    assert motion.speed > 0.0
+
+
+@pytest.mark.parametrize(('patience', 'code'), [(0.3, 'PATIENCE_EXCEEDED'), (0.0, 'NO_VALID_CONTROL')])
+def test_an_obstacle_on_the_path_stops_the_robot_before_it(patience: float, code: str) -> None:
+    path = line((1.0, 3.0), (6.0, 3.0))
+    done = run(WALL, path[0], follower(path, WALL, replace(FOLLOWER, patience=patience)))
+    assert (done.code, done.touched) == (code, False)
+    assert 0.0 < 4.0 - done.robot.pose.x - LIMITS.radius < FOLLOWER.speed * FOLLOWER.collision_time + 0.05
+
+
+def test_beside_the_map_there_is_no_way() -> None:
+    path = line((6.0, 3.0), (10.0, 3.0))
+    done = run(OPEN, path[0], follower(path))
+    assert done.code == 'PATIENCE_EXCEEDED'
+    assert done.robot.pose.x < 8.0
+
+
+def test_a_wall_that_comes_and_goes_is_waited_for_and_one_that_stays_is_not() -> None:
+    path = line((3.0, 3.0), (6.0, 3.0))
+    motion = follower(path)
+    driven = Run(Robot(OPEN, path[0], LIMITS)).go(motion, until=2.2)
+    motion.update(Costmap(WALL, Inflation()))
+    driven.go(motion, until=driven.now + 0.25)
+    assert driven.commands[-1] == (0.0, 0.0)
+    motion.update(Costmap(OPEN, Inflation()))
+    driven.go(motion, until=driven.now + 1.0)
+    assert driven.commands[-1].linear > 0.2
+    motion.update(Costmap(drawn(*['.' * 100 + '##' + '.' * 58] * 120), Inflation()))
+    began = driven.now
+    driven.go(motion)
+    assert driven.code == 'PATIENCE_EXCEEDED'
+    assert driven.now - began < (5.0 - path[0].x) / FOLLOWER.speed
+
+
+def test_a_robot_that_overlaps_an_obstacle_is_led_away_from_it() -> None:
+    start = Pose(3.85, 3.0, math.pi)
+    path = GridPlanner(Costmap(WALL, Inflation())).plan(start, Pose(2.0, 3.0, math.pi))
+    done = run(WALL, start, follower(path, WALL))
+    assert (done.code, done.touched) == ('', False)
+    assert done.robot.pose.distance(path[-1]) <= FOLLOWER.xy_tolerance + ROLLING
+
+
+def test_a_robot_that_is_held_up_by_what_the_map_does_not_show_makes_no_progress() -> None:
+    path = line((3.0, 3.0), (6.0, 3.0))
+    done = run(WALL, path[0], follower(path, OPEN))
+    assert (done.code, done.touched) == ('FAILED_TO_MAKE_PROGRESS', True)
+    reached = (4.0 - LIMITS.radius - 3.0) / FOLLOWER.speed
+    assert FOLLOWER.progress_time < done.now < reached + FOLLOWER.progress_time + 1.0
+
+
+def test_progress_is_half_a_metre_in_ten_seconds_whatever_path_is_followed() -> None:
+    """A newer path does not begin anew, as in Nav2."""
+    progress = ProgressChecker(FOLLOWER)
+    path = line((1.0, 1.0), (6.0, 1.0))
+    steps = round(FOLLOWER.progress_time / PERIOD) + 2
+    with pytest.raises(NavigationError) as raised:
+        for number in range(steps):
+            motion = PathFollower(path, Costmap(OPEN, Inflation()), FOLLOWER, progress)
+            motion.step(Pose(1.0 + 0.49 * number / steps, 1.0, 0.0), number * PERIOD)
+    assert raised.value.code == 'FAILED_TO_MAKE_PROGRESS'
+    assert number * PERIOD > FOLLOWER.progress_time
+    progress = ProgressChecker(FOLLOWER)
+    for number in range(5 * steps):
+        progress.check(Pose(1.0 + 0.51 * number / steps, 1.0, 0.0), number * PERIOD, turning=False)
+
+
+def test_a_turn_at_the_goal_is_progress() -> None:
+    motion = follower([Pose(1.0, 1.0, 3.0)])
+    for number in range(1000):
+        assert motion.step(Pose(1.0, 1.0, 0.0), number * PERIOD) is not None
