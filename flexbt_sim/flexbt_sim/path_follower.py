@@ -171,7 +171,7 @@ class PathFollower:
         return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))
 
     def _is_blocked(self, pose: Pose, carrot: Pose, velocity: Velocity) -> bool:
-        """By an obstacle before the carrot, as in Nav2: there the way bends. What counts for a turn is the way after it."""
+        """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn the way after it counts."""
         if velocity.linear == 0.0:
             pose = Pose(pose.x, pose.y, math.atan2(carrot.y - pose.y, carrot.x - pose.x))
             velocity = Velocity(self._limits.speed, 0.0)
