@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import Final
@@ -17,27 +18,47 @@ ANSWER_SECONDS: Final = 0.02
 """How long 'as fast as possible' waits for the command that an odometry message causes, s of wall time."""
 
 
+class Schedule:
+    """When simulated time is due on the wall clock. Wall time, ``now``, is handed in; all times in s.
+
+    ``factor`` is the seconds of the simulated world per second; 0 for as fast as whoever drives the robot keeps up.
+    """
+
+    def __init__(self, factor: float, now: float) -> None:
+        """Raises ValueError for a factor that is negative or not finite."""
+        if not 0.0 <= factor < math.inf:
+            raise ValueError(f'speed factor {factor}: give 0 or a positive, finite number')
+        self.factor = factor
+        self.due = now
+
+    def advance(self, simulated: float, now: float) -> float:
+        """Go on by a piece of simulated time; when the world is to have got there."""
+        self.due += simulated / (self.factor or IDLE_FACTOR)
+        if now - self.due > MAX_LAG:
+            self.due = now
+        return self.due
+
+
 class Pacer:
-    """Waits after each piece of simulated time. ``stop`` ends all waiting."""
+    """Waits after each piece of simulated time, on the wall clock. ``stop`` ends all waiting."""
 
     def __init__(self, factor: float) -> None:
-        self._factor = factor
-        self._due = time.monotonic()
+        """Raises ValueError, as :class:`Schedule`."""
+        self._schedule = Schedule(factor, time.monotonic())
         self._event = threading.Condition()
         self._commands = 0
         self._stopped = False
 
     @property
     def factor(self) -> float:
-        """Seconds of the simulated world per second; 0 for as fast as whoever drives the robot keeps up."""
-        return self._factor
+        """See :class:`Schedule`."""
+        return self._schedule.factor
 
     @factor.setter
     def factor(self, factor: float) -> None:
         # What is being waited for now was long at the old factor: it is over.
         with self._event:
-            self._factor = factor
-            self._due = time.monotonic()
+            self._schedule = Schedule(factor, time.monotonic())
             self._event.notify_all()
 
     def command_received(self) -> None:
@@ -65,18 +86,15 @@ class Pacer:
     def wait(self, simulated: float) -> None:
         """Let ``simulated`` seconds pass, at the speed factor."""
         with self._event:
-            self._due += simulated / (self._factor or IDLE_FACTOR)
-            now = time.monotonic()
-            if now - self._due > MAX_LAG:
-                self._due = now
-            while not self._stopped and (left := self._due - time.monotonic()) > 0.0:
+            self._schedule.advance(simulated, time.monotonic())
+            while not self._stopped and (left := self._schedule.due - time.monotonic()) > 0.0:
                 self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)
 
     def wait_for_answer(self, commands_before: int) -> None:
-        """Let whoever drives answer an odometry message, for a short time."""
+        """Let whoever drives answer an odometry message, for a short time. Simulated time goes on from then."""
         with self._event:
             self._event.wait_for(lambda: self._stopped or self._commands > commands_before, ANSWER_SECONDS)
-        self._due = time.monotonic()
+            self._schedule = Schedule(self._schedule.factor, time.monotonic())
 
     def _sleep(self, seconds: float) -> None:
         # Conditions wake up late by more than this on some machines.
