@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from .errors import CommandError
 from .layout import Layout, Package
@@ -17,8 +18,15 @@ from .terminal import run_logged, step
 from .underlay import Underlay
 from .virtual_environment import VirtualEnvironment
 
-_FORMAT = 1  # of the stamp; a change of it builds everything anew
-_CACHES = ('__pycache__', '.pytest_cache', '.hypothesis', '.mypy_cache', '.ruff_cache')
+_FORMAT = 2  # of the stamp; a change of it builds everything anew
+_PASSING = re.compile(r'\..*|.*~|__pycache__|.*\.egg-info')  # caches, and what editors leave while a file is open
+
+
+class Fingerprint(TypedDict):
+    """What the installation of a package depends on: the names of its files, and the contents of some."""
+
+    names: str
+    contents: str
 
 
 class Build:
@@ -44,16 +52,17 @@ class Build:
 
     def ensure(self, lock: int) -> None:
         """Builds what has to be. `lock` is held open by colcon. Raises CommandError when a package does not build."""
-        wanted = {package.name: self._hash(package) for package in self._layout.packages()}
+        wanted = {package.name: self._fingerprint(package) for package in self._layout.packages()}
         state = read_stamp(self._stamp)
-        built: dict[str, str] = dict(state.get('packages', {}))
-        interrupted: list[str] = list(state.get('building', []))
+        built: dict[str, Fingerprint] = dict(state.get('packages', {}))
+        spoilt: set[str] = set(state.get('building', []))  # a killed compiler may have left half a file with a new date
         if not self.was_done():
             self._start_over(bool(state))
-            built, interrupted = {}, []
-        # A killed compiler may have left half a file with a new date; a package that is gone, its installation.
-        self._remove({*interrupted, *(built.keys() - wanted.keys())})
-        built = {name: value for name, value in built.items() if name in wanted and name not in interrupted}
+            built, spoilt = {}, set()
+        # What was made of a file that is gone stays behind, and generated code goes on referring to it.
+        spoilt |= {name for name, done in built.items() if name not in wanted or done['names'] != wanted[name]['names']}
+        self._remove(spoilt)
+        built = {name: done for name, done in built.items() if name not in spoilt}
         stale = sorted(name for name, value in wanted.items() if built.get(name) != value or not self._installed(name))
         if stale:
             self._record(built, building=stale)
@@ -107,7 +116,7 @@ class Build:
         present = [path for path in (self._layout.build, self._layout.install) if path.exists()]
         if not present:
             return
-        reason = 'the underlay or the place of the workspace has changed' if changed else 'made by something else'
+        reason = 'its underlay, place or tools have changed' if changed else 'made by something else'
         print(f'  removing build/ and install/ ({reason})', flush=True)
         for path in present:
             remove(path)
@@ -120,23 +129,25 @@ class Build:
     def _installed(self, name: str) -> bool:
         return (self._layout.install / name / 'share' / name / 'package.xml').exists()
 
-    def _record(self, packages: dict[str, str], building: list[str]) -> None:
+    def _record(self, packages: dict[str, Fingerprint], building: list[str]) -> None:
         content = {'identity': self._identity(), 'packages': packages, 'building': building}
         if content != read_stamp(self._stamp):
             write_stamp(self._stamp, content)
 
-    def _hash(self, package: Package) -> str:
+    def _fingerprint(self, package: Package) -> Fingerprint:
         files = [
             file
             for file in package.path.rglob('*')
-            if file.is_file() and not any(part in _CACHES or part.endswith('.egg-info') for part in file.parts)
+            if file.is_file() and not any(_PASSING.fullmatch(part) for part in file.relative_to(package.path).parts)
         ]
-        if not package.is_python:
-            tooling = [self._layout.root / 'colcon.meta', self._layout.tools / 'ros_wheels_fix.cmake']
-            return hash_of([*files, *tooling], self._layout.root)
-        decisive = [file for file in files if file.name in ('setup.py', 'setup.cfg', 'package.xml')]
-        data = [file for file in files if file.suffix != '.py' and file not in decisive]
-        return hash_of(decisive, self._layout.root, names_only=data)
+        if package.is_python:
+            linked = (package.modules, package.path / 'test')
+            files = [file for file in files if not any(place in file.parents for place in linked)]
+            decisive = [file for file in files if file.name in ('setup.py', 'setup.cfg', 'package.xml')]
+        else:
+            decisive = [*files, self._layout.root / 'colcon.meta', self._layout.tools / 'ros_wheels_fix.cmake']
+        root = self._layout.root
+        return {'names': hash_of([], root, names_only=files), 'contents': hash_of(decisive, root)}
 
     def _write_underlay_setup(self) -> None:
         """The file by which tools/env.sh finds the underlay that the workspace was built on."""
