@@ -14,10 +14,10 @@ from sim_maps import drawn, places, room, worlds
 from flexbt_sim.geometry import Pose
 from flexbt_sim.occupancy_map import FAR, OccupancyMap
 
-exhaustive = settings(deadline=None, max_examples=150)
+thorough = settings(deadline=None, max_examples=60)
 
 
-@exhaustive
+@thorough
 @given(st.data(), worlds())
 def test_clearance_is_exact_on_the_map_and_beside_it(data: st.DataObject, world: OccupancyMap) -> None:
     for pose in data.draw(st.lists(places(world, beside=30.0), min_size=5, max_size=5)):
@@ -28,8 +28,8 @@ def test_clearance_is_exact_on_the_map_and_beside_it(data: st.DataObject, world:
                 assert world.is_free(pose.x, pose.y, radius) == (distance >= radius)
 
 
-@exhaustive
-@given(worlds(size=12))
+@thorough
+@given(worlds(size=9))
 def test_known_distances_are_exact_at_centres_corners_and_edges(world: OccupancyMap) -> None:
     field = world.half_cell_distances
     assert field.shape == (2 * world.height + 1, 2 * world.width + 1)

@@ -52,7 +52,7 @@ def test_a_collision_is_an_overlap_or_a_place_beside_the_map(
             assert costmap.in_collision(pose) == (beside or distance < inflation.robot_radius)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=120)
 @given(st.data(), worlds(size=24), st.floats(0.0, 0.6))
 def test_a_clear_line_is_free_all_along_and_one_with_room_is_clear(
     data: st.DataObject, world: OccupancyMap, radius: float

@@ -24,7 +24,7 @@ from flexbt_sim.planner import END_TOLERANCE, SPACING, GridPlanner
 INFLATION = Inflation()
 RADIUS = INFLATION.robot_radius
 Cell = tuple[int, int]
-thorough = settings(deadline=None, max_examples=60)
+thorough = settings(deadline=None, max_examples=40)
 
 
 class SlowSearch:
