@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 from pathlib import Path
@@ -230,6 +231,10 @@ def test_a_file_and_what_it_includes_are_one(tmp_path: Path) -> None:
     )
     shown = tool('check', '--allow-unknown', str(tmp_path / 'a.xml'))
     assert shown == (0, '', '1 file: nothing to complain about\n')
+    # Also when it is looked at by itself, too, under another name.
+    with contextlib.chdir(tmp_path):
+        shown = tool('check', '--allow-unknown', '--strict', '--ignore', 'unused-tree', './lib/../a.xml', 'lib/b.xml')
+    assert (shown.code, 'warning' in shown.out) == (0, False), shown
     (tmp_path / 'lib' / 'b.xml').unlink()
     shown = tool('check', '--allow-unknown', str(tmp_path / 'a.xml'))
     assert shown.code == 1

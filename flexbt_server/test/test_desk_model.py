@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from bt_random_nodes import make_case
 from desk_tool import STOCK_TREES, document, tool
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from xml_schema import Schema
 
@@ -23,6 +24,7 @@ from flexbt_server.behavior_tree import (
     PortDirection,
     PortType,
     SyncAction,
+    TreeLoadError,
     builtin_registry,
     port_types,
 )
@@ -54,11 +56,12 @@ def signatures(registry: NodeRegistry) -> dict[str, tuple[NodeKind, Signature]]:
     }
 
 
+MODEL = tool('model', '--builtin').out
+
+
 def test_the_model_says_what_the_registry_knows() -> None:
-    done = tool('model', '--builtin')
-    assert done.code == 0
     read = NodeRegistry()
-    assert add_models(read, 'model.xml', done.out) == []
+    assert add_models(read, 'model.xml', MODEL) == []
     assert signatures(read) == signatures(node_registry(lambda source, error: None))
 
 
@@ -165,3 +168,15 @@ def test_a_name_that_no_element_can_have_is_left_out() -> None:
     schema = Schema('\n'.join(schema_lines(manifests)))
     assert schema.errors(document('Main: <Action ID="2nd"/>')) == schema.errors(document('Main: <é/>')) == []
     assert schema.errors(document('Main: <AlwaysSuccess/>')) == ['<BehaviorTree> contains <AlwaysSuccess>']
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_damaged_models_are_refused_or_read(data: st.DataObject) -> None:
+    text = MODEL
+    for _ in range(data.draw(st.integers(1, 4))):
+        position = data.draw(st.integers(0, len(text)))
+        damage = data.draw(st.text(st.sampled_from('<>/"= &;IDabx:{}'), max_size=8))
+        text = text[:position] + damage + text[position + data.draw(st.integers(0, 20)) :]
+    with contextlib.suppress(TreeLoadError):
+        assert all(error.line >= 1 for error in add_models(NodeRegistry(), 'model.xml', text))

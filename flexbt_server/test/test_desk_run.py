@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -148,6 +149,7 @@ def test_a_synchronous_leaf_is_activated_by_every_tick() -> None:
         (['*ight/*=FAILURE', '*=SUCCESS'], 'SF'),
         (['left=SUCCESS', 'go=FAILURE'], 'SF'),
         (['Arm=SUCCESS'], 'SS'),
+        (['*[t]/go=FAILURE', '*=SUCCESS'], 'SS'),  # brackets stand for themselves
     ],
 )
 def test_names_types_paths_and_wildcards(mocks: list[str], expected: str) -> None:
@@ -356,6 +358,22 @@ def test_exit_codes(tmp_path: Path, tree: str, words: list[str], code: int, said
     assert (done.code, said in done.out + done.err) == (code, True), done
 
 
+@pytest.mark.parametrize(
+    ('path', 'code', 'said'),
+    [
+        ('{header: {frame_id: map}}', 0, "frame_id='map'"),
+        ('json:{}', 0, 'poses=[]'),
+        ('{header: {frame: map}}', 3, "output 'path': "),
+        ('{header: 2001-01-01}', 3, 'Object of type date is not JSON serializable'),
+    ],
+)
+def test_messages_are_written_as_mappings(tmp_path: Path, path: str, code: int, said: str) -> None:
+    mocks = tmp_path / 'mocks.yaml'
+    mocks.write_text(f'mocks: {{ComputePathToPose: {{gives: SUCCESS, outputs: {{path: {path}}}}}}}')
+    done = run(tmp_path, document('Main: <ComputePathToPose goal="{g}" path="{p}"/>'), '--mock', str(mocks))
+    assert (done.code, said in done.out + done.err) == (code, True), done
+
+
 def test_a_file_without_a_main_tree_needs_a_name(tmp_path: Path) -> None:
     text = document('A: <AlwaysSuccess/>', 'B: <AlwaysFailure/>', main=None)
     assert run(tmp_path, text).err.endswith('does not name its main tree; say --tree ID, one of: A, B\n')
@@ -395,3 +413,17 @@ def test_a_run_is_the_same_each_time_and_its_trace_has_no_gaps(
         statuses[event['path']] = event['after']
         times.append(event['time'])
     assert times == sorted(times)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.data())
+def test_damaged_plans_are_refused_or_read(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    text, _ = without_marks(data.draw(st.sampled_from([text for text, _ in WRONG_PLANS])))
+    for _ in range(data.draw(st.integers(1, 3))):
+        position = data.draw(st.integers(0, len(text)))
+        damage = data.draw(st.text(st.sampled_from('{}[]:,- !&*<|>\'"#%@`\n\t\x00\ud800.0e9~?'), max_size=5))
+        text = text[:position] + damage + text[position + data.draw(st.integers(0, 6)) :]
+    file = tmp_path_factory.getbasetemp() / 'damaged.yaml'
+    file.write_bytes(text.encode('utf-8', 'surrogatepass'))
+    with contextlib.suppress(DeskError):
+        trial('Main: <Drive to="x"/>', mocks=[str(file)])[0].run(1.0)

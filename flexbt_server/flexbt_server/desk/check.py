@@ -12,7 +12,7 @@ from flexbt_server.behavior_tree import NodeRegistry
 from flexbt_server.desk import arguments
 from flexbt_server.desk.diagnostics import REFUSED, RULES, Diagnostic, Severity
 from flexbt_server.desk.errors import ExitCode, RefusedError
-from flexbt_server.desk.files import read_library
+from flexbt_server.desk.files import read_library, shown_name
 from flexbt_server.desk.lint import findings
 
 
@@ -27,7 +27,7 @@ def check(
         found = [Diagnostic(REFUSED, reason) for reason in error.errors]
     else:
         found = list(dict.fromkeys(findings(library, inputs, shared=shared)))
-    order = {file: index for index, file in enumerate(files)}
+    order = {shown_name(file): index for index, file in enumerate(files)}
     return sorted(
         found,
         key=lambda one: (order.get(one.place.file, len(order)), one.place.file, one.place.line, one.place.column),

@@ -41,9 +41,9 @@ def read_library(files: Sequence[str], registry: NodeRegistry) -> TreeLibrary:
         content = b''
         try:
             content = _content(file)
-            document = load_xml(content, _name(file), registry, include=_include)
+            document = load_xml(content, shown_name(file), registry, include=_include)
         except OSError as error:
-            errors.append(LoadError(_name(file), 1, 1, '', f'cannot be read: {error.strerror or error}'))
+            errors.append(LoadError(shown_name(file), 1, 1, '', f'cannot be read: {error.strerror or error}'))
         except TreeLoadError as error:
             errors.extend(error.errors)
         else:
@@ -64,9 +64,9 @@ def read_models(files: Sequence[str], registry: NodeRegistry) -> None:
     errors: list[LoadError] = []
     for file in files:
         try:
-            errors += add_models(registry, _name(file), _content(file).decode('utf-8-sig'))
+            errors += add_models(registry, shown_name(file), _content(file).decode('utf-8-sig'))
         except (OSError, UnicodeDecodeError) as error:
-            errors.append(LoadError(_name(file), 1, 1, '', f'cannot be read: {error}'))
+            errors.append(LoadError(shown_name(file), 1, 1, '', f'cannot be read: {error}'))
         except TreeLoadError as error:
             errors.extend(error.errors)
     if errors:
@@ -78,11 +78,12 @@ def _place_holders(file: str, content: bytes, registry: NodeRegistry) -> list[Tr
     found = dict.fromkeys(_TREE_ID.findall(content.decode('utf-8', 'replace')))
     ids = [id for id in found if not model_name_problem(id) and id not in registry]
     trees = ''.join(f'<BehaviorTree ID="{id}"><AlwaysSuccess/></BehaviorTree>' for id in ids)
-    return [load_xml(f'<root BTCPP_format="4">{trees}</root>', _name(file), registry)] if ids else []
+    return [load_xml(f'<root BTCPP_format="4">{trees}</root>', shown_name(file), registry)] if ids else []
 
 
-def _name(file: str) -> str:
-    return '<stdin>' if file == STDIN else file
+def shown_name(file: str) -> str:
+    """The name of a file in messages: the same whether it was named by the user or by another file."""
+    return '<stdin>' if file == STDIN else os.path.normpath(file)
 
 
 def _content(file: str) -> bytes:

@@ -59,10 +59,11 @@ class Rule:
 
     @property
     def is_wildcard(self) -> bool:
-        return any(character in self.pattern for character in '*?[')
+        return '*' in self.pattern or '?' in self.pattern
 
     def matches(self, name: str) -> bool:
-        return fnmatchcase(name, self.pattern) if self.is_wildcard else name == self.pattern
+        # Of the patterns of file names only * and ? mean something here.
+        return fnmatchcase(name, self.pattern.replace('[', '[[]')) if self.is_wildcard else name == self.pattern
 
 
 @dataclass(slots=True)

@@ -101,7 +101,11 @@ def written(value: Any, kind: PortType | None) -> Any:
     of_messages = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(one, dict) for one in value))
     if not of_messages or kind is None or kind.from_text is None:
         return value
-    return kind.parse(f'json:{json.dumps(value)}')
+    try:
+        text = json.dumps(value)
+    except (TypeError, ValueError) as error:
+        raise ConversionError(f'{kind.name}: {error}') from error
+    return kind.parse(f'json:{text}')
 
 
 class _Pass(Decorator):

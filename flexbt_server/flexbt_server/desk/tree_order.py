@@ -34,8 +34,15 @@ def sub_trees_first(library: TreeLibrary) -> list[TreeKey]:
 
 
 def used_trees(library: TreeLibrary) -> set[TreeKey]:
-    """The trees that are sub-trees of others."""
-    return {target for key in library.tree_keys() for _, target in references(library, key)}
+    """The trees that are sub-trees of others. One that several documents have, by includes, is one tree."""
+    targets = {target for key in library.tree_keys() for _, target in references(library, key)}
+    places = {_place(library, target) for target in targets}
+    return {key for key in library.tree_keys() if _place(library, key) in places}
+
+
+def _place(library: TreeLibrary, key: TreeKey) -> tuple[str, int]:
+    tree = library.definition(key)
+    return tree.source.file, tree.offset
 
 
 def roots(library: TreeLibrary) -> list[TreeKey]:
