@@ -362,7 +362,7 @@ def test_exit_codes(tmp_path: Path, tree: str, words: list[str], code: int, said
     ('path', 'code', 'said'),
     [
         ('{header: {frame_id: map}}', 0, "frame_id='map'"),
-        ('json:{}', 0, 'poses=[]'),
+        ("'json:{}'", 0, 'poses=[]'),
         ('{header: {frame: map}}', 3, "output 'path': "),
         ('{header: 2001-01-01}', 3, 'Object of type date is not JSON serializable'),
     ],
