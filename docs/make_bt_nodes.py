@@ -29,9 +29,10 @@ A tick gives SUCCESS, FAILURE, RUNNING or SKIPPED. *Ticks* is what the ticks of 
 each at the time that the tree asks for; *before* and *after* are entries of the blackboard.
 
 Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_skipIf`, `_while` and the post-conditions
-`_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are [scripts](bt_scripts.md). `{key}` points to an entry of the blackboard, `{=}`
-to the one that is named as the port, and `{@key}` to an entry of the topmost tree. How the engine ticks a tree is in
-[bt_engine.md](bt_engine.md); where it differs from BehaviorTree.CPP, in [bt_differences.md](bt_differences.md).
+`_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are [scripts](bt_scripts.md). `{key}` points to an entry of the
+blackboard, `{=}` to the one that is named as the port, and `{@key}` to an entry of the topmost tree. How the engine
+ticks a tree is in [bt_engine.md](bt_engine.md); where it differs from BehaviorTree.CPP, in
+[bt_differences.md](bt_differences.md).
 """
 
 
