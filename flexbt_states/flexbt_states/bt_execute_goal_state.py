@@ -10,6 +10,7 @@ from flexbt_common import names
 from flexbt_common.errors import FlexbtError
 from flexbt_common.values import check_value
 from flexbt_onboard.state_machine import EventState, UserData
+from flexbt_states.bt_use import BtUse
 from flexbt_states.errors import StateParameterError
 from flexbt_states.parameter_checks import checked_timeout, checked_topic, checked_tree, checked_type, checked_types
 from flexbt_states.tree_execution import TreeExecution
@@ -92,6 +93,10 @@ class BtExecuteGoalState(EventState):
             checked_timeout(self, 'timeout', timeout),
         )
 
+    @property
+    def bt_use(self) -> BtUse:
+        return self._execution.use({**self._inputs, **self._goal_key()})
+
     def on_start(self) -> None:
         self._execution.prepare()
 
@@ -125,6 +130,11 @@ class BtExecuteGoalState(EventState):
 
     def activity(self) -> Sequence[str]:
         return self._execution.activity()
+
+    def _goal_key(self) -> dict[str, str]:
+        """The key that the goal goes to, with its type. (A list of poses for the key "goal" goes to "goals".)"""
+        is_list = self._goal_id == 'goals' and not self._goal_type.endswith('[]')
+        return {self._goal_id: f'{self._goal_type}[]' if is_list else self._goal_type}
 
     def _refuse_reserved(self, parameter: str, keys: Mapping[str, str], name: str) -> None:
         if name in keys:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from flexbt_common import names
 from flexbt_onboard.state_machine import EventState, UserData
+from flexbt_states.bt_use import BtUse
 from flexbt_states.parameter_checks import checked_timeout, checked_topic, checked_tree, checked_types
 from flexbt_states.tree_execution import TreeExecution
 
@@ -56,6 +57,10 @@ class BtExecuteState(EventState):
             blackboard,
             checked_timeout(self, 'timeout', timeout),
         )
+
+    @property
+    def bt_use(self) -> BtUse:
+        return self._execution.use(self._inputs)
 
     def on_start(self) -> None:
         self._execution.prepare()

@@ -10,6 +10,7 @@ from flexbt_common.errors import FlexbtError
 from flexbt_msgs.action import BtGetData
 from flexbt_onboard.state_machine import EventState, UserData
 from flexbt_states.bt_result import judge, read_values
+from flexbt_states.bt_use import BtUse
 from flexbt_states.errors import StateParameterError
 from flexbt_states.goal_call import GoalCall
 from flexbt_states.parameter_checks import checked_timeout, checked_topic, checked_type, checked_types
@@ -57,6 +58,10 @@ class BtGetDataState(EventState):
         self._blackboard = blackboard
         self._timeout = checked_timeout(self, 'timeout', timeout)
         self._goal = GoalCall(self, BtGetData, checked_topic(self, 'bt_topic', bt_topic))
+
+    @property
+    def bt_use(self) -> BtUse:
+        return BtUse(blackboard=self._blackboard, reads=self._types)
 
     def on_start(self) -> None:
         self._goal.prepare()

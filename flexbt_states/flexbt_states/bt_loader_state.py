@@ -11,6 +11,7 @@ from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_onboard.state_machine import EventState, UserData
 from flexbt_states.bt_result import judge
+from flexbt_states.bt_use import BtUse
 from flexbt_states.errors import StateParameterError
 from flexbt_states.goal_call import GoalCall
 from flexbt_states.parameter_checks import checked_file, checked_timeout, checked_topic
@@ -45,6 +46,10 @@ class BtLoaderState(EventState):
         self._xml = xml
         self._timeout = checked_timeout(self, 'timeout', timeout)
         self._goal = GoalCall(self, BtLoad, checked_topic(self, 'bt_topic', bt_topic))
+
+    @property
+    def bt_use(self) -> BtUse:
+        return BtUse(files=tuple(self._files), xml=self._xml)
 
     def on_start(self) -> None:
         self._goal.prepare()

@@ -22,6 +22,8 @@ class CalculationState(EventState):
     <= done                     The value was computed.
     """
 
+    is_instant = True
+
     def __init__(self, calculation: Callable[[Any], Any]) -> None:
         super().__init__(outcomes=['done'], input_keys=['input_value'], output_keys=['output_value'], desired_rate=None)
         self._calculation = checked_callable(self, 'calculation', calculation)

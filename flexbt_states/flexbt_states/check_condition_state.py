@@ -22,6 +22,8 @@ class CheckConditionState(EventState):
     <= false                    The condition does not hold.
     """
 
+    is_instant = True
+
     def __init__(self, predicate: Callable[[Any], Any]) -> None:
         super().__init__(outcomes=['true', 'false'], input_keys=['input_value'], desired_rate=None)
         self._predicate = checked_callable(self, 'predicate', predicate)

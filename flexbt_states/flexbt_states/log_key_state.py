@@ -21,6 +21,8 @@ class LogKeyState(EventState):
     <= done                     It was told.
     """
 
+    is_instant = True
+
     def __init__(self, text: str, severity: Severity = Severity.INFO) -> None:
         super().__init__(outcomes=['done'], input_keys=['data'], desired_rate=None)
         try:

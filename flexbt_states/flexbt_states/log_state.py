@@ -16,6 +16,8 @@ class LogState(EventState):
     <= done                     It was told.
     """
 
+    is_instant = True
+
     def __init__(self, text: str, severity: Severity = Severity.INFO) -> None:
         super().__init__(outcomes=['done'], desired_rate=None)
         self._text = text

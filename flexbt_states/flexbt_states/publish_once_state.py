@@ -28,6 +28,8 @@ class PublishOnceState(EventState):
     <= done                     The message was handed to the middleware.
     """
 
+    is_instant = True
+
     def __init__(self, topic: str, msg_type: str | type[Any], latched: bool = False) -> None:
         super().__init__(outcomes=['done'], input_keys=['message'], desired_rate=None)
         self._topic = checked_topic(self, 'topic', topic)

@@ -12,6 +12,7 @@ from flexbt_msgs.action import BtExecute
 from flexbt_onboard.state_machine import EventState, Severity, UserData
 from flexbt_onboard.state_services import state_services
 from flexbt_states.bt_result import judge, read_values
+from flexbt_states.bt_use import BtUse
 from flexbt_states.goal_call import GoalCall
 
 
@@ -42,6 +43,10 @@ class TreeExecution:
         self._activity: Sequence[str] = ()
         self._refusal = ''
         self._changed: Callable[[], None] | None = None
+
+    def use(self, inputs: Mapping[str, str]) -> BtUse:
+        """What it wants of the server, with the types of its inputs."""
+        return BtUse(tree=self._tree, blackboard=self._blackboard, writes=inputs, reads=self._outputs)
 
     def prepare(self) -> None:
         """Look for the server already."""

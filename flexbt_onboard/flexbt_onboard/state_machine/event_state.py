@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from flexbt_common.clock import Clock
 
@@ -60,6 +60,9 @@ class EventState:
     written, ``io_keys`` both. ``desired_rate`` is the rate in Hz at which ``execute`` is called while nothing wakes the
     state; None for a state that calls :meth:`wake` when it has news, and costs nothing meanwhile.
     """
+
+    is_instant: ClassVar[bool] = False
+    """Whether it always leaves when it is first executed, so that a loop of such states does not wait for anything."""
 
     def __init__(
         self,

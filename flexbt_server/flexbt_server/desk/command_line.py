@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Protocol
 
 from flexbt_common.escaping import lines
 from flexbt_common.streams import abandon_stdout, make_streams_safe
@@ -32,10 +32,31 @@ COMMANDS: Final = (
 )
 
 
+class Command(Protocol):
+    """A module with one command of an executable."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Declares what it takes."""
+
+    def run(self, options: argparse.Namespace) -> ExitCode:
+        """Carries it out. Raises DeskError."""
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Runs ``bt_tool`` and gives its exit code, see :class:`flexbt_server.desk.errors.ExitCode`."""
+    return run_command('bt_tool', 'Behavior-tree files at the desk: without ROS running.', COMMANDS, EXIT_CODES, words)
+
+
+def run_command(
+    program: str,
+    description: str,
+    commands: Sequence[tuple[str, Command, str]],
+    exit_codes: Sequence[tuple[str, str]],
+    words: Sequence[str] | None,
+) -> int:
+    """Runs one of the commands (name, module, summary) of an executable and gives its exit code."""
     make_streams_safe()
-    options = _parser().parse_args(words)
+    options = _parser(program, description, commands, exit_codes).parse_args(words)
     try:
         code: ExitCode = options.run(options)
         sys.stdout.flush()
@@ -51,17 +72,19 @@ def main(words: Sequence[str] | None = None) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
-    codes = '\n'.join(f'  {code:4} {meaning}' for code, meaning in EXIT_CODES)
+def _parser(
+    program: str, description: str, commands: Sequence[tuple[str, Command, str]], exit_codes: Sequence[tuple[str, str]]
+) -> argparse.ArgumentParser:
+    codes = '\n'.join(f'  {code:4} {meaning}' for code, meaning in exit_codes)
     parser = argparse.ArgumentParser(
-        prog='bt_tool',
-        description='Behavior-tree files at the desk: without ROS running.',
+        prog=program,
+        description=description,
         epilog=f'exit codes:\n{codes}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(metavar='COMMAND', required=True)
-    for name, module, summary in COMMANDS:
-        command = commands.add_parser(name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
+    subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
+    for name, module, summary in commands:
+        command = subparsers.add_parser(name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
         module.add_arguments(command)
         command.set_defaults(run=module.run)
     return parser

@@ -6,8 +6,9 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from flexbt_common.errors import FlexbtError
@@ -30,8 +31,11 @@ STDIN: Final = '-'
 _TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
 
 
-def read_library(files: Sequence[str], registry: NodeRegistry) -> TreeLibrary:
-    """The files as one library. With an OpenRegistry node types may be unknown.
+def read_library(
+    files: Sequence[str], registry: NodeRegistry, texts: Mapping[str, bytes] = MappingProxyType({})
+) -> TreeLibrary:
+    """The files as one library; ``texts`` has the contents of those that are no files. With an OpenRegistry node types
+    may be unknown.
 
     Raises RefusedError with all errors of all files; then also with references that lead nowhere.
     """
@@ -40,7 +44,7 @@ def read_library(files: Sequence[str], registry: NodeRegistry) -> TreeLibrary:
     for file in dict.fromkeys(files):
         content = b''
         try:
-            content = _content(file)
+            content = texts[file] if file in texts else _content(file)
             document = load_xml(content, shown_name(file), registry, include=_include)
         except OSError as error:
             errors.append(LoadError(shown_name(file), 1, 1, '', f'cannot be read: {error.strerror or error}'))

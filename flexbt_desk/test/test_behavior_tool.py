@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool`` as a user calls it, on the behaviors of the demonstrations."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+from desk_behaviors import tool
+
+
+def test_the_demonstrations_are_without_fault() -> None:
+    done = tool('check', '--strict', 'Navigate', 'Navigate Split')
+    assert done.code == 0, done.out + done.err
+    report = json.loads(tool('check', '--json', 'Navigate Split').out)
+    assert {one['rule'] for one in report['findings']} == {'always-asks'}
+    assert report['summary']['error'] == 0
+
+
+def test_a_wrong_parameter_is_found() -> None:
+    done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml')
+    assert done.code == 0  # a warning: the tree is not given its goal
+    assert '/Drive' in done.out and "'goal'" in done.out and '[unread-key]' in done.out
+    assert tool('check', 'Navigate', '--strict', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml').code == 1
+    done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/none.xml')
+    assert done.code == 1 and 'no such file' in done.out and '[refused]' in done.out
+    done = tool('check', 'Navigate', '--param', 'three=x')
+    assert done.code == 1 and "no parameter 'three'" in done.out
+
+
+@pytest.mark.parametrize('words', [['show', 'Navigat'], ['draw', 'Navigate', '--param', 'tree'], ['show']])
+def test_wrong_usage(words: list[str]) -> None:
+    done = tool(*words)
+    assert done.code == 2
+    assert done.err and not done.out
+
+
+def test_show_tells_every_transition() -> None:
+    shown = json.loads(tool('show', 'Navigate Split', '--json').out)['states']
+    text = tool('show', 'Navigate Split').out
+    for state in shown[1:]:
+        for outcome, target in zip(state['outcomes'], state['targets'], strict=True):
+            assert f'{outcome} -> {target.removeprefix("/")}' in text
+
+
+def test_mermaid_has_states_and_trees(tmp_path: Path) -> None:
+    file = tmp_path / 'split.mmd'
+    assert tool('draw', 'Navigate Split', '-o', str(file)).code == 0
+    text = file.read_text()
+    assert 'PlanPath' in text and 'ComputePathToPose' in text and 'canceled (Full)' not in text.split('JudgePath')[0]
+    assert text.count('subgraph') == text.count(' end\n') == 4
+    assert 'ComputePathToPose' not in tool('draw', 'Navigate Split', '--format', 'mermaid', '--no-trees').out
+
+
+@pytest.mark.skipif(shutil.which('dot') is None, reason='Graphviz is not installed')
+def test_svg() -> None:
+    root = ElementTree.fromstring(tool('draw', 'Navigate Split', '--expand').out)  # noqa: S314 of this program
+    assert root.tag.endswith('svg')
