@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether another node's process is alive, known within a fraction of a second, at no cost while nothing happens.
 
-A node holds a token: a publisher on ``<node>/alive`` with automatic liveliness. The middleware of its process
-asserts it, without waking Python, and tells the watchers when it stops: at once when the node ends in order, after
-the lease when the process is killed. (A participant's own lease, on which the action clients' ``server_is_ready``
-depends, is seconds.)
+A node holds a token: a publisher on ``<name>/alive`` with automatic liveliness. The name is that of the node, or of
+what it stands for; several nodes may hold the same, which is alive while one of them is. The middleware of its
+process asserts it, without waking Python, and tells the watchers when it stops: at once when the node ends in order,
+after the lease when the process is killed. (A participant's own lease, on which the action clients'
+``server_is_ready`` depends, is seconds.)
 """
 
 from __future__ import annotations
@@ -40,11 +41,11 @@ def _qos() -> QoSProfile:
 
 
 class LivelinessToken:
-    """Says that this process is alive, until the runtime is closed."""
+    """Says that this process is alive, until the runtime is closed; under the name of the node, or another ``name``."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: NodeRuntime, name: str = '') -> None:
         self._runtime = runtime
-        topic = alive_topic(runtime.node.get_fully_qualified_name())
+        topic = alive_topic(name or runtime.node.get_fully_qualified_name())
         self._publisher = runtime.call(lambda: runtime.node.create_publisher(Empty, topic, _qos()))
 
 

@@ -80,6 +80,18 @@ def _decline(line: CommandLine, view: View, requests: Requests) -> Command:
     return requests.decline(view, _first_word(line), _reason(line))
 
 
+def _claim(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.claim_authority(view, _reason(line))
+
+
+def _release(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.release_authority(view, _reason(line))
+
+
+def _handover(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.hand_over_authority(view, _first_word(line), _reason(line))
+
+
 BUILDERS: Final[Mapping[str, Callable[[CommandLine, View, Requests], Command]]] = {
     'start': _start,
     'stop': _stop,
@@ -88,6 +100,9 @@ BUILDERS: Final[Mapping[str, Callable[[CommandLine, View, Requests], Command]]] 
     'force': _force,
     'input': _input,
     'decline': _decline,
+    'claim': _claim,
+    'release': _release,
+    'handover': _handover,
 }
 """The commands of the table that are sent to the executive."""
 

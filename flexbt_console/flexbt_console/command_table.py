@@ -168,6 +168,24 @@ COMMANDS: Final = (
         (Argument('ID', required=False),),
         (_REASON,),
     ),
+    CommandSpec(
+        'claim',
+        'claim the authority to command',
+        options=(_REASON,),
+        details=(
+            'While nobody has the authority, every operator may command. When another operator has it, this asks for '
+            'it; "status" shows who has it. It is lost when its holder was gone for the time that the executive sets. '
+            '"stop" needs no authority.',
+        ),
+    ),
+    CommandSpec('release', 'give the authority back, or do not ask for it any more', options=(_REASON,)),
+    CommandSpec(
+        'handover',
+        'give the authority to another operator',
+        (Argument('OPERATOR', required=False),),
+        (_REASON,),
+        details=('Without OPERATOR: to the one who asks for it.',),
+    ),
     CommandSpec('places', 'list the named places'),
     CommandSpec('prompt', 'the interactive console, also without any command in a terminal', in_prompt=False),
 )

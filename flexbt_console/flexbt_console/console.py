@@ -106,8 +106,8 @@ def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLin
     from flexbt_console.operator_link import OperatorLink
     from flexbt_console.requests import Requests
 
-    mirror = Mirror(runtime.steady)
-    return mirror, OperatorLink(runtime, mirror), Requests(operator_name(line), _places(line, runtime))
+    mirror, operator = Mirror(runtime.steady), operator_name(line)
+    return mirror, OperatorLink(runtime, mirror, operator), Requests(operator, _places(line, runtime))
 
 
 @contextlib.contextmanager

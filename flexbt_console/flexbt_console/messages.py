@@ -47,6 +47,7 @@ def snapshot(message: ExecutiveStatus) -> records.Snapshot:
         peers=tuple(records.Peer(peer.name, peer.alive, _seconds(peer.since)) for peer in message.peers),
         robot_pose=_pose(message.robot_pose),
         authority=message.authority,
+        authority_requests=tuple(message.authority_requests),
         stamp=_seconds(message.stamp),
     )
 
@@ -129,6 +130,7 @@ def command(record: records.Command, now: float) -> ExecutiveCommand:
             BlackboardEntry(key=_sendable(value.key), type=_sendable(value.type), text=_sendable(value.text))
             for value in record.inputs
         ],
+        grantee=_sendable(record.grantee),
         reason=_sendable(record.reason),
     )
 

@@ -12,6 +12,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 
 from flexbt_common import names
 from flexbt_common.clock import Timer
+from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_console import messages
 from flexbt_console.errors import NoLinkError
@@ -32,8 +33,8 @@ class OperatorLink:
     executive's subscription is discovered, and again with the same identifier until there is an answer.
     """
 
-    def __init__(self, runtime: NodeRuntime, mirror: Mirror) -> None:
-        """Join the topics; ``mirror`` has to live on the runtime's steady clock."""
+    def __init__(self, runtime: NodeRuntime, mirror: Mirror, operator: str = '') -> None:
+        """Join the topics; ``mirror`` has to live on the runtime's steady clock, ``operator`` is who sits here."""
         self._runtime = runtime
         self._mirror = mirror
         self._changed = threading.Condition()
@@ -43,6 +44,10 @@ class OperatorLink:
         self._reachable = False
         mirror.add_listener(self._note_change)
         runtime.call(self._join)
+        # The executive sees by these whether anybody watches, and whether the holder of the authority does.
+        self._tokens = [LivelinessToken(runtime, names.CONSOLE_PRESENCE)]
+        if operator:
+            self._tokens.append(LivelinessToken(runtime, names.operator_presence(operator)))
 
     def send(self, command: Command, timeout: float) -> TrackedCommand:
         """Give a command to the executive; its fate is followed by the mirror. From any thread."""

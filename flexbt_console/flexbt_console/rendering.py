@@ -16,6 +16,7 @@ from flexbt_console.mirror.records import (
     Peer,
     Pose,
     Severity,
+    Snapshot,
     StateKind,
     Structure,
 )
@@ -77,6 +78,14 @@ def behavior_line(view: View) -> str:
     return f'{ended} ({one_line(snapshot.message)})' if snapshot.message else ended
 
 
+def authority(snapshot: Snapshot) -> str:
+    """Who may command, and who asks for it."""
+    asking = ', '.join(map(one_line, snapshot.authority_requests))
+    return (one_line(snapshot.authority) or 'nobody: every operator may command') + (
+        f'  (asked for by {asking})' if asking else ''
+    )
+
+
 def decision(pending: Decision) -> str:
     """A question in one line."""
     where = one_line(pending.path)
@@ -113,8 +122,7 @@ def status(view: View) -> list[str]:
         return shown
     shown.append(f'behavior  {behavior_line(view)}')
     shown.append(f'autonomy  {autonomy(snapshot.autonomy)}')
-    if snapshot.authority:
-        shown.append(f'authority {one_line(snapshot.authority)}')
+    shown.append(f'authority {authority(snapshot)}')
     for state in snapshot.active_states:
         shown.append(f'active    {one_line(state.path)}')
         shown += [f'            {one_line(line)}' for line in state.activity]

@@ -158,6 +158,28 @@ class Requests:
         decision = _input(view, decision_id)
         return self._command(CommandKind.DECLINE, run_id=_run(view), decision_id=decision.id, reason=reason)
 
+    def claim_authority(self, view: View, reason: str = '') -> Command:
+        """Claim the authority to command, or ask its holder for it."""
+        return self._command(CommandKind.CLAIM_AUTHORITY, run_id=_run(view), reason=reason)
+
+    def release_authority(self, view: View, reason: str = '') -> Command:
+        """Give the authority back, or do not ask for it any more."""
+        return self._command(CommandKind.RELEASE_AUTHORITY, run_id=_run(view), reason=reason)
+
+    def hand_over_authority(self, view: View, grantee: str = '', reason: str = '') -> Command:
+        """Give the authority to another operator; without a name, to the one who asks for it.
+
+        Raises:
+            RefusedError: no name, and nobody or several ask for it.
+        """
+        asking = view.snapshot.authority_requests if view.snapshot else ()
+        if not grantee and len(asking) != 1:
+            who = f'these ask for it: {", ".join(asking)}' if asking else 'nobody asks for it'
+            raise RefusedError(f'name the operator who gets the authority; {who}')
+        return self._command(
+            CommandKind.HAND_OVER_AUTHORITY, run_id=_run(view), grantee=grantee or asking[0], reason=reason
+        )
+
     def _command(
         self,
         kind: CommandKind,
@@ -170,6 +192,7 @@ class Requests:
         behavior: str = '',
         arguments: tuple[tuple[str, str], ...] = (),
         inputs: tuple[InputValue, ...] = (),
+        grantee: str = '',
         reason: str = '',
     ) -> Command:
         return Command(
@@ -184,6 +207,7 @@ class Requests:
             behavior=behavior,
             arguments=arguments,
             inputs=inputs,
+            grantee=grantee,
             reason=reason,
         )
 

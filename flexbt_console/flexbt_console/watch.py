@@ -82,7 +82,7 @@ def _essence(view: View) -> tuple[Any, ...]:
     assert s is not None
     return (
         s.executive_id, s.state, s.run_id, s.behavior, s.outcome, s.message, s.autonomy, s.active_states,
-        s.decisions, s.peers, s.robot_pose, s.authority,
+        s.decisions, s.peers, s.robot_pose, s.authority, s.authority_requests,
     )  # fmt: skip
 
 
@@ -103,6 +103,9 @@ def _changes(before: View | None, view: View) -> list[str]:
         text.append(f'behavior: {rendering.behavior_line(view)}')
     if old is None or old.autonomy != new.autonomy:
         text.append(f'autonomy: {rendering.autonomy(new.autonomy)}')
+    known = (old.authority, old.authority_requests) if old else ('', ())
+    if known != (new.authority, new.authority_requests):
+        text.append(f'authority: {rendering.authority(new)}')
     if old is None or [s.path for s in old.active_states] != [s.path for s in new.active_states]:
         active = '  '.join(one_line(state.path) for state in new.active_states)
         text.append(f'active: {active or "none"}')

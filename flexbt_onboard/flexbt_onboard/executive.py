@@ -16,6 +16,7 @@ from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_onboard.authority import Authority
 from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.behavior_run import BehaviorRun, RunPhase, RunRequest
 from flexbt_onboard.command_table import CommandTable
@@ -58,6 +59,7 @@ class Executive:
         self._table = CommandTable()
         self._handlers = CommandHandlers(self)
         self.link = OperatorLink(runtime, self.executive_id, parameters.heartbeat_period, self._on_command)
+        self.authority = Authority(runtime, parameters.authority_timeout, self._on_authority)
         self.questions = OperatorQuestions(runtime, self.changed)
         self._pose = RobotPose(runtime, parameters.pose_topic)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
@@ -207,6 +209,8 @@ class Executive:
             results=self._table.latest(),
             peers=self._peers.statuses(),
             robot_pose=self._pose.latest(),
+            authority=self.authority.holder,
+            authority_requests=self.authority.requests,
         )
         run = self.run
         if run is None:
@@ -220,6 +224,10 @@ class Executive:
             decisions = [*run.decisions(), *status.decisions]
             status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
         self.link.publish_status(status)
+
+    def _on_authority(self, text: str) -> None:
+        self.link.log(ExecutiveLog.INFO, text)
+        self.changed()
 
     def _on_peer(self, name: str, alive: bool, seen_before: bool) -> None:
         run_id = self.run.run_id if self.run is not None else ''

@@ -17,6 +17,16 @@ _HIGHEST_AUTONOMY: Final = 3
 _APPLIED: Final = True
 _ANSWERED_LATER: Final = False
 
+_FREE_TO_ALL: Final = frozenset(
+    (
+        ExecutiveCommand.STOP,  # whoever sees that something goes wrong has to be able to stop it
+        ExecutiveCommand.CLAIM_AUTHORITY,
+        ExecutiveCommand.RELEASE_AUTHORITY,
+        ExecutiveCommand.HAND_OVER_AUTHORITY,
+    )
+)
+"""Commands that need no authority, or look after it by themselves."""
+
 _LATER: Final = {
     ExecutiveCommand.PAUSE: 'PAUSE',
     ExecutiveCommand.RESUME: 'RESUME',
@@ -26,8 +36,6 @@ _LATER: Final = {
     ExecutiveCommand.SWITCH: 'SWITCH',
     ExecutiveCommand.BREAKPOINT: 'BREAKPOINT',
     ExecutiveCommand.CLEAR_BREAKPOINT: 'CLEAR_BREAKPOINT',
-    ExecutiveCommand.CLAIM_AUTHORITY: 'CLAIM_AUTHORITY',
-    ExecutiveCommand.RELEASE_AUTHORITY: 'RELEASE_AUTHORITY',
     ExecutiveCommand.RESUME_RUN: 'RESUME_RUN',
     ExecutiveCommand.ABORT_RUN: 'ABORT_RUN',
 }
@@ -46,6 +54,9 @@ class CommandHandlers:
             ExecutiveCommand.FORCE: self._force,
             ExecutiveCommand.ANSWER: self._answer,
             ExecutiveCommand.DECLINE: self._decline,
+            ExecutiveCommand.CLAIM_AUTHORITY: self._claim_authority,
+            ExecutiveCommand.RELEASE_AUTHORITY: self._release_authority,
+            ExecutiveCommand.HAND_OVER_AUTHORITY: self._hand_over_authority,
         }
 
     def handle(self, command: ExecutiveCommand) -> bool:
@@ -58,6 +69,8 @@ class CommandHandlers:
         if handler is None:
             kind = _LATER.get(command.kind, f'kind {command.kind}')
             raise CommandRefusedError(f'{kind} is not supported by this version')
+        if command.kind not in _FREE_TO_ALL:
+            self._executive.authority.check(command.operator_id)
         return handler(command)
 
     def _start(self, command: ExecutiveCommand) -> bool:
@@ -128,6 +141,18 @@ class CommandHandlers:
     def _decline(self, command: ExecutiveCommand) -> bool:
         self._refuse_other_run(command)
         self._executive.questions.decline(command.decision_id, command.operator_id, command.reason)
+        return _APPLIED
+
+    def _claim_authority(self, command: ExecutiveCommand) -> bool:
+        self._executive.authority.claim(command.operator_id)
+        return _APPLIED
+
+    def _release_authority(self, command: ExecutiveCommand) -> bool:
+        self._executive.authority.release(command.operator_id)
+        return _APPLIED
+
+    def _hand_over_authority(self, command: ExecutiveCommand) -> bool:
+        self._executive.authority.hand_over(command.operator_id, command.grantee)
         return _APPLIED
 
     def _answer_of(self, command: ExecutiveCommand) -> Callable[[str | None], None]:

@@ -23,6 +23,7 @@ class ExecutiveParameters:
     pose_topic: str = names.POSE
     heartbeat_period: float = 0.5
     autonomy: int = 1
+    authority_timeout: float = 30.0
 
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
@@ -64,6 +65,16 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             integer_range=[IntegerRange(from_value=0, to_value=3, step=1)],
         ),
     )
+    authority_timeout = _declare(
+        node,
+        'authority_timeout',
+        defaults.authority_timeout,
+        ParameterDescriptor(
+            description='seconds of wall time without a console or a command of the operator who has the authority, '
+            'after which it is lost',
+            floating_point_range=[FloatingPointRange(from_value=0.5, to_value=3600.0)],
+        ),
+    )
     try:
         validate_topic_name(pose_topic)
     except InvalidTopicNameException as error:
@@ -74,7 +85,9 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
-    return ExecutiveParameters(wanted, str(pose_topic), float(heartbeat_period), int(autonomy))
+    return ExecutiveParameters(
+        wanted, str(pose_topic), float(heartbeat_period), int(autonomy), float(authority_timeout)
+    )
 
 
 def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:

@@ -109,7 +109,8 @@ class ExecutiveBench:
     def send(self, kind: int, *, id: str = '', **fields: Any) -> str:
         """Send a command for the present run; gives its id."""
         fields.setdefault('run_id', '' if kind == ExecutiveCommand.START else self.run_id)
-        command = ExecutiveCommand(id=id or f'command-{next(self._numbers)}', operator_id='tester', kind=kind, **fields)
+        fields.setdefault('operator_id', 'tester')
+        command = ExecutiveCommand(id=id or f'command-{next(self._numbers)}', kind=kind, **fields)
         self._commands.publish(command)
         return str(command.id)
 

@@ -20,6 +20,7 @@ class ExecutiveState(IntEnum):
     RUNNING = 3
     PAUSED = 4
     STOPPING = 5
+    INTERRUPTED = 6
 
 
 class DecisionKind(IntEnum):
@@ -70,6 +71,9 @@ class CommandKind(IntEnum):
     FORCE = 5
     ANSWER = 6
     DECLINE = 7
+    CLAIM_AUTHORITY = 16
+    RELEASE_AUTHORITY = 17
+    HAND_OVER_AUTHORITY = 20
 
 
 class AutonomyLevel(IntEnum):
@@ -153,6 +157,7 @@ class Snapshot:
     peers: tuple[Peer, ...] = ()
     robot_pose: Pose | None = None
     authority: str = ''
+    authority_requests: tuple[str, ...] = ()
     stamp: float = 0.0
 
     def decision(self, decision_id: str) -> Decision | None:
@@ -254,4 +259,5 @@ class Command:
     behavior: str = ''
     arguments: tuple[tuple[str, str], ...] = ()
     inputs: tuple[InputValue, ...] = ()
+    grantee: str = ''
     reason: str = ''

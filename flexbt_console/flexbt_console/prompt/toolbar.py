@@ -100,6 +100,8 @@ def _rest(view: View) -> list[Line]:
     if len(snapshot.active_states) > MOST_STATES:
         lines.append((style, f'  … {len(snapshot.active_states) - MOST_STATES} more active states'))
     lines.append((style, f'robot  {rendering.pose(snapshot.robot_pose)}'))
+    if snapshot.authority:
+        lines.insert(0, (style, f'authority  {rendering.authority(snapshot)}'))
     gone = [peer for peer in snapshot.peers if not peer.alive]
     if gone:
         lines.insert(0, ('class:lost', f'nodes  {rendering.peers(gone)}'))

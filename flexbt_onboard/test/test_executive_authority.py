@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The authority to command: one holder at most, whatever operators do, and nobody keeps it by going away."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from executive_bench import ExecutiveBench, behavior_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flexbt_common import names
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+
+CLAIM, RELEASE, HAND_OVER, STOP, AUTONOMY = (
+    ExecutiveCommand.CLAIM_AUTHORITY,
+    ExecutiveCommand.RELEASE_AUTHORITY,
+    ExecutiveCommand.HAND_OVER_AUTHORITY,
+    ExecutiveCommand.STOP,
+    ExecutiveCommand.AUTONOMY,
+)
+
+
+def waiting() -> OperatableStateMachine:
+    """One state that waits for ever."""
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Wait', EventState(outcomes=['done'], desired_rate=None), {'done': 'done'})
+    return machine
+
+
+@pytest.fixture
+def make_bench() -> Iterator[Callable[[float], ExecutiveBench]]:
+    """Makes a bench with a timeout of the authority, and closes it."""
+    benches: list[ExecutiveBench] = []
+
+    def make(timeout: float) -> ExecutiveBench:
+        parameters = ExecutiveParameters(peers=(), authority_timeout=timeout)
+        benches.append(ExecutiveBench(behavior_of(waiting), parameters=parameters))
+        return benches[-1]
+
+    yield make
+    for bench in benches:
+        bench.close()
+
+
+Make = Callable[[float], ExecutiveBench]
+
+
+def test_only_the_holder_commands_and_everybody_may_stop(make_bench: Make) -> None:
+    bench = make_bench(30.0)
+    bench.start(operator_id='ann')
+    bench.applied(AUTONOMY, autonomy=2, operator_id='bob')  # nobody has the authority
+    bench.applied(CLAIM, operator_id='ann')
+    for kind in set(range(1, 20)) - {STOP, CLAIM, RELEASE}:
+        reason = bench.refused(kind, operator_id='bob', path='/Wait', outcome='done', decision_id='x')
+        assert "'ann' has the authority" in reason or 'not supported' in reason, kind
+    assert "'ann' has the authority" in bench.refused(AUTONOMY, autonomy=0, operator_id='')
+    bench.applied(AUTONOMY, autonomy=3, operator_id='ann')
+    assert (bench.status.autonomy, bench.status.authority) == (3, 'ann')
+    bench.applied(STOP, operator_id='bob')
+    assert bench.wait_idle() == 'preempted'
+    assert 'name' in bench.refused(CLAIM, operator_id='')
+
+
+class _Operator:
+    """A console of an operator, as far as the executive sees that it is there."""
+
+    def __init__(self, operator: str) -> None:
+        self.runtime = NodeRuntime('console', args=())
+        self.token = LivelinessToken(self.runtime, names.operator_presence(operator))
+
+
+def test_a_holder_who_is_gone_loses_the_authority_to_the_one_who_asked_first(make_bench: Make) -> None:
+    bench = make_bench(1.0)
+    console = _Operator('ann')
+    second = _Operator('ann')
+    try:
+        bench.applied(CLAIM, operator_id='ann')
+        bench.applied(CLAIM, operator_id='bob')
+        bench.applied(CLAIM, operator_id='eve')
+        assert list(bench.status.authority_requests) == ['bob', 'eve']
+        second.runtime.close()
+        bench.wait_for_next_status()
+        until = time.monotonic() + 1.6
+        bench.wait_for(lambda status: time.monotonic() > until, 'a time that is longer than the timeout')
+        assert bench.status.authority == 'ann'  # who only looks is there all the same
+    finally:
+        console.runtime.close()
+    bench.wait_for(lambda status: status.authority == 'bob', 'passed on')
+    assert 'gone for 1 s' in bench.logged("'bob' has the authority").text
+    # Bob has no console and says nothing; then Eve, and then nobody.
+    bench.wait_for(lambda status: not status.authority and not status.authority_requests, 'nobody left')
+    bench.applied(AUTONOMY, autonomy=0, operator_id='zoe', run_id='')
+
+
+def test_commands_alone_keep_the_authority(make_bench: Make) -> None:
+    bench = make_bench(1.0)
+    bench.applied(CLAIM, operator_id='script')
+    end = time.monotonic() + 2.0
+    while time.monotonic() < end:
+        bench.applied(AUTONOMY, autonomy=1, operator_id='script', run_id='')
+    assert bench.status.authority == 'script'
+    bench.wait_for(lambda status: not status.authority, 'lost after a silence')
+
+
+OPERATORS = ('ann', 'bob', 'eve')
+ACTIONS = st.lists(
+    st.tuples(st.sampled_from((CLAIM, RELEASE, HAND_OVER, AUTONOMY)), st.sampled_from(OPERATORS), st.integers(0, 2)),
+    max_size=12,
+)
+
+
+def test_any_sequence_of_claims_is_as_the_rules_say(make_bench: Make) -> None:
+    bench = make_bench(3600.0)
+
+    @settings(max_examples=25)
+    @given(ACTIONS)
+    def check(actions: list[tuple[int, str, int]]) -> None:
+        holder, asking = '', []
+        for kind, who, other in actions:
+            fields: dict[str, Any] = {'operator_id': who, 'run_id': '', 'autonomy': 1}
+            grantee = OPERATORS[other]
+            if kind == HAND_OVER:
+                fields['grantee'] = grantee
+            is_allowed = {
+                CLAIM: True,
+                RELEASE: who == holder or who in asking,
+                HAND_OVER: who == holder,
+                AUTONOMY: holder in ('', who),
+            }[kind]
+            (bench.applied if is_allowed else bench.refused)(kind, **fields)
+            if kind == CLAIM and not holder:
+                holder = who
+            elif kind == CLAIM and who != holder and who not in asking:
+                asking.append(who)
+            elif kind == RELEASE and who == holder:
+                holder = asking.pop(0) if asking else ''
+            elif kind == RELEASE and is_allowed:
+                asking.remove(who)
+            elif kind == HAND_OVER and is_allowed:
+                holder = grantee
+                asking = [one for one in asking if one != grantee]
+            assert (bench.status.authority, list(bench.status.authority_requests)) == (holder, asking)
+        for who in (*asking, holder):
+            if who:
+                bench.applied(RELEASE, operator_id=who, run_id='')
+
+    check()
