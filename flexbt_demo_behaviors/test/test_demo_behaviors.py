@@ -37,7 +37,7 @@ def test_a_behavior_builds_twice_from_one_instance(behavior: type[Behavior]) -> 
 def test_a_behavior_is_found_by_its_name_and_usable(behavior: type[Behavior]) -> None:
     entry = BehaviorLibrary.discover().find(behavior.manifest.name)
     assert entry.error == ''
-    assert entry.behavior_class is behavior
+    assert entry.make is behavior
     assert all(parameter.description for parameter in entry.parameters)
 
 

@@ -12,7 +12,7 @@ import keyword
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, Final
 
 from flexbt_onboard.errors import ManifestError, ParameterError
 
@@ -126,10 +126,10 @@ class Behavior:
     States are made in :meth:`create`, which is called once for each run.
     """
 
-    manifest: ClassVar[BehaviorManifest]
+    manifest: BehaviorManifest
 
     def __init__(self) -> None:
-        manifest = getattr(type(self), 'manifest', None)
+        manifest = getattr(self, 'manifest', None)
         if not isinstance(manifest, BehaviorManifest):
             raise ManifestError(f'class {type(self).__name__}: set the class attribute manifest to a BehaviorManifest')
         self.name = manifest.name

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import traceback
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
@@ -23,19 +23,22 @@ from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
 ENTRY_POINT_GROUP: Final = 'flexbt.behaviors'
 """Entry point group under which packages list their behaviors."""
 
+SOURCES_GROUP: Final = 'flexbt.behavior_sources'
+"""Entry point group of functions that find behaviors which are listed otherwise: they give ``BehaviorEntry`` s."""
+
 
 @dataclass(frozen=True)
 class BehaviorEntry:
     """One installed behavior, usable when ``error`` is empty.
 
-    ``name`` is the manifest's, or ``package/name`` where two packages use the same one.
+    ``name`` is the manifest's, or ``package/name`` where two packages use the same one. ``make`` makes a new behavior.
     """
 
     name: str
     package: str
     manifest: BehaviorManifest
     parameters: tuple[BehaviorParameter, ...]
-    behavior_class: type[Behavior] | None
+    make: Callable[[], Behavior] | None
     error: str = ''
 
     def instantiate(self) -> Behavior:
@@ -44,9 +47,9 @@ class BehaviorEntry:
         Raises:
             BrokenBehaviorError: it could not be loaded.
         """
-        if self.behavior_class is None:
+        if self.make is None:
             raise BrokenBehaviorError(f'behavior {self.name!r} of package {self.package!r} is broken: {self.error}')
-        return self.behavior_class()
+        return self.make()
 
     def to_message(self) -> BehaviorManifestMessage:
         """What the operator is told of it."""
@@ -82,13 +85,15 @@ class BehaviorLibrary:
         for entry in sorted(unique, key=lambda entry: entry.name):
             if entry.name in self._entries:
                 reason = f'package {entry.package!r} has several behaviors of this name; rename all but one'
-                entry = replace(entry, behavior_class=None, error=reason)
+                entry = replace(entry, make=None, error=reason)
             self._entries[entry.name] = entry
 
     @classmethod
     def discover(cls) -> BehaviorLibrary:
         """Find the behaviors of all installed packages; never raises because of one of them."""
-        return cls(load_entry(point) for point in entry_points(group=ENTRY_POINT_GROUP))
+        listed = [load_entry(point) for point in entry_points(group=ENTRY_POINT_GROUP)]
+        found = [entry for point in entry_points(group=SOURCES_GROUP) for entry in _entries_of_source(point)]
+        return cls([*listed, *found])
 
     @property
     def entries(self) -> Mapping[str, BehaviorEntry]:
@@ -132,10 +137,18 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
         )
     except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
         name = point.name.replace('/', '_')
-        return BehaviorEntry(name, package, BehaviorManifest(name), (), None, _described(error))
+        return BehaviorEntry(name, package, BehaviorManifest(name), (), None, described(error))
 
 
-def _described(error: BaseException) -> str:
+def _entries_of_source(point: EntryPoint) -> Iterator[BehaviorEntry]:
+    try:
+        yield from point.load()()
+    except Exception as error:
+        package = point.module.partition('.')[0]
+        yield BehaviorEntry(point.name, package, BehaviorManifest(point.name), (), None, described(error))
+
+
+def described(error: BaseException) -> str:
     """The error with the place in the behavior's own files, on one line."""
     text = ' '.join(f'{type(error).__name__}: {error}'.split())
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if 'importlib' not in frame.filename]

@@ -27,6 +27,7 @@ from flexbt_msgs.msg import (
 )
 from flexbt_onboard.behavior_library import BehaviorEntry
 from flexbt_onboard.errors import ParameterError
+from flexbt_onboard.run_context import RunContext
 from flexbt_onboard.run_view import RunView
 from flexbt_onboard.state_machine import (
     ERROR,
@@ -210,6 +211,10 @@ class BehaviorRun:
     # -- the thread of the run ---------------------------------------------------------------------------------------
 
     def _main(self) -> None:
+        with RunContext(self._services, self.log).entered():
+            self._build_and_drive()
+
+    def _build_and_drive(self) -> None:
         try:
             definition, userdata = self._build()
         except MachineError as error:

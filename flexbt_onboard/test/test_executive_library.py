@@ -125,3 +125,31 @@ def test_a_package_with_two_behaviors_of_one_name_is_told_so(install: Install) -
     install('north', {'patrol': GOOD.format(name='Patrol'), 'again': GOOD.format(name='Patrol')})
     with pytest.raises(BrokenBehaviorError, match='several behaviors of this name'):
         BehaviorLibrary.discover().find('north/Patrol').instantiate()
+
+
+SOURCE = """
+from flexbt_onboard.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behavior_library import BehaviorEntry
+
+class Foreign(Behavior):
+    def __init__(self, name):
+        self.manifest = BehaviorManifest(name)
+        super().__init__()
+
+def entries():
+    for name in ('One', 'Two'):
+        yield BehaviorEntry(name, 'elsewhere', BehaviorManifest(name), (), lambda name=name: Foreign(name))
+"""
+
+
+def test_another_source_of_behaviors_adds_its_own(install: Install, tmp_path: Path) -> None:
+    install('finder', {'good': GOOD.format(name='Good'), 'source': SOURCE, 'bad': 'x = 1 / 0'})
+    points = tmp_path / 'finder' / 'finder-1.0.dist-info' / 'entry_points.txt'
+    points.write_text(
+        '[flexbt.behaviors]\ngood = finder_good:Good\n'
+        '[flexbt.behavior_sources]\nforeign = finder_source:entries\nbroken = finder_bad:entries\n'
+    )
+    library = BehaviorLibrary.discover()
+    assert {'One', 'Two', 'Good', 'broken'} <= set(library.entries)
+    assert library.find('Two').instantiate().name == 'Two'
+    assert 'ZeroDivisionError' in library.find('broken').error

@@ -19,7 +19,7 @@ from .definition import (
     Transition,
 )
 from .errors import MachineError, StateError, StateMachineError, UserDataError
-from .event_state import EventState, ExitReason, Severity
+from .event_state import EventState, ExitReason, Severity, called_state
 from .machine import OperatableStateMachine, define
 from .run import MachineRun, RunObserver
 from .userdata import UserData
@@ -48,5 +48,6 @@ __all__ = [
     'Transition',
     'UserData',
     'UserDataError',
+    'called_state',
     'define',
 ]

@@ -13,6 +13,7 @@ left, that stands.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -187,3 +188,14 @@ class EventState:
         if leaf is None:
             raise StateError(f'{type(self).__name__}: is not part of a run; this works only in its callbacks')
         return leaf
+
+
+_called: ContextVar[EventState | None] = ContextVar('called_state', default=None)
+
+
+def called_state() -> EventState | None:
+    """The state whose callback is being called on this thread, or was called last; None before the first one."""
+    return _called.get()
+
+
+set_called_state = _called.set

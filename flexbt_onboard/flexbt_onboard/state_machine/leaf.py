@@ -13,7 +13,7 @@ from flexbt_common.clock import Clock
 
 from .definition import StateDefinition
 from .errors import StateError
-from .event_state import EventState, ExitReason, Severity
+from .event_state import EventState, ExitReason, Severity, set_called_state
 from .userdata import Scope, UserData
 
 if TYPE_CHECKING:
@@ -204,6 +204,7 @@ class LeafRun:
         self, what: str, callback: Callable[..., _Result], *arguments: object
     ) -> _Result | Literal[_Raised.RAISED]:
         """What a callback of the state gives."""
+        set_called_state(self.state)
         try:
             return callback(*arguments)
         except Exception:  # code of the state: its trace goes to the operator

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What code finds out about the run on whose thread it is."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+
+from flexbt_onboard.errors import OnboardError
+from flexbt_onboard.run_context import RunContext, current_run
+
+
+def context() -> RunContext:
+    return RunContext(None, lambda *_: None)  # type: ignore[arg-type]
+
+
+def test_a_run_is_known_on_its_thread_only_and_only_while_it_lasts() -> None:
+    seen: list[Any] = []
+
+    def elsewhere() -> None:
+        with pytest.raises(OnboardError):
+            current_run()
+        with context().entered():
+            seen.append(current_run())
+
+    run = context()
+    with run.entered():
+        thread = threading.Thread(target=elsewhere)
+        thread.start()
+        thread.join()
+        assert current_run() is run
+        assert seen and seen[0] is not run
+    with pytest.raises(OnboardError):
+        current_run()
+
+
+def test_what_is_shared_is_made_once_for_each_run_and_closed_in_reverse_order() -> None:
+    closed: list[str] = []
+
+    def make(run: RunContext) -> list[int]:
+        run.at_end(lambda: closed.append('made'))
+        return []
+
+    first, second = context(), context()
+    with first.entered():
+        first.at_end(lambda: closed.append('before'))
+        assert first.shared(make) is first.shared(make)
+        assert first.shared(make) is not second.shared(make)
+        assert closed == []
+    assert closed == ['made', 'before']
