@@ -12,6 +12,7 @@
 """
 
 from .blackboard import EMPTY, Blackboard, Entry
+from .blackboard_json import JsonObject, JsonTypes, export_blackboard, import_blackboard, show_blackboard
 from .context import TransitionObserver, TreeContext, UnfinishedWork
 from .coroutine import CoroutineAction
 from .definition import NodeDefinition, TreeDefinition, TreeDocument
@@ -55,6 +56,8 @@ __all__ = [
     'Failure',
     'Halted',
     'IncludeResolver',
+    'JsonObject',
+    'JsonTypes',
     'LoadError',
     'Loop',
     'NodeConfig',
@@ -89,10 +92,13 @@ __all__ = [
     'TreeNode',
     'UnfinishedWork',
     'builtin_registry',
+    'export_blackboard',
+    'import_blackboard',
     'inout_port',
     'input_port',
     'load_xml',
     'output_port',
+    'show_blackboard',
     'simple_action',
     'simple_condition',
     'simple_decorator',

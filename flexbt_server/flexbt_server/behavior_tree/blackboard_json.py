@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Blackboards as JSON: as BehaviorTree.CPP shows them, and so that an import gives back what was exported.
+
+A document is an object with an item for each entry. Text without a type, numbers, true, false and lists stand for
+themselves. What JSON has no word for is an object with the name of its type, as in BehaviorTree.CPP::
+
+    {"speed": 0.5, "goal": {"__type": "geometry_msgs/msg/PoseStamped", "header": {...}, "pose": {...}}}
+
+An entry whose type its value does not tell is ``{"type": "uint8_t", "value": 3}``, without ``value`` when it was
+declared but never written; null is an entry that has neither.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from enum import Enum
+from typing import Any, Final, NamedTuple, TypeVar
+
+from . import port_types
+from .blackboard import EMPTY, Blackboard, Entry
+from .errors import BlackboardError, ConversionError
+from .port_types import PortType, cast, is_fixed, list_of, type_of
+from .status import NodeStatus
+
+TYPE_FIELD: Final = '__type'
+UNTYPED: Final = 'BT::AnyTypeAllowed'
+"""Name of the type that an entry has before one is fixed, in BehaviorTree.CPP."""
+
+_MAX_DEPTH: Final = 100
+_SCALARS: Final = {
+    kind.name: kind
+    for kind in vars(port_types).values()
+    if isinstance(kind, PortType) and kind.name != port_types.KEY.name
+}
+_BUILTIN_VALUES: Final = {
+    kind.__qualname__: PortType(kind.__qualname__, kind) for kind in (list, tuple, dict, deque, type(None))
+}
+_FLOATS: Final = {'nan': math.nan, 'inf': math.inf, '-inf': -math.inf}
+_Object = TypeVar('_Object')
+
+
+class JsonObject(NamedTuple):
+    """How the objects of a class are written: its name, its type on a blackboard, and the two conversions. These work
+    on what JSON can hold; ``from_json`` raises ConversionError, ValueError, TypeError or LookupError."""
+
+    name: str
+    type: PortType
+    to_json: Callable[[Any], dict[str, Any]]
+    from_json: Callable[[dict[str, Any]], Any]
+
+
+class JsonTypes:
+    """The classes whose objects JSON may hold. A name in a document selects among them, and means nothing else.
+
+    Derive from it to add families of classes: override :meth:`of_class`, :meth:`of_name` and :meth:`port_type`.
+    """
+
+    def __init__(self) -> None:
+        self._by_class: dict[type[Any], JsonObject] = {}
+        self._by_name: dict[str, JsonObject] = {}
+
+    def register(
+        self,
+        name: str,
+        python_type: type[_Object],
+        to_json: Callable[[_Object], dict[str, Any]],
+        from_json: Callable[[dict[str, Any]], _Object],
+    ) -> None:
+        """Makes the objects of a class known. Raises ValueError when the name or the class is."""
+        if name in self._by_name or python_type in self._by_class or name in _BUILTIN_VALUES:
+            raise ValueError(f'the JSON type {name!r}, or its class {python_type.__qualname__}, is registered already')
+        entry = JsonObject(name, PortType(python_type.__qualname__, python_type), to_json, from_json)
+        self._by_name[name] = self._by_class[python_type] = entry
+
+    def of_class(self, python_type: type[Any]) -> JsonObject | None:
+        return self._by_class.get(python_type)
+
+    def of_name(self, name: str) -> JsonObject | None:
+        return self._by_name.get(name)
+
+    def port_type(self, name: str) -> PortType | None:
+        """The type of entries that has this name; None when it is not known."""
+        known = _SCALARS.get(name)
+        if known is None and name.startswith('std::vector<') and name.endswith('>'):
+            element = self.port_type(name.removeprefix('std::vector<')[:-1])
+            known = None if element is None else list_of(element)
+        if known is None:
+            known = _BUILTIN_VALUES.get(name)
+        if known is None:
+            registered = self.of_name(name) or next((o for o in self._by_name.values() if o.type.name == name), None)
+            known = None if registered is None else registered.type
+        return known
+
+
+# -- as BehaviorTree.CPP shows it --------------------------------------------------------------------------------------
+
+
+def show_blackboard(board: Blackboard, types: JsonTypes) -> dict[str, Any]:
+    """The entries of this scope as BehaviorTree.CPP exports them, for tools that are made for it.
+
+    A bool is the integer 0 or 1, not-a-number and the infinities are floats, and what was never written, or has no JSON
+    form, is None.
+    """
+    return {key: _shown(value, types) for key, _, value in _entries(board)}
+
+
+def _shown(value: Any, types: JsonTypes) -> Any:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return float(value)
+    try:
+        return _encode(value, types, 0)
+    except ConversionError:
+        return None
+
+
+# -- without loss ------------------------------------------------------------------------------------------------------
+
+
+def export_blackboard(board: Blackboard, types: JsonTypes) -> tuple[dict[str, Any], list[str]]:
+    """The entries of this scope, with their types, at one moment; and why entries are missing that have no JSON form.
+
+    :func:`import_blackboard` gives them back. The document has only what ``json`` writes and reads without loss.
+    """
+    document: dict[str, Any] = {}
+    problems: list[str] = []
+    for key, kind, value in _entries(board):
+        try:
+            document[key] = _encode_entry(kind, value, types)
+        except ConversionError as error:
+            problems.append(f'entry [{key}]: {error}')
+    return document, problems
+
+
+def import_blackboard(board: Blackboard, document: Mapping[str, Any], types: JsonTypes) -> None:
+    """Writes all entries of a document, or none of them. Other entries stay as they are.
+
+    A new entry gets the type and the value of the document; one that has a type takes the value as
+    :meth:`Blackboard.set` does, by conversion without loss. (BehaviorTree.CPP overwrites an entry whatever its type,
+    and does not count that as a write.)
+
+    Raises:
+        BlackboardError: names every entry that is not understood, or the one that does not fit.
+    """
+    with board.lock:
+        writes: list[tuple[str, PortType | None, Any]] = []
+        problems: list[str] = []
+        for key, item in document.items():
+            try:
+                writes.append((key, *_decode_entry(item, types, board.entry(key))))
+            except ConversionError as error:
+                problems.append(f'entry [{key}]: {error}')
+        if problems:
+            raise BlackboardError('; '.join(problems))
+        # A copy with the same types takes the values first: what it takes, the board takes.
+        rehearsal = Blackboard()
+        for key, kind, value in writes:
+            entry = board.entry(key)
+            if entry is not None:
+                rehearsal.declare(key, entry.type).value = entry.value
+            _write(rehearsal, key, kind, value)
+        for key, kind, value in writes:
+            _write(board, key, kind, value)
+
+
+def _entries(board: Blackboard) -> list[tuple[str, PortType | None, Any]]:
+    with board.lock:
+        found = ((key, board.entry(key)) for key in board)
+        return [(key, entry.type, entry.value) for key, entry in found if entry is not None]
+
+
+def _write(board: Blackboard, key: str, kind: PortType | None, value: Any) -> None:
+    entry = board.entry(key)
+    if entry is not None and is_fixed(entry.type):
+        if value is not EMPTY:
+            board.set(key, value, kind)
+        return
+    entry = board.declare(key, kind)
+    if kind is not None:
+        entry.type = kind
+    if value is not EMPTY:
+        entry.write(value)
+
+
+# -- entries -----------------------------------------------------------------------------------------------------------
+
+
+def _encode_entry(kind: PortType | None, value: Any, types: JsonTypes) -> Any:
+    if value is EMPTY:
+        return None if kind is None else {'type': kind.name}
+    encoded = _encode(value, types, 0)
+    if value is not None and _is_told(kind, value, types):
+        return encoded
+    return {'type': UNTYPED if kind is None else kind.name, 'value': encoded}
+
+
+def _is_told(kind: PortType | None, value: Any, types: JsonTypes) -> bool:
+    """Whether the value alone says that its entry has this type."""
+    told = _natural_type(value, types)
+    if kind is None or told is None:
+        return kind is told
+    return kind.name == told.name or (types.of_class(value.__class__) is not None and kind.same(told))
+
+
+def _natural_type(value: Any, types: JsonTypes) -> PortType | None:
+    """The type of an entry that is made for a value of which nothing else is known; text does not fix one."""
+    if isinstance(value, str):
+        return None
+    known = types.of_class(value.__class__)
+    return type_of(value) if known is None else known.type
+
+
+def _decode_entry(item: Any, types: JsonTypes, present: Entry | None) -> tuple[PortType | None, Any]:
+    if item is None:
+        return None, EMPTY
+    if not isinstance(item, dict) or TYPE_FIELD in item:
+        value = _decode(item, types, 0)
+        return _natural_type(value, types), value
+    name = item.get('type')
+    if not isinstance(name, str) or not item.keys() <= {'type', 'value'}:
+        raise ConversionError(
+            f'an object has to have {TYPE_FIELD!r} beside its fields, or only "type" and "value"; this one has '
+            f'{", ".join(map(repr, item)) or "nothing"}'
+        )
+    # Types of one's own are known where a tree that uses them has made the entry.
+    known = present.type if present is not None and present.type is not None and present.type.name == name else None
+    kind = known or types.port_type(name)
+    if kind is None and name != UNTYPED:
+        raise ConversionError(f'the type {name!r} is not known')
+    if 'value' not in item:
+        return kind, EMPTY
+    value = _decode(item['value'], types, 0)
+    if kind is not None and not isinstance(value, str):
+        # Text stays as it is: its readers convert it. Of numbers, those of the other kind may be there as well.
+        cast(value, kind)
+    return kind, value
+
+
+# -- values ------------------------------------------------------------------------------------------------------------
+
+
+def _encode(value: Any, types: JsonTypes, depth: int) -> Any:
+    """The JSON of a value. Raises ConversionError when it has none that :func:`_decode` could read."""
+    if depth > _MAX_DEPTH:
+        raise ConversionError(f'a value is nested more than {_MAX_DEPTH} deep')
+    if value is None or value is True or value is False or value.__class__ is str:
+        return value
+    known = types.of_class(value.__class__)
+    if known is not None:
+        return {TYPE_FIELD: known.name, **_checked(known.to_json(value), known.name)}
+    if isinstance(value, NodeStatus):
+        return {TYPE_FIELD: port_types.NODE_STATUS.name, 'value': value.name}
+    if isinstance(value, int | float) and not isinstance(value, Enum):
+        if isinstance(value, int):
+            return int(value)
+        return float(value) if math.isfinite(value) else {TYPE_FIELD: 'double', 'value': str(float(value))}
+    if value.__class__ is list:
+        return [_encode(item, types, depth + 1) for item in value]
+    if value.__class__ is tuple or value.__class__ is deque:
+        items = [_encode(item, types, depth + 1) for item in value]
+        return {TYPE_FIELD: value.__class__.__qualname__, 'value': items}
+    if value.__class__ is dict:
+        pairs = [[_encode(part, types, depth + 1) for part in pair] for pair in value.items()]
+        return {TYPE_FIELD: 'dict', 'value': pairs}
+    raise ConversionError(f'a {value.__class__.__qualname__} has no JSON form; register one for its class')
+
+
+def _checked(fields: dict[str, Any], name: str) -> dict[str, Any]:
+    try:
+        json.dumps(fields, allow_nan=False)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise ConversionError(f'a {name} gives fields that JSON cannot hold: {error}') from error
+    return fields
+
+
+def _decode(item: Any, types: JsonTypes, depth: int) -> Any:
+    """The value of which this is the JSON. Raises ConversionError."""
+    if depth > _MAX_DEPTH:
+        raise ConversionError(f'a value is nested more than {_MAX_DEPTH} deep')
+    if isinstance(item, list):
+        return [_decode(part, types, depth + 1) for part in item]
+    if not isinstance(item, dict):
+        return item
+    name = item.get(TYPE_FIELD)
+    if not isinstance(name, str):
+        raise ConversionError(f'an object within a value has to have a {TYPE_FIELD!r}')
+    fields = {key: part for key, part in item.items() if key != TYPE_FIELD}
+    known = types.of_name(name)
+    try:
+        if known is not None:
+            return known.from_json(fields)
+        if name == port_types.NODE_STATUS.name:
+            return NodeStatus[fields['value']]
+        if name == 'double':
+            return _FLOATS[fields['value']]
+        if name in ('tuple', 'deque', 'dict'):
+            parts = fields['value']
+            if not isinstance(parts, list):
+                raise ConversionError(f'the value of a {name} has to be a list')
+            values = [_decode(part, types, depth + 1) for part in parts]
+            return {'tuple': tuple, 'deque': deque, 'dict': dict}[name](values)
+    except (ValueError, TypeError, LookupError) as error:
+        raise ConversionError(f'not a {name}: {error}') from error
+    raise ConversionError(f'the type {name!r} is not known')
