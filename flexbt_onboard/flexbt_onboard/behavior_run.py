@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, Protocol
@@ -56,12 +56,16 @@ class RunPhase(Enum):
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What to run: arguments are pairs of parameter name and text, inputs go to the userdata of the root machine."""
+    """What to run: arguments are pairs of parameter name and text, inputs go to the userdata of the root machine.
+
+    ``by`` is who wants it: an operator, or a program.
+    """
 
     entry: BehaviorEntry
     arguments: Sequence[tuple[str, str]]
     inputs: Sequence[BlackboardEntry]
     autonomy: int
+    by: str = ''
 
 
 class RunObserver(Protocol):
@@ -79,6 +83,9 @@ class RunObserver(Protocol):
     def run_log(self, run: BehaviorRun, severity: int, path: str, text: str) -> None:
         """A line for the operator."""
 
+    def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
+        """Something for the record (:mod:`flexbt_onboard.record`)."""
+
     def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         """The run has ended. Nothing follows."""
 
@@ -89,7 +96,7 @@ class BehaviorRun:
     def __init__(self, request: RunRequest, run_id: str, services: StateServices, observer: RunObserver) -> None:
         self.run_id = run_id
         self.behavior = request.entry.name
-        self._request = request
+        self.request = request
         self._services = services
         self._observer = observer
         self._bell = Bell()
@@ -202,9 +209,13 @@ class BehaviorRun:
     def fault(self, path: str, text: str) -> None:
         """See :class:`flexbt_onboard.state_machine.RunObserver`."""
         self._observer.run_log(self, ExecutiveLog.ERROR, path, text)
+        self._observer.run_event(self, 'fault', {'path': path, 'text': text})
 
     def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
         """See :class:`flexbt_onboard.state_machine.RunObserver`."""
+        self._view.left(path)
+        fields = {'path': path, 'outcome': outcome, 'target': target, 'reason': reason.name.lower()}
+        self._observer.run_event(self, 'left', fields)
         if reason is ExitReason.FORCED:
             self._observer.run_log(self, ExecutiveLog.INFO, path, f'left by {outcome!r}, as the operator wants it')
 
@@ -216,7 +227,7 @@ class BehaviorRun:
 
     def _build_and_drive(self) -> None:
         try:
-            definition, userdata = self._build()
+            machine = self._build()
         except MachineError as error:
             problems = ''.join(f'\n- {problem}' for problem in error.problems)
             self._observer.run_refused(self, f'its state machine is wrong:{problems}')
@@ -228,35 +239,34 @@ class BehaviorRun:
             self._observer.run_log(self, ExecutiveLog.ERROR, '', traceback.format_exc())
             self._observer.run_refused(self, f'building it raised {type(error).__name__}: {error}')
             return
-        machine = MachineRun(
-            definition,
-            self._services.runtime.clock,
-            self,
-            autonomy=self._request.autonomy,
-            userdata=userdata,
-            services=self._services,
-            steady=self._services.runtime.steady,
-            on_wake=self._bell.ring,
-        )
         with self._lock:
             is_stopped = self._stop_reason is not None
             self._machine = machine
         if is_stopped:
             self._observer.run_refused(self, f'stopped before it began: {self._stop_reason}')
             return
-        self._observer.run_built(self, _structure(definition, self.run_id, self.behavior))
+        self._observer.run_built(self, _structure(machine.definition, self.run_id, self.behavior))
         outcome, message = self._drive(machine)
         self._answer_the_rest()
         self._observer.run_ended(self, outcome, message)
 
-    def _build(self) -> tuple[MachineDefinition, dict[str, Any]]:
-        behavior = self._request.entry.instantiate()
-        behavior.set_arguments(self._request.arguments)
+    def _build(self) -> MachineRun:
+        behavior = self.request.entry.instantiate()
+        behavior.set_arguments(self.request.arguments)
         machine: Any = behavior.create()
         if not isinstance(machine, OperatableStateMachine):
             raise ParameterError(f'create() has to return an OperatableStateMachine, not {machine!r:.60}')
         definition = define(machine)
-        return definition, _checked_inputs(definition, self._request.inputs)
+        return MachineRun(
+            definition,
+            self._services.runtime.clock,
+            self,
+            autonomy=self.request.autonomy,
+            userdata=_checked_inputs(definition, self.request.inputs),
+            services=self._services,
+            steady=self._services.runtime.steady,
+            on_wake=self._bell.ring,
+        )
 
     def _drive(self, machine: MachineRun) -> tuple[str, str]:
         """Step the machine to its end; gives the outcome and a message."""
@@ -283,7 +293,8 @@ class BehaviorRun:
     def _show(self) -> None:
         machine = self._machine
         if machine is not None:
-            self._view.update(machine)
+            for event, fields in self._view.update(machine):
+                self._observer.run_event(self, event, fields)
         self._observer.changed()
 
 

@@ -9,7 +9,8 @@ behavior does.
 from __future__ import annotations
 
 import uuid
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 from flexbt_common.action_call import ActionLinks
 from flexbt_common.liveliness import LivelinessToken
@@ -18,32 +19,31 @@ from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.authority import Authority
 from flexbt_onboard.behavior_library import BehaviorLibrary
-from flexbt_onboard.behavior_run import BehaviorRun, RunPhase, RunRequest
+from flexbt_onboard.behavior_run import BehaviorRun, RunRequest
 from flexbt_onboard.command_table import CommandTable
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.executive_commands import CommandHandlers
+from flexbt_onboard.executive_commands import CommandHandlers, command_fields
 from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.executive_status import status_of
 from flexbt_onboard.operator_link import OperatorLink, sendable
 from flexbt_onboard.operator_questions import OperatorQuestions
 from flexbt_onboard.peers import PeersWatch
+from flexbt_onboard.record import Record, record_file
 from flexbt_onboard.robot_pose import RobotPose
+from flexbt_onboard.run_view import waiting_fields
+from flexbt_onboard.state_machine import Answer
 from flexbt_onboard.state_services import StateServices
 from flexbt_onboard.status_publisher import StatusPublisher
 
 SHUTDOWN_SECONDS: Final = 1.2
 """How long the end of the process waits for a running behavior to be at rest."""
 
-_STATE_OF_PHASE: Final = {
-    RunPhase.STARTING: ExecutiveStatus.STARTING,
-    RunPhase.RUNNING: ExecutiveStatus.RUNNING,
-    RunPhase.STOPPING: ExecutiveStatus.STOPPING,
-}
-
 
 class Executive:
     """The executive on one node. Made and closed by its host; see :func:`flexbt_onboard.onboard_executive.main`.
 
-    ``run`` is the run that goes on, or None; ``autonomy`` the operator's current level.
+    ``run`` is the run that goes on, or None; ``last`` tells run_id, behavior, outcome and message of the one before;
+    ``autonomy`` is the operator's current level.
     """
 
     def __init__(self, runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary) -> None:
@@ -53,39 +53,50 @@ class Executive:
         self.executive_id = uuid.uuid4().hex
         self.autonomy = parameters.autonomy
         self.run: BehaviorRun | None = None
-        self._last = ExecutiveStatus()  # run_id, behavior, outcome and message of the last run
-        self._start_commands: dict[str, str] = {}  # run_id of a starting run: the command to answer
+        self.last = ExecutiveStatus()
+        self._start_answer: Answer = _nobody  # who waits for the start of the run
+        self._open_commands: dict[str, ExecutiveCommand] = {}
+        self._questions_noted: set[str] = set()
         self._is_closing = False
-        self._table = CommandTable()
+        self.command_table = CommandTable()
         self._handlers = CommandHandlers(self)
         self.link = OperatorLink(runtime, self.executive_id, parameters.heartbeat_period, self._on_command)
+        node_name = runtime.node.get_fully_qualified_name()
+        self.record = Record(
+            record_file(parameters.record_directory, node_name),
+            runtime.clock,
+            self._on_record_problem,
+            parameters.record_size,
+            parameters.record_files,
+        )
+        self.record.note('executive', state='started', executive=self.executive_id)
         self.authority = Authority(runtime, parameters.authority_timeout, self._on_authority)
-        self.questions = OperatorQuestions(runtime, self.changed)
-        self._pose = RobotPose(runtime, parameters.pose_topic)
+        self.questions = OperatorQuestions(runtime, self._on_questions)
+        self.pose = RobotPose(runtime, parameters.pose_topic)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         self._services = StateServices(
             runtime=runtime,
             actions=ActionLinks(runtime),
             services=ServiceLinks(runtime),
-            node_name=runtime.node.get_fully_qualified_name(),
+            node_name=node_name,
             changed=self.changed,
         )
         self._token = LivelinessToken(runtime)
-        self._peers = PeersWatch(runtime, parameters.peers, self._on_peer)
+        self.peers = PeersWatch(runtime, parameters.peers, self._on_peer)
         runtime.on_fault(self._on_fault)
         self._announce()
 
     @property
     def shown_run_id(self) -> str:
         """The run that the status names: the one that goes on, or the last one."""
-        return self.run.run_id if self.run is not None else str(self._last.run_id)
+        return self.run.run_id if self.run is not None else str(self.last.run_id)
 
     def changed(self) -> None:
         """Something that the operator is shown has changed; from any thread."""
         self._status.changed()
 
-    def start(self, request: RunRequest, command_id: str) -> None:
-        """Begin a run; the command is answered when the behavior is built, or refused because it cannot be.
+    def start(self, request: RunRequest, answer: Answer) -> BehaviorRun:
+        """Begin a run; ``answer`` gets None when the behavior is built, or the reason why it cannot be.
 
         Raises:
             CommandRefusedError: a run goes on.
@@ -99,9 +110,10 @@ class Executive:
             )
         self.autonomy = request.autonomy
         self.run = BehaviorRun(request, uuid.uuid4().hex, self._services, self)
-        self._start_commands[self.run.run_id] = command_id
+        self._start_answer = answer
         self.run.start()
         self.changed()
+        return self.run
 
     def settle(self, command_id: str, reason: str | None) -> None:
         """Answer a command: applied, or refused for ``reason``; from any thread."""
@@ -112,11 +124,22 @@ class Executive:
     def run_built(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
         """The behavior is built and begins to run."""
 
+        request = run.request
+        self.record.note(
+            'started',
+            run=run.run_id,
+            behavior=run.behavior,
+            arguments=dict(request.arguments),
+            inputs=[entry.key for entry in request.inputs],
+            autonomy=request.autonomy,
+            by=request.by,
+        )
+
         def publish() -> None:
             # The structure first: a status that names its run can be drawn at once.
             self.link.publish_structure(structure)
             run.announce()
-            self._settle(self._start_commands.pop(run.run_id), None)
+            self._answer_start(None)
             self._status.flush()
             self.link.log(ExecutiveLog.INFO, f'behavior {run.behavior!r} started', run_id=run.run_id)
 
@@ -125,10 +148,12 @@ class Executive:
     def run_refused(self, run: BehaviorRun, reason: str) -> None:
         """The behavior could not be built; the run has ended."""
 
+        self.record.note('refused', run=run.run_id, behavior=run.behavior, why=reason)
+
         def refuse() -> None:
             self._end(run, 'error', reason)
             self.link.log(ExecutiveLog.ERROR, f'behavior {run.behavior!r} cannot start: {reason}', run_id=run.run_id)
-            self._settle(self._start_commands.pop(run.run_id), reason)
+            self._answer_start(reason)
 
         self.runtime.post(refuse)
 
@@ -136,8 +161,14 @@ class Executive:
         """A state or the engine has something to say."""
         self.link.log(severity, text, path, run.run_id)
 
+    def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
+        """Something for the record."""
+        self.record.note(event, run=run.run_id, **fields)
+
     def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         """The run has ended and everything is at rest, or as far at rest as ``message`` says."""
+
+        self.record.note('ended', run=run.run_id, behavior=run.behavior, outcome=outcome, message=message)
 
         def end() -> None:
             self._end(run, outcome, message)
@@ -157,6 +188,8 @@ class Executive:
                 run_id=run.run_id,
             )
         self.runtime.call(self._say_goodbye)
+        self.record.note('executive', state='ended', executive=self.executive_id)
+        self.record.close()
 
     def _begin_to_close(self) -> BehaviorRun | None:
         self._is_closing = True
@@ -179,10 +212,12 @@ class Executive:
     def _on_command(self, command: ExecutiveCommand) -> None:
         if not command.id:
             self.link.log(ExecutiveLog.WARN, f'a command of {command.operator_id!r} has no id; it was ignored')
+            self.record.note('command', **command_fields(command), effect='ignored', why='it has no id')
             return
-        if not self._table.admit(command.id):
+        if not self.command_table.admit(command.id):
             self.changed()  # a resend: answered again, applied once
             return
+        self._open_commands[command.id] = command
         try:
             is_applied = self._handlers.handle(command)
         except CommandRefusedError as error:
@@ -191,43 +226,45 @@ class Executive:
         if is_applied:
             self._settle(command.id, None)
 
+    def _answer_start(self, reason: str | None) -> None:
+        answer, self._start_answer = self._start_answer, _nobody
+        answer(reason)
+
     def _settle(self, command_id: str, reason: str | None) -> None:
-        self._table.settle(command_id, None if reason is None else sendable(reason))
+        effect = 'applied' if reason is None else 'refused'
+        self.record.note(
+            'command', **command_fields(self._open_commands.pop(command_id)), effect=effect, why=reason or ''
+        )
+        self.command_table.settle(command_id, None if reason is None else sendable(reason))
         self.changed()
 
     def _end(self, run: BehaviorRun, outcome: str, message: str) -> None:
-        self._last = ExecutiveStatus(
+        self.last = ExecutiveStatus(
             run_id=run.run_id, behavior=run.behavior, outcome=outcome, message=sendable(message)
         )
         self.run = None
         self.changed()
 
     def _publish_status(self) -> None:
-        status = ExecutiveStatus(
-            autonomy=self.autonomy,
-            decisions=self.questions.decisions(),
-            results=self._table.latest(),
-            peers=self._peers.statuses(),
-            robot_pose=self._pose.latest(),
-            authority=self.authority.holder,
-            authority_requests=self.authority.requests,
-        )
-        run = self.run
-        if run is None:
-            status.state = ExecutiveStatus.IDLE
-            status.run_id, status.behavior = self._last.run_id, self._last.behavior
-            status.outcome, status.message = self._last.outcome, self._last.message
-        else:
-            status.state = _STATE_OF_PHASE[run.phase]
-            status.run_id, status.behavior = run.run_id, run.behavior
-            status.active_states = run.active_states()
-            decisions = [*run.decisions(), *status.decisions]
-            status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
-        self.link.publish_status(status)
+        self.link.publish_status(status_of(self))
 
     def _on_authority(self, text: str) -> None:
         self.link.log(ExecutiveLog.INFO, text)
+        self.record.note('authority', holder=self.authority.holder, requests=self.authority.requests[:], text=text)
         self.changed()
+
+    def _on_questions(self) -> None:
+        pending = {decision.id: decision for decision in self.questions.decisions()}
+        for decision_id in pending.keys() - self._questions_noted:
+            self.record.note('waiting', run=self.shown_run_id, **waiting_fields(pending[decision_id]))
+        for decision_id in self._questions_noted - pending.keys():
+            self.record.note('decided', run=self.shown_run_id, decision=decision_id)
+        self._questions_noted = set(pending)
+        self.changed()
+
+    def _on_record_problem(self, text: str) -> None:
+        severity = ExecutiveLog.WARN if text else ExecutiveLog.INFO
+        self.runtime.post(lambda: self.link.log(severity, text or 'the record is written again'))
 
     def _on_peer(self, name: str, alive: bool, seen_before: bool) -> None:
         run_id = self.run.run_id if self.run is not None else ''
@@ -241,6 +278,10 @@ class Executive:
 
     def _on_fault(self, error: BaseException) -> None:
         self.link.log(ExecutiveLog.ERROR, f'fault in the executive, which goes on: {type(error).__name__}: {error}')
+
+
+def _nobody(_reason: str | None) -> None:
+    """Nobody waits for an answer."""
 
 
 def open_executive(

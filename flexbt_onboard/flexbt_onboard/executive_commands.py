@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.behavior_run import BehaviorRun, RunPhase, RunRequest
@@ -27,18 +27,15 @@ _FREE_TO_ALL: Final = frozenset(
 )
 """Commands that need no authority, or look after it by themselves."""
 
-_LATER: Final = {
-    ExecutiveCommand.PAUSE: 'PAUSE',
-    ExecutiveCommand.RESUME: 'RESUME',
-    ExecutiveCommand.REPEAT: 'REPEAT',
-    ExecutiveCommand.LOCK: 'LOCK',
-    ExecutiveCommand.UNLOCK: 'UNLOCK',
-    ExecutiveCommand.SWITCH: 'SWITCH',
-    ExecutiveCommand.BREAKPOINT: 'BREAKPOINT',
-    ExecutiveCommand.CLEAR_BREAKPOINT: 'CLEAR_BREAKPOINT',
-    ExecutiveCommand.RESUME_RUN: 'RESUME_RUN',
-    ExecutiveCommand.ABORT_RUN: 'ABORT_RUN',
+KINDS: Final = {
+    getattr(ExecutiveCommand, name): name
+    for name in (
+        *('START', 'STOP', 'AUTONOMY', 'CONFIRM', 'FORCE', 'ANSWER', 'DECLINE', 'PAUSE', 'RESUME', 'REPEAT', 'LOCK'),
+        *('UNLOCK', 'SWITCH', 'BREAKPOINT', 'CLEAR_BREAKPOINT', 'CLAIM_AUTHORITY', 'RELEASE_AUTHORITY'),
+        *('HAND_OVER_AUTHORITY', 'RESUME_RUN', 'ABORT_RUN'),
+    )
 }
+"""Names of the commands."""
 
 
 class CommandHandlers:
@@ -67,8 +64,7 @@ class CommandHandlers:
         """
         handler = self._handlers.get(command.kind)
         if handler is None:
-            kind = _LATER.get(command.kind, f'kind {command.kind}')
-            raise CommandRefusedError(f'{kind} is not supported by this version')
+            raise CommandRefusedError(f'{kind_name(command)} is not supported by this version')
         if command.kind not in _FREE_TO_ALL:
             self._executive.authority.check(command.operator_id)
         return handler(command)
@@ -85,8 +81,9 @@ class CommandHandlers:
             arguments=tuple((argument.name, argument.value) for argument in command.arguments),
             inputs=tuple(command.inputs),
             autonomy=_checked_autonomy(command.autonomy),
+            by=command.operator_id,
         )
-        self._executive.start(request, command.id)
+        self._executive.start(request, lambda reason: self._executive.settle(command.id, reason))
         return _ANSWERED_LATER
 
     def _stop(self, command: ExecutiveCommand) -> bool:
@@ -183,6 +180,33 @@ class CommandHandlers:
             raise CommandRefusedError(
                 f'meant for run {command.run_id or "none"}, but run {shown or "none"} is shown now'
             )
+
+
+def kind_name(command: ExecutiveCommand) -> str:
+    """What a command is called."""
+    return KINDS.get(command.kind, f'kind {command.kind}')
+
+
+def command_fields(command: ExecutiveCommand) -> dict[str, Any]:
+    """The fields of a command that are set, for the record."""
+    fields: dict[str, Any] = {
+        'id': command.id,
+        'command': kind_name(command),
+        'operator': command.operator_id,
+        'given': round(command.stamp.sec + command.stamp.nanosec * 1e-9, 6),
+        'run': command.run_id,
+        'decision': command.decision_id,
+        'path': command.path,
+        'outcome': command.outcome,
+        'behavior': command.behavior,
+        'arguments': {argument.name: argument.value for argument in command.arguments},
+        'inputs': {entry.key: f'{entry.type}: {entry.text or "..."}' for entry in command.inputs},
+        'grantee': command.grantee,
+        'because': command.reason,
+    }
+    if command.kind in (ExecutiveCommand.START, ExecutiveCommand.AUTONOMY):
+        fields['autonomy'] = int(command.autonomy)
+    return {name: value for name, value in fields.items() if value != '' and value != {}}
 
 
 def _checked_autonomy(level: int) -> int:

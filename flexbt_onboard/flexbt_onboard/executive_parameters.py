@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterValueException, InvalidTopicNameException, ParameterException
@@ -13,6 +13,10 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common import names
 from flexbt_onboard.errors import OnboardError
+from flexbt_onboard.record import RECORD_FILES, RECORD_SIZE
+
+RECORD_DIRECTORY: Final = '~/.ros/flexbt'
+"""Where the node keeps its record unless it is told otherwise."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,9 @@ class ExecutiveParameters:
     heartbeat_period: float = 0.5
     autonomy: int = 1
     authority_timeout: float = 30.0
+    record_directory: str = ''
+    record_size: int = RECORD_SIZE
+    record_files: int = RECORD_FILES
 
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
@@ -75,6 +82,32 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             floating_point_range=[FloatingPointRange(from_value=0.5, to_value=3600.0)],
         ),
     )
+    record_directory = _declare(
+        node,
+        'record_directory',
+        RECORD_DIRECTORY,
+        ParameterDescriptor(
+            description='directory of the record of commands, decisions and transitions; empty for no record'
+        ),
+    )
+    record_size = _declare(
+        node,
+        'record_size',
+        defaults.record_size,
+        ParameterDescriptor(
+            description='bytes of a file of the record before the next one is begun',
+            integer_range=[IntegerRange(from_value=1000, to_value=10**12)],
+        ),
+    )
+    record_files = _declare(
+        node,
+        'record_files',
+        defaults.record_files,
+        ParameterDescriptor(
+            description='files of the record that are kept',
+            integer_range=[IntegerRange(from_value=1, to_value=1000)],
+        ),
+    )
     try:
         validate_topic_name(pose_topic)
     except InvalidTopicNameException as error:
@@ -86,7 +119,14 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         except InvalidTopicNameException as error:
             raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
     return ExecutiveParameters(
-        wanted, str(pose_topic), float(heartbeat_period), int(autonomy), float(authority_timeout)
+        peers=wanted,
+        pose_topic=str(pose_topic),
+        heartbeat_period=float(heartbeat_period),
+        autonomy=int(autonomy),
+        authority_timeout=float(authority_timeout),
+        record_directory=str(record_directory),
+        record_size=int(record_size),
+        record_files=int(record_files),
     )
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from builtin_interfaces.msg import Time
 
@@ -13,6 +14,12 @@ from flexbt_onboard.operator_link import sendable
 from flexbt_onboard.state_machine import EventState, MachineRun
 
 _NANOSECONDS = 1_000_000_000
+
+_KINDS = {
+    PendingDecision.TRANSITION: 'transition',
+    PendingDecision.CHOICE: 'choice',
+    PendingDecision.INPUT: 'input',
+}
 
 
 @dataclass(frozen=True)
@@ -33,23 +40,32 @@ class RunView:
         self._decisions: tuple[PendingDecision, ...] = ()
         self._entered_at: dict[str, float] = {}
 
-    def update(self, machine: MachineRun) -> None:
-        """Take the picture; on the thread of the run. What has not changed keeps its time stamp."""
+    def left(self, path: str) -> None:
+        """A state was left: when it is seen again it was entered anew, even if no time has passed."""
+        self._entered_at.pop(path, None)
+
+    def update(self, machine: MachineRun) -> list[tuple[str, dict[str, Any]]]:
+        """Take the picture; on the thread of the run. What has not changed keeps its time stamp.
+
+        Gives what is new as events of the record (:mod:`flexbt_onboard.record`), with their fields.
+        """
         known = {leaf.path: leaf for leaf in self._leaves}
+        events: list[tuple[str, dict[str, Any]]] = []
         leaves, times = [], {}
         for active in machine.active_states():
             leaf = known.get(active.path)
             if leaf is None or self._entered_at.get(active.path) != active.entered_at:
                 leaf = _ActiveLeaf(active.path, self._stamp(active.entered_at), active.state)
+                events.append(('entered', {'path': active.path}))
             leaves.append(leaf)
             times[active.path] = active.entered_at
         shown = {decision.id: decision for decision in self._decisions}
         decisions = []
         for decision in machine.decisions:
             own_id = self._prefix + decision.id
-            decisions.append(
-                shown.get(own_id)
-                or PendingDecision(
+            message = shown.pop(own_id, None)
+            if message is None:
+                message = PendingDecision(
                     id=own_id,
                     kind=decision.kind.value,
                     path=decision.path,
@@ -59,9 +75,12 @@ class RunView:
                     prompt=decision.prompt,
                     since=self._stamp(decision.since),
                 )
-            )
+                events.append(('waiting', waiting_fields(message)))
+            decisions.append(message)
+        events += [('decided', {'decision': own_id}) for own_id in shown]
         self._entered_at = times
         self._leaves, self._decisions = tuple(leaves), tuple(decisions)
+        return events
 
     def active_states(self) -> list[ActiveState]:
         """The active leaves with what they are doing now."""
@@ -84,6 +103,19 @@ class RunView:
         nanoseconds = now.sec * _NANOSECONDS + now.nanosec - int((self._clock.now() - when) * _NANOSECONDS)
         seconds, rest = divmod(max(nanoseconds, 0), _NANOSECONDS)
         return Time(sec=seconds, nanosec=rest)
+
+
+def waiting_fields(decision: PendingDecision) -> dict[str, Any]:
+    """The fields of the event 'waiting' of the record."""
+    return {
+        'decision': decision.id,
+        'path': decision.path,
+        'kind': _KINDS.get(decision.kind, ''),
+        'outcome': decision.outcome,
+        'outcomes': list(decision.outcomes),
+        'required': decision.required_autonomy,
+        'prompt': decision.prompt,
+    }
 
 
 def _activity(state: EventState) -> list[str]:

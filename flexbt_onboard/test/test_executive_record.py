@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The record: everything that an operator or the robot did is in it, and a disk that fails harms nobody."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from executive_bench import ExecutiveBench, behavior_of, wait_until
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.record import Record, rotated
+from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+
+
+class Go(EventState):
+    """Done at once."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done', 'out'], desired_rate=None)
+
+    def execute(self, userdata: Any) -> str:
+        return 'done'
+
+
+def loop() -> OperatableStateMachine:
+    """A nested machine of two instantaneous states, then one that asks."""
+    inner = OperatableStateMachine(outcomes=['done'])
+    with inner:
+        OperatableStateMachine.add('A', Go(), {'done': 'B', 'out': 'done'})
+        OperatableStateMachine.add('B', Go(), {'done': 'done', 'out': 'done'})
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('Inner', inner, {'done': 'Ask'})
+        OperatableStateMachine.add('Ask', Go(), {'done': 'Inner', 'out': 'finished'}, autonomy={'done': Autonomy.Full})
+    return machine
+
+
+@pytest.fixture
+def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
+    """Makes a bench with a record in a directory, and closes it."""
+    benches: list[ExecutiveBench] = []
+
+    def make(directory: Path) -> ExecutiveBench:
+        parameters = ExecutiveParameters(peers=(), record_directory=str(directory))
+        benches.append(ExecutiveBench(behavior_of(loop), parameters=parameters))
+        return benches[-1]
+
+    yield make
+    for bench in benches:
+        bench.close()
+
+
+def events(directory: Path) -> list[dict[str, Any]]:
+    """What the record says."""
+    text = (directory / 'onboard_executive.jsonl').read_text()
+    return [json.loads(line) for line in text.splitlines() if line]
+
+
+def test_commands_decisions_and_states_are_recorded_with_their_effect(
+    make_bench: Callable[..., ExecutiveBench], tmp_path: Path
+) -> None:
+    bench = make_bench(tmp_path / 'new' / 'directory')
+    run_id = bench.start(operator_id='ann', autonomy=3)
+    decision = bench.wait_for(lambda status: status.decisions, 'decision')[0]
+    bench.applied(ExecutiveCommand.CONFIRM, decision_id=decision.id, operator_id='ann', reason='looks good')
+    bench.wait_for(lambda status: status.decisions and status.decisions[0].id != decision.id, 'second decision')
+    bench.refused(ExecutiveCommand.CONFIRM, decision_id=decision.id, operator_id='bob')
+    bench.applied(ExecutiveCommand.FORCE, path='/Ask', outcome='out', operator_id='ann')
+    assert bench.wait_idle() == 'finished'
+    bench.runtime.close()
+    seen = events(tmp_path / 'new' / 'directory')
+    assert [event['time'] for event in seen] == sorted(event['time'] for event in seen)
+    of_run = [event for event in seen if event.get('run') == run_id]
+    states = [(event['event'], event['path']) for event in of_run if event['event'] in ('entered', 'left')]
+    one_round = [
+        *(('entered', '/Inner/A'), ('left', '/Inner/A'), ('entered', '/Inner/B'), ('left', '/Inner/B')),
+        *(('left', '/Inner'), ('entered', '/Ask'), ('left', '/Ask')),
+    ]
+    assert states == one_round * 2
+    assert [event['decision'] for event in of_run if event['event'] in ('waiting', 'decided')][:2] == [decision.id] * 2
+    commands = {(event['command'], event['operator'], event['effect']) for event in seen if event['event'] == 'command'}
+    assert commands == {
+        ('START', 'ann', 'applied'),
+        ('CONFIRM', 'ann', 'applied'),
+        ('CONFIRM', 'bob', 'refused'),
+        ('FORCE', 'ann', 'applied'),
+    }
+    confirmed, refused = [event for event in seen if event.get('command') == 'CONFIRM']
+    assert (confirmed['because'], confirmed['run'], confirmed['decision']) == ('looks good', run_id, decision.id)
+    assert 'not pending' in refused['why']
+    forced = [event for event in of_run if event['event'] == 'left' and event.get('reason') == 'forced']
+    assert [(event['outcome'], event['target']) for event in forced] == [('out', '=finished')]
+    assert [event['event'] for event in seen if 'behavior' in event and event['event'] != 'command'] == [
+        'started',
+        'ended',
+    ]
+
+
+def test_a_directory_that_cannot_be_written_is_told_once_and_harms_nobody(
+    make_bench: Callable[..., ExecutiveBench], tmp_path: Path
+) -> None:
+    blocked = tmp_path / 'file'
+    blocked.write_text('')
+    bench = make_bench(blocked / 'below')
+    bench.start(autonomy=0)
+    for _ in range(3):
+        bench.applied(ExecutiveCommand.AUTONOMY, autonomy=1)
+    bench.applied(ExecutiveCommand.STOP)
+    assert bench.wait_idle() == 'preempted'
+    bench.logged('cannot be written')
+    assert sum('cannot be written' in line.text for line in bench.logs) == 1
+    blocked.unlink()
+    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=1, run_id='')
+    bench.logged('written again')
+    wait_until(lambda: len(events(blocked / 'below')) == 2, 'two lines')
+    lost, command = events(blocked / 'below')
+    assert (lost['event'], command['event']) == ('lost', 'command')
+    assert lost['number'] > 5
+
+
+FULL_DISK = """
+import resource, signal, sys
+from pathlib import Path
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_onboard.record import Record
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+with NodeRuntime.open('full') as runtime:
+    problems = []
+    record = Record(Path(sys.argv[1]), runtime.clock, problems.append)
+    for number in range(200):
+        record.note('number', number=number)
+    record.close()
+    assert len(problems) == 1, problems
+"""
+
+
+def test_a_full_disk_leaves_whole_lines_and_at_most_one_that_is_cut_off(tmp_path: Path) -> None:
+    file = tmp_path / 'r.jsonl'
+    subprocess.run([sys.executable, '-c', FULL_DISK, str(file)], check=True, timeout=60, env=os.environ)
+    lines = file.read_text().splitlines()
+    assert 10 < len(lines) < 60
+    assert [json.loads(line)['number'] for line in lines[:-1]] == list(range(len(lines) - 1))
+
+
+def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> None:
+    file = tmp_path / 'r.jsonl'
+    with NodeRuntime.open('rotating') as runtime:
+        record = Record(file, runtime.clock, lambda _text: None, size=2000, files=3)
+        for number in range(300):
+            record.note('number', number=number)
+            wait_until(lambda: record._queue.qsize() < 5, 'written')
+        begin = time.monotonic()
+        record.close()
+        assert time.monotonic() - begin < 1.0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['r.1.jsonl', 'r.2.jsonl', 'r.jsonl']
+    kept = [json.loads(line) for age in (2, 1, 0) for line in rotated(file, age).read_text().splitlines()]
+    numbers = [event['number'] for event in kept]
+    assert numbers == list(range(numbers[0], 300))
+    assert all(rotated(file, age).stat().st_size <= 2000 for age in range(3))
+
+
+def test_the_record_holds_nobody_up(make_bench: Callable[..., ExecutiveBench], tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'onboard_executive.jsonl')  # opening it blocks for ever
+    bench = make_bench(tmp_path)
+    bench.start(autonomy=0)
+    bench.applied(ExecutiveCommand.STOP)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.IDLE, 'stopped')
+    begin = time.monotonic()
+    bench.runtime.close()
+    assert time.monotonic() - begin < 1.5
