@@ -148,6 +148,9 @@ class Run:
     def run_log(self, run: BehaviorRun, severity: int, path: str, text: str) -> None:
         self.lines.append((severity, path, text))
 
+    def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
+        pass
+
     def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         self.outcome, self.message = outcome, message
 
