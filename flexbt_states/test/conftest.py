@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from state_bench import StateBench
+
+from flexbt_states.testing import StateBench
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.action import CancelResponse
-from state_bench import DEADLINE, ScriptedServer, StateBench, ends, wait_until
 
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
@@ -23,6 +22,7 @@ from flexbt_onboard.executive_parameters import ExecutiveParameters
 from flexbt_onboard.state_machine import OperatableStateMachine
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
+from flexbt_states.testing import DEADLINE, ScriptedServer, StateBench, ends, wait_until
 
 RESULT = BtExecute.Result
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import CancelResponse
-from state_bench import StateBench, ends, wait_until
 
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import to_entry
@@ -19,6 +18,7 @@ from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.operator_questions import OperatorQuestions
 from flexbt_states import OperatorInputState
 from flexbt_states.errors import StateParameterError
+from flexbt_states.testing import StateBench, ends, wait_until
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 RESULT = OperatorInput.Result

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import Point
 from rclpy.qos import QoSProfile
-from state_bench import DEADLINE, StateBench, wait_until
 from std_msgs.msg import String
 
 from flexbt_common import names
@@ -18,6 +17,7 @@ from flexbt_common.node_runtime import NodeRuntime
 from flexbt_onboard.state_machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError
+from flexbt_states.testing import DEADLINE, StateBench, wait_until
 
 
 class Peer:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench for states: they run in a real machine on a real thread, against action servers that follow a script."""
+"""A bench to test states with: they run in a real machine on a real thread, against action servers that follow a script."""
 
 from __future__ import annotations
 
