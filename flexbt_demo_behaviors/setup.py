@@ -35,6 +35,8 @@ setup(
             'demo = flexbt_demo_behaviors.demo:main',
         ],
         'flexbt.behaviors': [
+            'inspect_site = flexbt_demo_behaviors.inspection:InspectSite',
+            'inspection = flexbt_demo_behaviors.inspection:Inspection',
             'navigate = flexbt_demo_behaviors.navigate:Navigate',
             'navigate_split = flexbt_demo_behaviors.navigate_split:NavigateSplit',
         ],

@@ -5,6 +5,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
+from flexbt_demo_behaviors.inspection import Inspection, InspectSite
 from flexbt_demo_behaviors.navigate import Navigate
 from flexbt_demo_behaviors.navigate_split import NavigateSplit
 from flexbt_demo_behaviors.show_path_state import ShowPathState
@@ -12,7 +13,7 @@ from flexbt_onboard.behavior import Behavior
 from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.state_machine import Autonomy, MachineDefinition, StateDefinition, define
 
-BEHAVIORS = [Navigate, NavigateSplit]
+BEHAVIORS = [Navigate, NavigateSplit, Inspection, InspectSite]
 
 
 def transitions(definition: MachineDefinition) -> dict[tuple[str, str], tuple[str, int]]:

@@ -25,4 +25,4 @@ def test_a_tree_loads_and_says_which_one_is_meant(file: Path) -> None:
 def test_all_trees_live_in_one_library_under_names_of_their_own() -> None:
     registry = node_registry(fail_on_broken)
     library = TreeLibrary().stage([load_xml(file.read_bytes(), file.name, registry) for file in FILES])
-    assert set(library.tree_ids()) == {'Navigate', 'GlobalPlanner', 'Controller', 'Recovery'}
+    assert set(library.tree_ids()) == {'Navigate', 'GlobalPlanner', 'Controller', 'Recovery', 'Inspection'}

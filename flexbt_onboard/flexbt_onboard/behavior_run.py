@@ -96,6 +96,8 @@ class BehaviorRun:
     def __init__(self, request: RunRequest, run_id: str, services: StateServices, observer: RunObserver) -> None:
         self.run_id = run_id
         self.behavior = request.entry.name
+        self.outputs: Mapping[str, Any] = {}
+        """Values of the machine's output keys, once the run has ended."""
         self.request = request
         self._services = services
         self._observer = observer
@@ -248,6 +250,8 @@ class BehaviorRun:
         self._observer.run_built(self, _structure(machine.definition, self.run_id, self.behavior))
         outcome, message = self._drive(machine)
         self._answer_the_rest()
+        values = machine.userdata()
+        self.outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
         self._observer.run_ended(self, outcome, message)
 
     def _build(self) -> MachineRun:

@@ -9,7 +9,7 @@ behavior does.
 from __future__ import annotations
 
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from flexbt_common.action_call import ActionLinks
@@ -18,6 +18,7 @@ from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.authority import Authority
+from flexbt_onboard.behavior_action import BehaviorActionServer
 from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.behavior_run import BehaviorRun, RunRequest
 from flexbt_onboard.command_table import CommandTable
@@ -39,6 +40,13 @@ SHUTDOWN_SECONDS: Final = 1.2
 """How long the end of the process waits for a running behavior to be at rest."""
 
 
+Ended = Callable[[BehaviorRun, str, str], None]
+
+
+def _nobody(*_news: object) -> None:
+    """Nobody waits for an answer."""
+
+
 class Executive:
     """The executive on one node. Made and closed by its host; see :func:`flexbt_onboard.onboard_executive.main`.
 
@@ -55,6 +63,7 @@ class Executive:
         self.run: BehaviorRun | None = None
         self.last = ExecutiveStatus()
         self._start_answer: Answer = _nobody  # who waits for the start of the run
+        self._ended: Ended = _nobody  # who waits for its end
         self._open_commands: dict[str, ExecutiveCommand] = {}
         self._questions_noted: set[str] = set()
         self._is_closing = False
@@ -81,6 +90,7 @@ class Executive:
             node_name=node_name,
             changed=self.changed,
         )
+        self._actions = BehaviorActionServer(self)
         self._token = LivelinessToken(runtime)
         self.peers = PeersWatch(runtime, parameters.peers, self._on_peer)
         runtime.on_fault(self._on_fault)
@@ -95,8 +105,10 @@ class Executive:
         """Something that the operator is shown has changed; from any thread."""
         self._status.changed()
 
-    def start(self, request: RunRequest, answer: Answer) -> BehaviorRun:
+    def start(self, request: RunRequest, answer: Answer, ended: Ended = _nobody) -> BehaviorRun:
         """Begin a run; ``answer`` gets None when the behavior is built, or the reason why it cannot be.
+
+        ``ended`` gets the run that was built, its outcome and a message. Both are called on the executor thread.
 
         Raises:
             CommandRefusedError: a run goes on.
@@ -110,7 +122,7 @@ class Executive:
             )
         self.autonomy = request.autonomy
         self.run = BehaviorRun(request, uuid.uuid4().hex, self._services, self)
-        self._start_answer = answer
+        self._start_answer, self._ended = answer, ended
         self.run.start()
         self.changed()
         return self.run
@@ -172,6 +184,7 @@ class Executive:
 
         def end() -> None:
             self._end(run, outcome, message)
+            self._ended(run, outcome, message)
             severity = ExecutiveLog.ERROR if outcome == 'error' else ExecutiveLog.INFO
             text = f'behavior {run.behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
             self.link.log(severity, text, run_id=run.run_id)
@@ -247,6 +260,7 @@ class Executive:
 
     def _publish_status(self) -> None:
         self.link.publish_status(status_of(self))
+        self._actions.refresh()
 
     def _on_authority(self, text: str) -> None:
         self.link.log(ExecutiveLog.INFO, text)
@@ -278,10 +292,6 @@ class Executive:
 
     def _on_fault(self, error: BaseException) -> None:
         self.link.log(ExecutiveLog.ERROR, f'fault in the executive, which goes on: {type(error).__name__}: {error}')
-
-
-def _nobody(_reason: str | None) -> None:
-    """Nobody waits for an answer."""
 
 
 def open_executive(

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand
+from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.behavior_run import BehaviorRun, RunPhase, RunRequest
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError
 
@@ -70,18 +71,13 @@ class CommandHandlers:
         return handler(command)
 
     def _start(self, command: ExecutiveCommand) -> bool:
-        try:
-            entry = self._executive.library.find(command.behavior)
-        except BehaviorError as error:
-            raise CommandRefusedError(str(error)) from error
-        if entry.error:
-            raise CommandRefusedError(f'behavior {entry.name!r} is broken: {entry.error}')
-        request = RunRequest(
-            entry=entry,
-            arguments=tuple((argument.name, argument.value) for argument in command.arguments),
-            inputs=tuple(command.inputs),
-            autonomy=_checked_autonomy(command.autonomy),
-            by=command.operator_id,
+        request = run_request(
+            self._executive.library,
+            command.behavior,
+            [(argument.name, argument.value) for argument in command.arguments],
+            command.inputs,
+            command.autonomy,
+            command.operator_id,
         )
         self._executive.start(request, lambda reason: self._executive.settle(command.id, reason))
         return _ANSWERED_LATER
@@ -180,6 +176,28 @@ class CommandHandlers:
             raise CommandRefusedError(
                 f'meant for run {command.run_id or "none"}, but run {shown or "none"} is shown now'
             )
+
+
+def run_request(
+    library: BehaviorLibrary,
+    behavior: str,
+    arguments: Sequence[tuple[str, str]],
+    inputs: Sequence[BlackboardEntry],
+    autonomy: int,
+    by: str,
+) -> RunRequest:
+    """What to run, from what somebody asks for.
+
+    Raises:
+        CommandRefusedError: there is no such behavior, it is broken, or the level of autonomy is none.
+    """
+    try:
+        entry = library.find(behavior)
+    except BehaviorError as error:
+        raise CommandRefusedError(str(error)) from error
+    if entry.error:
+        raise CommandRefusedError(f'behavior {entry.name!r} is broken: {entry.error}')
+    return RunRequest(entry, tuple(arguments), tuple(inputs), _checked_autonomy(autonomy), by)
 
 
 def kind_name(command: ExecutiveCommand) -> str:

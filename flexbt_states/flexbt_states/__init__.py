@@ -8,6 +8,7 @@ from flexbt_states.bt_loader_state import BtLoaderState
 from flexbt_states.bt_set_data_state import BtSetDataState
 from flexbt_states.calculation_state import CalculationState
 from flexbt_states.check_condition_state import CheckConditionState
+from flexbt_states.execute_behavior_state import ExecuteBehaviorState
 from flexbt_states.log_key_state import LogKeyState
 from flexbt_states.log_state import LogState
 from flexbt_states.operator_decision_state import OperatorDecisionState
@@ -28,6 +29,7 @@ __all__ = [
     'BtSetDataState',
     'CalculationState',
     'CheckConditionState',
+    'ExecuteBehaviorState',
     'LogKeyState',
     'LogState',
     'OperatorDecisionState',

@@ -49,7 +49,7 @@ def read_values(entries: Iterable[Any], types: Mapping[str, str]) -> dict[str, A
     values = {}
     for key, type in types.items():
         if key not in received:
-            raise FlexbtError(f'the BT server did not send {key!r}')
+            raise FlexbtError(f'the server did not send {key!r}')
         entry = received[key]
         try:
             values[key] = check_value(from_entry(entry), type)

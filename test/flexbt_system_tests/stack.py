@@ -64,10 +64,14 @@ class Stack:
             print(f'--- {name}, exit code {process.returncode}\n{self.output(name)[-LAST_CHARACTERS:]}')
 
     def start(self, name: str, parameters: Mapping[str, str] | None = None) -> None:
-        """Start an executable, again if it has run before. Everything but the simulator follows simulated time."""
+        """Start an executable, again if it has run before; ``robot/name`` runs in the namespace ``robot``.
+
+        Everything but the simulator follows simulated time, unless the parameters say otherwise.
+        """
         self._starts += 1
-        settings = {} if name == 'simulator' else {'use_sim_time': 'true'}
-        words = [executable(name), '--ros-args']
+        namespace, _, base = name.rpartition('/')
+        settings = {} if base == 'simulator' else {'use_sim_time': 'true'}
+        words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
         for key, value in {**settings, **(parameters or {})}.items():
             words += ['-p', f'{key}:={value}']
         with self._log(name).open('ab') as log:
@@ -109,4 +113,4 @@ class Stack:
         return log.read_text(errors='replace') if log.exists() else ''
 
     def _log(self, name: str) -> Path:
-        return self._directory / f'{name}.log'
+        return self._directory / f'{name.replace("/", ".")}.log'

@@ -203,7 +203,8 @@ class ActionLeaf(StatefulAction):
             return self.on_success(outcome.result)
         self._give_up_all()
         code = int(getattr(outcome.result, 'error_code', 0) or getattr(self.action_type().Result, 'UNKNOWN', 0))
-        reason = getattr(outcome.result, 'error_msg', '') or outcome.reason
+        told = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
+        reason = told or outcome.reason
         if outcome.status is GoalStatus.CANCELED:
             reason = 'the goal was canceled by somebody else'
         self.set_output('error_code_id', code)

@@ -8,6 +8,7 @@ from typing import Final
 from flexbt_server.behavior_tree import NodeRegistry, TreeNode
 from flexbt_server.behavior_tree.nav2_nodes import Dialect
 from flexbt_server.leaves import (
+    behavior_leaf,
     motion_decorators,
     navigation_actions,
     path_leaves,
@@ -24,6 +25,7 @@ LEAVES: Final[tuple[type[TreeNode], ...]] = (
     navigation_actions.BackUp,
     navigation_actions.DriveOnHeading,
     navigation_actions.Wait,
+    behavior_leaf.ExecuteBehavior,
     service_leaf.ClearEntireCostmap,
     service_leaf.IsPathValid,
     service_leaf.CancelControl,

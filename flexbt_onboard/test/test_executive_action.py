@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Behaviors as an action: parameters and inputs go in, active states and outputs come out, and canceling stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalStatus
+from executive_bench import ExecutiveBench, wait_until
+from rclpy.action import ActionClient
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.values import from_entry, to_entry
+from flexbt_msgs.action import BtExecute, ExecuteBehavior
+from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand
+from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+
+Result = ExecuteBehavior.Result
+
+
+class Twice(EventState):
+    """Doubles a number; waits for ever when it is negative; gives something that cannot be sent for 13."""
+
+    def __init__(self, factor: int) -> None:
+        super().__init__(outcomes=['done', 'zero'], input_keys=['x'], output_keys=['y'], desired_rate=None)
+        self._factor = factor
+
+    def execute(self, userdata: Any) -> str | None:
+        x = userdata['x']
+        if x < 0:
+            return None
+        if x == 7:
+            raise RuntimeError('seven')
+        userdata['y'] = object() if x == 13 else x * self._factor
+        return 'done' if x else 'zero'
+
+
+class Multiply(Behavior):
+    manifest = BehaviorManifest('Multiply', parameters=[BehaviorParameter('factor', 2)])
+    factor: int
+
+    def create(self) -> OperatableStateMachine:
+        machine = OperatableStateMachine(outcomes=['finished', 'nothing'], input_keys=['x'], output_keys=['y'])
+        with machine:
+            OperatableStateMachine.add('Twice', Twice(self.factor), {'done': 'finished', 'zero': 'nothing'})
+        return machine
+
+
+class Client:
+    """A program on a node of its own."""
+
+    def __init__(self) -> None:
+        self.runtime = NodeRuntime('program', args=())
+        self.feedback: list[list[str]] = []
+        self.results: list[Any] = []
+        self.client: Any = self.runtime.call(
+            lambda: ActionClient(self.runtime.node, ExecuteBehavior, 'execute_behavior')
+        )
+        wait_until(lambda: self.runtime.call(self.client.server_is_ready), 'execute_behavior')
+
+    def send(self, x: int, **fields: Any) -> None:
+        """Send a goal; the result comes later."""
+        goal = ExecuteBehavior.Goal(behavior='Multiply', inputs=[to_entry('x', x)], autonomy=3)
+        for name, value in fields.items():
+            setattr(goal, name, value)
+
+        def accepted(future: Any) -> None:
+            self.handle = future.result()
+            self.handle.get_result_async().add_done_callback(lambda done: self.results.append(done.result()))
+
+        def on_feedback(message: Any) -> None:
+            self.feedback.append(list(message.feedback.active_states))
+
+        self.runtime.call(lambda: self.client.send_goal_async(goal, on_feedback).add_done_callback(accepted))
+
+    def result(self) -> tuple[int, Any]:
+        """Status and result of the next goal that ends."""
+        wait_until(lambda: self.results, 'result')
+        answer = self.results.pop(0)
+        return answer.status, answer.result
+
+    def run(self, x: int, **fields: Any) -> tuple[int, Any]:
+        """Send a goal, and wait for its result."""
+        self.send(x, **fields)
+        return self.result()
+
+
+@pytest.fixture
+def bench() -> Iterator[ExecutiveBench]:
+    bench = ExecutiveBench(Multiply)
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def client(bench: ExecutiveBench) -> Iterator[Client]:
+    client = Client()
+    yield client
+    client.runtime.close()
+
+
+def test_inputs_and_parameters_go_in_and_outcome_and_outputs_come_out(bench: ExecutiveBench, client: Client) -> None:
+    status, result = client.run(21)
+    assert (status, result.code, result.outcome) == (GoalStatus.STATUS_SUCCEEDED, Result.SUCCESS, 'finished')
+    assert [(entry.key, from_entry(entry)) for entry in result.outputs] == [('y', 42)]
+    three = [BehaviorArgument(name='factor', value='3')]
+    _, result = client.run(5, arguments=three, output_encoding=BtExecute.Goal.BINARY)
+    assert from_entry(result.outputs[0]) == 15
+    assert client.run(0)[1].outcome == 'nothing'
+    assert bench.wait_idle() == 'nothing'
+
+
+@pytest.mark.parametrize(
+    ('x', 'fields', 'code', 'words'),
+    [
+        (1, {'behavior': 'Multiplu'}, Result.FAILURE, 'Multiply'),
+        (1, {'arguments': [BehaviorArgument(name='factor', value='two')]}, Result.FAILURE, 'whole number'),
+        (1, {'inputs': []}, Result.FAILURE, "'x' is needed"),
+        (1, {'autonomy': 9}, Result.FAILURE, 'autonomy 9'),
+        (7, {}, Result.ERROR, 'raised'),
+        (13, {}, Result.ERROR, 'cannot be sent: y'),
+    ],
+)
+def test_what_goes_wrong_is_told_with_its_reason(
+    client: Client, x: int, fields: dict[str, Any], code: int, words: str
+) -> None:
+    status, result = client.run(x, **fields)
+    assert (status, result.code, result.outcome) == (GoalStatus.STATUS_ABORTED, code, '')
+    assert words in result.message
+    assert client.run(4)[1].code == Result.SUCCESS
+
+
+def test_canceling_stops_the_run_and_an_operator_may_stop_it_too(bench: ExecutiveBench, client: Client) -> None:
+    client.send(-1)
+    bench.wait_active('/Twice')
+    wait_until(lambda: client.feedback == [['/Twice']], lambda: f'feedback {client.feedback}')
+    assert 'is running' in client.run(1)[1].message
+    client.runtime.call(client.handle.cancel_goal_async)  # of the goal that has ended: nothing happens
+    client.send(-1)
+    assert client.result()[1].code == Result.FAILURE
+    bench.applied(ExecutiveCommand.STOP)
+    status, result = client.result()
+    assert (status, result.code) == (GoalStatus.STATUS_ABORTED, Result.CANCELED)
+    assert 'operator tester' in result.message
+    client.send(-1)
+    bench.wait_active('/Twice')
+    client.runtime.call(client.handle.cancel_goal_async)
+    status, result = client.result()
+    assert (status, result.code) == (GoalStatus.STATUS_CANCELED, Result.CANCELED)
+    assert bench.wait_idle() == 'preempted'
+
+
+def test_a_run_whose_client_is_gone_is_stopped(bench: ExecutiveBench, client: Client) -> None:
+    client.send(-1)
+    bench.wait_active('/Twice')
+    wait_until(lambda: client.feedback, 'feedback')
+    client.runtime.close()
+    assert bench.wait_idle() == 'preempted'
+    assert 'client' in bench.status.message
