@@ -39,6 +39,7 @@ from .script import ScriptLibrary
 from .simple import SimpleAction, SimpleDecorator, simple_action, simple_condition, simple_decorator
 from .status import NodeKind, NodeStatus
 from .threaded import ThreadedAction
+from .tick_control import TickCommand, TickControl
 from .tree import Failure, Tree
 from .xml_reader import IncludeResolver, load_xml
 
@@ -81,6 +82,8 @@ __all__ = [
     'Substitute',
     'SyncAction',
     'ThreadedAction',
+    'TickCommand',
+    'TickControl',
     'TransitionObserver',
     'Tree',
     'TreeContext',
