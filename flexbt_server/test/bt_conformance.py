@@ -2,7 +2,8 @@
 """Compares the engine with BehaviorTree.CPP, event by event: ``python bt_conformance.py --count 20000 --seed 0``.
 
 A profile says what the random trees consist of: ``trees`` has the plain nodes, ``nodes`` those that decide, loop and
-watch entries as well, and ``scripts`` also scripts, pre- and post-conditions. A seed always means the same tree.
+watch entries as well, and ``scripts`` also scripts, pre- and post-conditions; ``wheel`` is a corpus of all nodes. A
+seed always means the same tree.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 import bt_random_nodes
 import bt_random_scripts
 import bt_random_trees
+import bt_random_wheel
 import bt_scripted
 import bt_wheel
 
@@ -22,6 +24,7 @@ PROFILES: dict[str, Callable[[int], dict[str, Any]]] = {
     'trees': bt_random_trees.make_case,
     'nodes': bt_random_nodes.make_case,
     'scripts': bt_random_scripts.make_case,
+    'wheel': bt_random_wheel.make_case,
 }
 
 
@@ -71,30 +74,40 @@ def compare(cases: Iterable[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], d
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--count', type=int, default=1000)
+    parser.add_argument('--count', type=int, default=1000, help='trees of each profile')
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--profile', choices=PROFILES, default='scripts')
+    parser.add_argument('--profiles', default='wheel,scripts', help=f'of {", ".join(PROFILES)}')
     parser.add_argument('--show', type=int, default=5, help='how many differences to print in full')
     options = parser.parse_args()
-    compared = events = differing = crashed = errors = 0
-    for start in range(options.seed, options.seed + options.count, 1000):
-        seeds = range(start, min(start + 1000, options.seed + options.count))
-        results = compare(map(PROFILES[options.profile], seeds))
+    profiles = options.profiles.split(',')
+    unknown = set(profiles) - set(PROFILES)
+    if unknown:
+        parser.error(f'there is no profile {", ".join(sorted(unknown))}; profiles: {", ".join(PROFILES)}')
+    differing = [judge(profile, options.seed, options.count, options.show) for profile in profiles]
+    raise SystemExit(1 if any(differing) else 0)
+
+
+def judge(profile: str, first: int, count: int, show: int) -> int:
+    """Compares the trees of these seeds, prints what is found, and gives the number of those that differ."""
+    events = differing = crashed = errors = 0
+    for start in range(first, first + count, 1000):
+        seeds = range(start, min(start + 1000, first + count))
+        results = compare(map(PROFILES[profile], seeds))
         for seed, (case, expected, found) in zip(seeds, results, strict=True):
-            compared += 1
             crashed += 'crash' in expected
             steps = [*expected.get('steps', []), expected.get('final', {})]
             events += sum(len(step.get('events', ())) for step in steps)
             errors += bool(expected.get('load_error')) or any(step.get('error') for step in steps)
             if found:
                 differing += 1
-                if differing <= options.show:
-                    print(f'seed {seed}: {found}\n  {json.dumps(case)}')
+                if differing <= show:
+                    print(f'{profile}, seed {seed}: {found}\n  {json.dumps(case)}')
     print(
-        f'{compared} trees compared, {events} events, {errors} cases with an error in both; '
-        f'{differing} differ, {crashed} crashed the library'
+        f'{profile}: {count} trees compared, {events} events, {errors} cases with an error in both; '
+        f'{differing} differ, {crashed} crashed the library',
+        flush=True,
     )
-    raise SystemExit(1 if differing else 0)
+    return differing
 
 
 if __name__ == '__main__':

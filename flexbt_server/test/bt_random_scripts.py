@@ -4,7 +4,7 @@
 The scripts mean the same in 4.8.2, the version of the wheel, as in 4.10, whose grammar the engine has: every operator
 has its parentheses, and ``true`` stands only where it does not matter whether it is an integer or a double. Some of
 them fail when they run. Left out is what the engine does differently on purpose: numbers that grow out of the type of
-their entry, and text in entries of which SetBlackboard makes something else.
+their entry.
 """
 
 from __future__ import annotations
@@ -122,10 +122,6 @@ class _ScriptsGenerator(_NodesGenerator):
             for attribute in ('_onSuccess', '_onFailure', '_onHalted', '_post')
             if self._random.random() < 0.3
         ]
-
-    def _entry(self) -> str:
-        # An entry that is missing, and declared by a node that watches it, takes no text from a script there.
-        return self._random.choice((*INTEGERS, *REALS)) if self._gaps else super()._entry()
 
     def _leaf(self) -> str:
         if self._random.random() >= self._scripts:

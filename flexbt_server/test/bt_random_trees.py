@@ -51,8 +51,7 @@ class _Generator:
         self._skipping = pick((0.0, 0.0, 0.1, 0.3))
         self._conditional = 0.0
         self._blackboard = pick((0.0, 0.1, 0.4))
-        # Entries that are missing at first, or removed. They come back untyped, and a literal of SetBlackboard empties
-        # an untyped entry in the library; here it is written. So a case has either the one or the other.
+        # Entries that are missing at first, or removed.
         self._gaps = pick((True, False))
         self._names = 0
         self._trees: list[tuple[str, str]] = []
@@ -99,10 +98,7 @@ class _Generator:
                 keys = REALS if self._gaps else (*REALS, *REALS, 'a')
                 return pick(keys), 'd', pick((0.5, 2.0, 3.25))
             case 's':
-                # Text that gets into an entry of numbers through a remapping, unconverted, makes the library refuse
-                # numbers there from then on; this engine takes them.
-                keys = TEXTS if self._building else (*TEXTS, *TEXTS, 'a', 'd')
-                return pick(keys), 's', pick(('x', '7', 'foo'))
+                return pick((*TEXTS, *TEXTS, 'a', 'd')), 's', pick(('x', '7', 'foo'))
             case _:
                 key = pick(('k', 'k', 'a'))
                 # The library refuses false, and takes true, for an entry of integers; this engine takes both.
@@ -214,10 +210,10 @@ class _Generator:
         pick = self._random.choice
         if self._gaps and self._random.random() < 0.3:
             return self._element('UnsetBlackboard', 'Action', [('key', pick(KEYS))])
-        group = pick((INTEGERS, INTEGERS, REALS, BOOLEANS))
+        group = pick((INTEGERS, INTEGERS, REALS, BOOLEANS, TEXTS))
         value = f'{{{pick(group)}}}'
-        if not self._gaps and not self._building and self._random.random() < 0.5:
-            value = '0.5' if group is REALS else '1'
+        if self._random.random() < 0.5:
+            value = 'foo' if group is TEXTS else '0.5' if group is REALS else '1'
         return self._element('SetBlackboard', 'Action', [('value', value), ('output_key', pick(group))])
 
     def _write(self) -> str:

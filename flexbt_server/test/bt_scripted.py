@@ -26,15 +26,14 @@ from flexbt_server.behavior_tree import (
     NodeRegistry,
     NodeStatus,
     ScriptLibrary,
+    SimpleAction,
     StatefulAction,
-    SyncAction,
     Tree,
     TreeLibrary,
     TreeNode,
     builtin_registry,
     load_xml,
 )
-from flexbt_server.behavior_tree.observation import set_and_tell
 
 LETTERS = {
     'S': NodeStatus.SUCCESS,
@@ -91,18 +90,11 @@ class Act(StatefulAction):
         self.script._events.append(['halt', self.path])
 
 
-class Sync(SyncAction):
-    """As BehaviorTree.CPP's SimpleActionNode: RUNNING before the call, and the result stored even when skipped."""
-
+class Sync(SimpleAction):
     script: Script
 
-    def tick(self) -> NodeStatus:
-        if self.status is NodeStatus.IDLE:
-            self.status = NodeStatus.RUNNING
-        status = self.checked(self.script.call('tick'))
-        # Stored here, and so before the scripts of its post-conditions run.
-        set_and_tell(self, status)
-        return status
+    def call(self) -> NodeStatus:
+        return self.script.call('tick')
 
 
 class Cond(Condition):
@@ -157,7 +149,10 @@ class Run:
         self._clock = ManualClock()
 
     def trace(self) -> dict[str, Any]:
-        """``{'load_error', 'steps', 'final'}``; a step is ``{'op', 'status', 'error', 'events', 'bb'}``."""
+        """``{'load_error', 'steps', 'final'}``; a step is ``{'op', 'status', 'error', 'events', 'bb', 'statuses'}``.
+
+        The last are those of all nodes after the step, which the library does not show.
+        """
         board = Blackboard()
         for key, value in self._case.get('bb', {}).items():
             board.set(key, value)
@@ -209,4 +204,5 @@ class Run:
             subtree.path: {key: content(subtree.blackboard, key) for key in sorted(subtree.blackboard.keys())}
             for subtree in tree.subtrees
         }
-        return {'op': op, 'status': status, 'error': error, 'events': events, 'bb': boards}
+        statuses = ''.join(NAMES[node.status] for node in tree.nodes)
+        return {'op': op, 'status': status, 'error': error, 'events': events, 'bb': boards, 'statuses': statuses}

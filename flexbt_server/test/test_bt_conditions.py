@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import random
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -12,6 +13,8 @@ from bt_steps import NAMES, check, make, reasons
 from flexbt_server.behavior_tree import (
     Decorator,
     NodeExecutionError,
+    NodeKind,
+    NodeManifest,
     NodeStatus,
     ScriptError,
     Tree,
@@ -19,6 +22,7 @@ from flexbt_server.behavior_tree import (
     TreeLoadError,
     builtin_registry,
     load_xml,
+    nav2_nodes,
 )
 
 
@@ -271,6 +275,54 @@ def test_a_node_whose_post_condition_fails_has_not_completed(observed: bool) -> 
     assert calls == (['R1', '0R', 'R2', '0S', '0!', 'I2', 'I1'] if observed else ['0R', '0S', '0!'])
     tree.blackboard.set('z', 0)
     assert tree.tick_once() is NodeStatus.RUNNING
+
+
+WITH_CHILDREN = builtin_registry()
+nav2_nodes.register(WITH_CHILDREN, 'main')
+PORTS = {'queue': '1;0', 'entry': '{n}', 'if': 'n &lt; 3', 'then_skip': 'false', 'if_empty': 'FAILURE'}
+
+
+@pytest.mark.parametrize(
+    'manifest',
+    [manifest for manifest in WITH_CHILDREN if manifest.kind in (NodeKind.CONTROL, NodeKind.DECORATOR)],
+    ids=lambda manifest: manifest.id,
+)
+def test_a_node_with_post_conditions_has_the_same_statuses_when_nobody_looks(manifest: NodeManifest) -> None:
+    ports = ''.join(
+        f' {name}="{PORTS.get(name, "1")}"' for name, port in manifest.ports.items() if port.required or name in PORTS
+    )
+    outcomes = set()
+    for seed in range(40):
+        draw = random.Random(seed)
+        least, most = manifest.children
+        count = draw.randint(least, least + 3 if most is None else most)
+        scripts = [''.join(draw.choice('SFRK') for _ in range(draw.randint(1, 3))) for _ in range(count)]
+        children = ''.join(leaf(letters, number) for number, letters in enumerate(scripts))
+        body = f'<{manifest.id}{ports} _post="z = 1" name="top">{children}</{manifest.id}>'
+        seen, unseen = (make(body, dialect='main')[0] for _ in range(2))
+        seen.observe(lambda *_: None)
+        for _ in range(6):
+            n, z, halts = draw.randint(1, 3), draw.choice(('set', 'unset')), draw.random() < 0.3
+            results = [_tick(tree, n, z, halts) for tree in (seen, unseen)]
+            assert results[0] == results[1], body
+            outcomes.add(results[0][0])
+    assert 'error' in outcomes or not outcomes & {'SUCCESS', 'FAILURE'}
+
+
+def _tick(tree: Tree, n: int, z: str, halts: bool) -> tuple[str, list[NodeStatus]]:
+    """The result, or ``error``, and the statuses of all nodes then."""
+    tree.blackboard.set('n', n)
+    tree.blackboard.set('z', 0)
+    if z == 'unset':
+        tree.blackboard.unset('z')
+    try:
+        result = tree.tick_exactly_once().name
+    except NodeExecutionError:
+        result = 'error'
+    statuses = [node.status for node in tree.nodes]
+    if halts:
+        tree.halt()
+    return result, statuses
 
 
 def test_all_scripts_of_a_file_that_cannot_be_parsed_are_reported_with_their_places() -> None:

@@ -151,7 +151,7 @@ def test_two_loops_share_a_deque() -> None:
         (loop('S', '1', if_empty='empty'), r'port \[if_empty\].*no status'),
         ('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>', r'port \[queue\].*is missing'),
         ('<LoopInt queue="1" value="v"><AlwaysSuccess/></LoopInt>', r'output port \[value\] has to point'),
-        ('<WasEntryUpdated/>', r'port \[entry\] of \[WasEntryUpdated\] is missing'),
+        ('<WasEntryUpdated/>', r'port \[entry\] of type BT::Any of \[WasEntryUpdated\] is missing'),
         ('<WasEntryUpdated entry=""/>', r'port \[entry\].*cannot be empty'),
         ('<RunOnce then_skip="yes"><AlwaysSuccess/></RunOnce>', r'port \[then_skip\]'),
     ],

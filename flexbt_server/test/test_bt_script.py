@@ -7,9 +7,28 @@ import math
 from typing import Any
 
 import pytest
+from bt_steps import make
 
-from flexbt_server.behavior_tree import EMPTY, Blackboard, RegistrationError, ScriptError, ScriptLibrary
+from flexbt_server.behavior_tree import (
+    EMPTY,
+    Blackboard,
+    Condition,
+    NodeExecutionError,
+    NodeStatus,
+    RegistrationError,
+    ScriptError,
+    ScriptLibrary,
+    input_port,
+)
 from flexbt_server.behavior_tree.port_types import DOUBLE, INT, STRING, UINT8
+
+
+class Narrow(Condition):
+    ports = {'small': input_port(UINT8)}
+
+    def tick(self) -> NodeStatus:
+        self.get_input('small')
+        return NodeStatus.SUCCESS
 
 
 def evaluate(text: str, board: Blackboard | None = None, **enums: int) -> Any:
@@ -269,11 +288,31 @@ def test_a_typed_entry_converts_text_and_a_declared_one_takes_what_comes() -> No
     board.declare('small', UINT8)
     evaluate("n = '42'; text = 'x'; real = 2; small = '7'", board)
     assert board.snapshot() == {'n': 42, 'text': 'x', 'real': 2, 'small': 7}
-    for text in ("n = 'x'", 'small = 256', "small = '256'", 'small = -1', 'n = 3000000000'):
+    for text in ("n = 'x'", "small = '256'", 'n = 1e19'):
         before = board.snapshot()
         with pytest.raises(ScriptError, match=r'entry \[(n|small)\]'):
             evaluate(text, board)
         assert board.snapshot() == before
+
+
+@pytest.mark.parametrize('bound', [256, -1])
+@pytest.mark.parametrize('warm', [False, True])
+def test_an_integer_too_large_for_the_type_of_its_entry_is_refused_by_who_reads_it(bound: int, warm: bool) -> None:
+    tree, _ = make('<Sequence><Script code="small = n"/><Narrow small="{small}"/></Sequence>', extra=(Narrow,))
+    board = tree.blackboard
+    for number in (7, *(range(50) if warm else ()), bound):
+        board.set('n', number)
+        if number == bound:
+            with pytest.raises(NodeExecutionError, match=rf'port \[small\].*{bound}'):
+                tree.tick_once()
+            tree.halt()
+            assert board.get('small') == bound
+        else:
+            assert tree.tick_once() is NodeStatus.SUCCESS
+    # It is an integer as others are, and what fits can be read again.
+    evaluate('small = small - n + 3', board)
+    board.set('n', 3)
+    assert tree.tick_once() is NodeStatus.SUCCESS
 
 
 def test_an_object_is_copied_but_not_computed_with() -> None:

@@ -22,8 +22,6 @@ SAME = [vector for vector in VECTORS if vector['same_in_4.10']]
 
 # Titles, and what the first difference is; docs/bt_differences.md says why.
 DIFFERS_ON_PURPOSE = {
-    'setbb existing script entry': "['e', '']} != {'x': ['s', '42']}",
-    'setbb existing script entry twice': "['e', '']} != {'x': ['s', '42']}",
     'setbb no output_key': 'port [output_key] of type std::string of [SetBlackboard] is missing',
     'missing port': 'port [num_cycles] of type int of [Repeat] is missing',
     'NodeStatus port bad': "'success' is no status",

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-from .blackboard import EMPTY, Entry
+from .blackboard import EMPTY, MISSING
 from .errors import BlackboardError, ConversionError
 from .leaves import LeafNode, SyncAction
 from .node import NodeConfig
-from .port_types import KEY, STRING, PortType
+from .port_types import KEY, STRING, PortType, is_fixed
 from .ports import inout_port, input_port
 from .status import FAILURE, SUCCESS, NodeKind, NodeStatus
 
@@ -43,11 +42,14 @@ class SetBlackboard(SyncAction):
     """Writes ``value`` to the key named by ``output_key``.
 
     A literal ``output_key`` is the key itself; a ``{pointer}`` means the entry whose *content* is the key. A literal
-    value is written as text (converted when the entry has another type); a ``{pointer}`` copies that entry, text in the
+    value is written as text, converted when the entry has another type; a ``{pointer}`` copies that entry, text in the
     same way, anything else only to an entry of the same type: FAILURE when it was declared but never written.
+
+    Text empties an entry that is there without a type, such as one that a script has made, and is an error the next
+    time.
     """
 
-    __slots__ = ('_ready', '_source', '_text')
+    __slots__ = ('_entry', '_source', '_text', '_value')
 
     ports = {
         'value': input_port(description='text, or {key} of the entry to be copied'),
@@ -59,62 +61,61 @@ class SetBlackboard(SyncAction):
         value = config.values.get('value')
         self._source = None if value is None else value.key
         self._text = '' if value is None else value.text
-        # For constant text and key: the entry, its type, what the text means in that type, and what writes it there.
-        self._ready: tuple[Entry, PortType | None, Any, Callable[[Any], None]] | None = None
+        # For constant text and key: the entry, and what the text means in its type, when that is fixed.
+        self._entry = MISSING
+        self._value: Any = None
 
     def execute(self) -> NodeStatus:
-        ready = self._ready
-        if ready is not None:
-            entry, kind, value, write = ready
-            if entry.present and entry.type is kind:
-                write(value)
-                self.status = SUCCESS
-                return SUCCESS
+        entry = self._entry
+        if entry.present:
+            # As entry.write does.
+            entry.value = self._value
+            entry.sequence += 1
+            self.status = SUCCESS
+            return SUCCESS
         return super().execute()
 
     def tick(self) -> NodeStatus:
         key: str = self.get_input('output_key')
-        source = self._source
         board = self.blackboard
-        if source is None:
-            entry, value = self._write_text(key, self._text)
-            kind = entry.type
-            if self.port_key('output_key') is None and (kind is None or kind.immutable):
-                self._ready = entry, kind, value, board.writer(entry)
-            return SUCCESS
-        copied = board.entry(source)
-        if copied is None:
-            raise self._port_error('value', 'the blackboard has no such entry')
+        source = self._source
         with board.lock:
-            value, kind = copied.value, copied.type
-            if board.entry(key) is None:
-                board.declare(key, kind)
-        if value is EMPTY:
-            return self.fail(f'the entry [{source}] that is to be copied was never written')
-        if isinstance(value, str):
-            self._write_text(key, value)
-        else:
-            board.copy(key, value, kind)
+            if source is None:
+                value, kind = self._converted(key, self._text)
+            else:
+                copied = board.entry(source)
+                if copied is None:
+                    raise self._port_error('value', 'the blackboard has no such entry')
+                if board.entry(key) is None:
+                    board.declare(key, copied.type)
+                value, kind = copied.value, copied.type
+                if value is EMPTY:
+                    return self.fail(f'the entry [{source}] that is to be copied was never written')
+                if isinstance(value, str):
+                    value, kind = self._converted(key, value)
+            board.put(key, value, kind)
+            if source is None and self.port_key('output_key') is None:
+                entry = board.entry(key)
+                assert entry is not None
+                if is_fixed(entry.type) and entry.type.immutable:
+                    self._entry, self._value = entry, value
         return SUCCESS
 
-    def _write_text(self, key: str, text: str) -> tuple[Entry, Any]:
-        """Gives the entry, and the value that it has now."""
-        board = self.blackboard
-        with board.lock:
-            entry = board.entry(key)
-            if entry is None:
-                entry = board.declare(key, STRING)
-            kind = entry.type
-            value: Any = text
-            if kind is not None and kind.category != 'text':
-                if kind.from_text is None:
-                    raise BlackboardError(f'entry [{key}] of type {kind.name} cannot be written as text')
-                try:
-                    value = kind.parse(text)
-                except ConversionError as error:
-                    raise BlackboardError(f'entry [{key}]: {error}') from error
-            entry.write(value)
-        return entry, value
+    def _converted(self, key: str, text: str) -> tuple[Any, PortType | None]:
+        """What the text is as value of the entry that is to be written, and its type there."""
+        entry = self.blackboard.entry(key)
+        kind = STRING if entry is None else entry.type
+        if kind is None:
+            # What converts text is part of the type: nothing comes of it, and that is written.
+            return EMPTY, None
+        if kind.category == 'text':
+            return text, kind
+        if kind.from_text is None:
+            raise BlackboardError(f'entry [{key}] of type {kind.name} cannot be written as text')
+        try:
+            return kind.parse(text), kind
+        except ConversionError as error:
+            raise BlackboardError(f'entry [{key}]: {error}') from error
 
 
 class UnsetBlackboard(SyncAction):

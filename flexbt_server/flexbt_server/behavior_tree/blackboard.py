@@ -3,18 +3,20 @@
 
 A key is looked up in the scope itself, then through an explicit remapping in the parent, then, when the scope is
 autoremapped and the key does not begin with ``_``, under the same name in the parent. ``@key`` is an entry of the
-topmost scope. An entry gets its type from the first port or value that is not text, and keeps it.
+topmost scope. An entry gets its type from the first port or value that is not text, and keeps it (``is_fixed``).
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from enum import Enum
 from typing import Any, Final
 
 from .errors import BlackboardError, ConversionError
-from .port_types import BOOL, PortType, cast, type_of
+from .port_types import ANY, BOOL, PortType, cast, is_fixed, type_of
+
+_NUMBERS: Final = ('integer', 'real', 'bool')
 
 
 class _Empty(Enum):
@@ -26,7 +28,7 @@ EMPTY: Final = _Empty.EMPTY
 
 
 class Entry:
-    """One entry: ``value`` (EMPTY until written), ``type`` (None: not fixed yet), and the number of writes.
+    """One entry: ``value`` (EMPTY until written), ``type`` (None or ANY: not fixed yet), and the number of writes.
     Once the entry was removed from its blackboard, ``present`` is False and it is empty."""
 
     __slots__ = ('present', 'sequence', 'type', 'value')
@@ -45,7 +47,11 @@ class Entry:
         return entry
 
     def write(self, value: Any) -> None:
-        """Takes the value as it is. The caller holds the lock and has checked the type."""
+        """Takes the value as it is. The caller has checked the type.
+
+        Two stores, and no call between them: no other thread comes between a value and its number. So who does not need
+        what the entry held before needs no lock; and may write these two lines out where a call would take too long.
+        """
         self.value = value
         self.sequence += 1
 
@@ -133,7 +139,7 @@ class Blackboard:
                         raise BlackboardError(f"character '@' is used several times in the key [@{key}]")
                 entry = board._entries.get(key)
                 if entry is not None:
-                    if entry.type is not None and type is not None and not entry.type.same(type):
+                    if is_fixed(entry.type) and is_fixed(type) and not entry.type.same(type):
                         raise _type_clash(key, entry.type, type)
                     return entry
                 remapped = board._remaps.get(key)
@@ -153,50 +159,40 @@ class Blackboard:
             self._root.set(key[1:], value, type)
             return
         try:
-            kind = type if type is not None else type_of(value)
+            kind = type if is_fixed(type) else type_of(value)
         except ConversionError as error:
             raise BlackboardError(f'entry [{key}]: {error}') from error
         with self.lock:
             entry = self._entries.get(key)
             if entry is None:
                 # Text does not fix the type of a new entry. What is written through a remapping is checked by
-                # its type only and not converted, so text gets even into an entry of numbers; readers convert it.
+                # its type only and not converted, so text gets even into an entry of numbers. Readers convert it; the
+                # scope that has the entry can write nothing else there then.
                 self.declare(key, None if kind.category == 'text' else kind).write(value)
-            elif entry.type is None:
+            elif not is_fixed(entry.type):
                 entry.type = kind
                 entry.write(value)
             else:
                 entry.write(_converted(key, entry, value, kind))
 
-    def writer(self, entry: Entry) -> Callable[[Any], None]:
-        """What writes values to ``entry``, over and over, as they are: the caller has seen that they fit its type."""
-        # A ``with`` takes twice the time of these two calls, and of all that is done between them.
-        acquire, release = self.lock.acquire, self.lock.release
+    def put(self, key: str, value: Any, type: PortType | None) -> None:
+        """Writes a value, or EMPTY, that was read from an entry of this ``type``; it has to be the type of the entry of
+        ``key`` as well.
 
-        def write(value: Any) -> None:
-            acquire()
-            try:
-                entry.value = value
-                entry.sequence += 1
-            finally:
-                release()
-
-        return write
-
-    def copy(self, key: str, value: Any, type: PortType | None) -> None:
-        """Writes a value that was read from an entry of this ``type``, which the entry of ``key`` has to have as well.
-
-        Unlike :meth:`set` it converts nothing, not even numbers; an entry that is there without a type stays so.
+        Unlike :meth:`set` it converts nothing, not even numbers, and an entry of this scope whose type is not fixed may
+        hold anything then (ANY).
         """
         if key.startswith('@'):
-            self._root.copy(key[1:], value, type)
+            self._root.put(key[1:], value, type)
             return
-        kind = type if type is not None else type_of(value)
+        kind = type if is_fixed(type) or value is EMPTY else type_of(value)
         with self.lock:
             entry = self._entries.get(key)
             if entry is None:
                 entry = self.declare(key, kind)
-            elif entry.type is not None and not entry.type.same(kind):
+            elif not is_fixed(entry.type):
+                entry.type = ANY
+            elif not is_fixed(kind) or not entry.type.same(kind):
                 raise _type_clash(key, entry.type, kind)
             entry.write(value)
 
@@ -225,9 +221,10 @@ class Blackboard:
         return iter(self.keys())
 
 
-def _type_clash(key: str, declared: PortType, written: PortType) -> BlackboardError:
+def _type_clash(key: str, declared: PortType, written: PortType | None) -> BlackboardError:
+    used = 'one without a type' if written is None else written.name
     return BlackboardError(
-        f'entry [{key}] has the type {declared.name}, which cannot be changed; it was now used as {written.name}'
+        f'entry [{key}] has the type {declared.name}, which cannot be changed; it was now used as {used}'
     )
 
 
@@ -240,17 +237,23 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
             if declared.from_text is None:
                 raise _type_clash(key, declared, kind)
             try:
-                return declared.parse(value)
+                value = declared.parse(value)
             except ConversionError as error:
                 raise BlackboardError(f'entry [{key}]: {error}') from error
-        # A bool entry takes no number, and an entry of text or objects takes nothing else.
-        numbers = ('integer', 'real', 'bool')
-        if kind.category not in numbers or declared.category not in numbers or declared is BOOL:
-            raise _type_clash(key, declared, kind)
-        try:
-            exact = cast(value, declared)
-        except ConversionError as error:
-            raise BlackboardError(f'{_type_clash(key, declared, kind)}: {error}') from error
-        # As in BehaviorTree.CPP: the first number that a declared entry gets keeps its kind, if it fits.
-        value = value if entry.value is EMPTY and kind.category == 'real' else exact
-    return float(value) if entry.value.__class__ is float and kind.category != 'text' else value
+        else:
+            # A bool entry takes no number, and an entry of text or objects takes nothing else.
+            if kind.category not in _NUMBERS or declared.category not in _NUMBERS or declared is BOOL:
+                raise _type_clash(key, declared, kind)
+            try:
+                exact = cast(value, declared)
+            except ConversionError as error:
+                raise BlackboardError(f'{_type_clash(key, declared, kind)}: {error}') from error
+            # As in BehaviorTree.CPP: the first number that a declared entry gets keeps its kind, if it fits.
+            value = value if entry.value is EMPTY and kind.category == 'real' else exact
+    present = entry.value
+    if present.__class__ is str and declared.category in _NUMBERS:
+        raise BlackboardError(
+            f"entry [{key}] of type {declared.name} holds the text '{present[:40]}', which got there through the port "
+            'of a sub-tree; it takes no number before it is removed, or written through such a port'
+        )
+    return float(value) if present.__class__ is float and kind.category != 'text' else value

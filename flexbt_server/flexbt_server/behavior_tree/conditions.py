@@ -22,7 +22,7 @@ from .errors import NodeExecutionError, ScriptError
 from .node import Execute, TreeNode
 from .observation import get_status, set_and_tell
 from .script import BoundScript, CompiledScript, gate_factory, kinds_of
-from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 # What a pre-condition has to be for it to decide, and the result then.
 _DECISIONS: Final[Mapping[str, tuple[bool, NodeStatus]]] = {
@@ -42,6 +42,7 @@ class _Script(NamedTuple):
     result: NodeStatus
 
 
+_COMPLETING: Final = ('_onSuccess', '_onFailure', '_post')
 _NOTHING: Final[Mapping[NodeStatus, tuple[_Script, ...]]] = {SUCCESS: (), FAILURE: ()}
 
 
@@ -75,7 +76,7 @@ class Conditions:
         self._node = node
         self._start = bound(*_DECISIONS)
         self._completed = _NOTHING
-        if any(attribute in scripts for attribute in ('_onSuccess', '_onFailure', '_post')):
+        if any(attribute in scripts for attribute in _COMPLETING):
             self._completed = {SUCCESS: bound('_onSuccess', '_post'), FAILURE: bound('_onFailure', '_post')}
         # Whether the scripts of the completion are still to be run in this tick.
         self._pending = False
@@ -153,12 +154,12 @@ class Conditions:
     def _execute_and_complete(self, execute: Execute) -> Execute:
         """``execute`` with the scripts of the completion.
 
-        They run before the status is stored: when one raises, the node has not completed. An observed node tells them
-        the moment; otherwise the status is put back, to what most nodes have while they execute.
+        They run before the status is stored: when one raises, the node has not completed. A node that is observed, or
+        of a class that does not say what it stores before its result, tells them the moment (:meth:`complete`). With
+        others the status is put back.
         """
         node = self._node
-        leaf = node.kind in (NodeKind.ACTION, NodeKind.CONDITION)
-
+        running_first = node.running_first
         success, failure = self._completed[SUCCESS], self._completed[FAILURE]
 
         def execute_and_complete() -> NodeStatus:
@@ -171,7 +172,7 @@ class Conditions:
                     for script in scripts:
                         script.bound.run()
                 except ScriptError as error:
-                    node.status = before if leaf else RUNNING
+                    node.status = RUNNING if running_first else before
                     raise self._fault(script, error) from error
             return status
 
@@ -201,11 +202,13 @@ class Conditions:
 def add_conditions(node: TreeNode, scripts: Mapping[str, CompiledScript]) -> None:
     """Gives the node these pre- and post-conditions, by attribute. While the tree is being built, and once."""
     node._conditions = Conditions(node, scripts)
-    node.__class__ = _class_with_conditions(type(node), '_onHalted' in scripts)
+    completing = any(attribute in scripts for attribute in _COMPLETING)
+    tells = completing and node.running_first is None
+    node.__class__ = _class_with_conditions(type(node), tells, '_onHalted' in scripts)
 
 
 @functools.cache
-def _class_with_conditions(node_class: type[TreeNode], halting: bool) -> type[TreeNode]:
+def _class_with_conditions(node_class: type[TreeNode], tells: bool, halting: bool) -> type[TreeNode]:
     def failure_cause(self: TreeNode) -> TreeNode | None:
         return None if self._conditions.decided is not None else node_class.failure_cause(self)
 
@@ -233,7 +236,8 @@ def _class_with_conditions(node_class: type[TreeNode], halting: bool) -> type[Tr
         if halting:
             namespace['halt'] = halt
 
-    return types.new_class(node_class.__name__, (node_class,), exec_body=fill)
+    bases = (_Telling, node_class) if tells else (node_class,)
+    return types.new_class(node_class.__name__, bases, exec_body=fill)
 
 
 def _complete_and_tell(node: TreeNode, status: NodeStatus) -> None:
@@ -243,3 +247,11 @@ def _complete_and_tell(node: TreeNode, status: NodeStatus) -> None:
 
 
 _OBSERVED_STATUS = property(get_status, _complete_and_tell)
+
+
+class _Telling:
+    """Makes a node run its post-conditions when it stores its result, observed or not."""
+
+    __slots__ = ()
+
+    status = _OBSERVED_STATUS

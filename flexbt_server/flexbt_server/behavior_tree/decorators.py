@@ -201,6 +201,7 @@ class RunOnce(DecoratorNode):
 
     __slots__ = ('_result', '_skip')
 
+    running_first = None
     ports = {
         'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
     }

@@ -14,11 +14,11 @@ from typing import ClassVar, Final
 from .blackboard import MISSING
 from .leaves import LeafNode
 from .node import DecoratorNode, NodeConfig
-from .port_types import KEY
+from .port_types import ANY, KEY
 from .ports import Port, input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 
-_PORTS: Final[Mapping[str, Port]] = {'entry': input_port(literal=KEY, description='the entry: {key}, or just key')}
+_PORTS: Final[Mapping[str, Port]] = {'entry': input_port(ANY, literal=KEY, description='the entry: {key}, or just key')}
 
 
 class _Watch:
@@ -51,6 +51,7 @@ class _UpdateDecorator(DecoratorNode):
 
     __slots__ = ('_child_running', '_watch')
 
+    running_first = None
     ports = _PORTS
     otherwise: ClassVar[NodeStatus]
     """The result when the entry was not written."""

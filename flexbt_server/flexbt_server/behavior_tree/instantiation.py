@@ -13,7 +13,7 @@ from .definition import NodeDefinition, TreeDefinition
 from .errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
 from .library import TreeKey, TreeLibrary
 from .node import ControlNode, DecoratorNode, NodeConfig, TreeNode, node_path
-from .port_types import STRING
+from .port_types import STRING, is_fixed
 from .ports import PortValue, pointer_key
 
 Substitute = Callable[[NodeDefinition, str], NodeDefinition]
@@ -182,7 +182,7 @@ class _Builder:
                 continue
             known = entry.type
             # An entry of text can be read as anything that can be written as text.
-            if known is not None and port.type is not None and known is not STRING and not known.same(port.type):
+            if is_fixed(known) and is_fixed(port.type) and known is not STRING and not known.same(port.type):
                 message = (
                     f'port [{name}] uses the blackboard entry [{value.key}] with the type {port.type.name}, '
                     f'but it has the type {known.name} already; use another key, or another blackboard'

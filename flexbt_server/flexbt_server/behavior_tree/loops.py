@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any, ClassVar, Final
 
 from .blackboard import MISSING, Entry
 from .errors import ConversionError
 from .node import DecoratorNode, NodeConfig, TreeNode
-from .port_types import BOOL, DOUBLE, INT, NODE_STATUS, STRING, PortType, list_of
+from .port_types import BOOL, DOUBLE, INT, NODE_STATUS, STRING, PortType, is_fixed, list_of
 from .ports import inout_port, input_port, output_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
@@ -20,8 +20,8 @@ def _queue_of(element: PortType) -> PortType:
     return PortType(f'queue of {element.name}', tuple, from_text=lambda text: tuple(texts.parse(text)), immutable=True)
 
 
-def _ignore(_: Any) -> None:
-    """Writes an output that is not given."""
+_END: Final = object()
+"""Takes the place of an element when there is none left."""
 
 
 class Loop(DecoratorNode):
@@ -37,8 +37,9 @@ class Loop(DecoratorNode):
     For elements of another type: ``class LoopPose(Loop, element=POSE_STAMPED)``.
     """
 
-    __slots__ = ('_child_failed', '_child_running', '_constant', '_put', '_queue', '_target')
+    __slots__ = ('_child_failed', '_child_running', '_constant', '_python_type', '_queue', '_rest', '_target')
 
+    running_first = None
     element: ClassVar[PortType]
     queue: ClassVar[PortType]
     """How a queue is written as text."""
@@ -57,31 +58,33 @@ class Loop(DecoratorNode):
         super().__init__(config)
         given = config.values['queue']
         self._constant: tuple[Any, ...] | None = given.literal if given.key is None else None
-        # A constant queue is filled when a run begins; a node that was completed by a pre-condition has not begun one.
-        self._queue: deque[Any] | None = None if self._constant is None else deque()
-        # The entry that the elements of a constant queue are written to, once it is known that it has their type.
+        # A constant queue is begun when a run begins; a node that was completed by a pre-condition has not begun one.
+        self._rest: Iterator[Any] = iter(())
+        self._queue: deque[Any] | None = None
+        # The entry that the elements of a constant queue are written to, once it is known that it has their type. As
+        # long as it holds a value of their class, it is there, and takes them as they are.
         self._target = MISSING
-        self._put: Callable[[Any], None] = _ignore
+        self._python_type = self.element.python_type
         self._child_running = False
         self._child_failed = False
 
     def execute(self) -> NodeStatus:
+        constant = self._constant
         if self.status is IDLE:
             self._child_running = False
-            self._queue = None if self._constant is None else deque(self._constant)
+            if constant is None:
+                self._queue = None
+            else:
+                self._rest = iter(constant)
         if not self._child_running:
-            queue = self._queue
-            if queue is None or self._constant is None:
-                queue = self._shared()
-            if not queue:
+            element = self._next_shared() if constant is None else next(self._rest, _END)
+            if element is _END:
                 return self._empty()
-            try:
-                element = queue.popleft()
-            except IndexError:
-                # Another tree, which shares the queue, has just taken the last one.
-                return self._empty()
-            if self._target.present:
-                self._put(element)
+            target = self._target
+            if target.value.__class__ is self._python_type:
+                # As target.write does.
+                target.value = element
+                target.sequence += 1
             else:
                 self._write(element)
         if self.status is IDLE:
@@ -102,10 +105,17 @@ class Loop(DecoratorNode):
         self.set_output('value', element)
         if self._constant is not None:
             key = self.port_key('value')
-            entry = Entry(self.element) if key is None else self.blackboard.entry(key)
-            if entry is not None and entry.type is not None and entry.type.same(self.element):
+            entry = Entry.constant(element) if key is None else self.blackboard.entry(key)
+            if entry is not None and (key is None or (is_fixed(entry.type) and entry.type.same(self.element))):
                 self._target = entry
-                self._put = _ignore if key is None else self.blackboard.writer(entry)
+
+    def _next_shared(self) -> Any:
+        """The next element of a queue on the blackboard."""
+        try:
+            return self._shared().popleft()
+        except IndexError:
+            # At the end. Also when another tree, which shares the queue, has just taken the last one.
+            return _END
 
     def _shared(self) -> deque[Any]:
         """The queue of the blackboard, or what is left of the copy of it that this run made."""

@@ -71,6 +71,8 @@ class TreeNode(ABC):
     kind: ClassVar[NodeKind]
 
     _conditions: Conditions
+    running_first: ClassVar[bool | None] = False
+    """Whether a tick that completes the node has stored RUNNING before: always, never, or None when it depends."""
     """Only of nodes that have pre- or post-conditions."""
 
     def __init__(self, config: NodeConfig) -> None:
@@ -312,6 +314,7 @@ class DecoratorNode(TreeNode):
         """Takes the child, while the tree is being built."""
         (self.child,) = children
         self.fetch_ticks()
+    running_first: ClassVar[bool | None] = True
 
     @property
     def attached(self) -> tuple[TreeNode, ...]:
@@ -343,6 +346,7 @@ class ControlNode(TreeNode):
         self.children: tuple[TreeNode, ...] = ()
         self._ticks: tuple[Execute, ...] = ()
         self._failed: int | None = None
+    running_first: ClassVar[bool | None] = True
 
     def attach(self, children: Sequence[TreeNode]) -> None:
         """Takes the children, while the tree is being built."""
@@ -393,6 +397,8 @@ class Decorator(DecoratorNode):
         """Called when the node is halted, before its child is."""
 
     def tick_child(self) -> NodeStatus:
+    running_first = None
+
         return self._tick()
 
     def halt_child(self) -> None:
@@ -435,6 +441,8 @@ class Control(ControlNode):
         """Called when the node is halted, before its children are."""
 
     def tick_child(self, index: int) -> NodeStatus:
+    running_first = None
+
         status = self._ticks[index]()
         if status is FAILURE:
             self._failed = index

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from operator import length_hint
 
-from .node import ControlNode, Execute, NodeConfig, TreeNode
+from .node import ControlNode, Execute, NodeConfig
 from .port_types import INT
 from .ports import input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
@@ -30,9 +31,16 @@ class _ParallelControl(ControlNode):
         self._failures = 0
         self._limits: tuple[int, ...] | None = None
 
-    def attach(self, children: Sequence[TreeNode]) -> None:
-        super().attach(children)
-        self._row: list[Execute] = list(self._ticks)
+    def fetch_ticks(self) -> None:
+        super().fetch_ticks()
+        self._strike_out()
+
+    def _strike_out(self) -> None:
+        """Makes the row of ticks, without the children that have completed."""
+        pairs = zip(self._ticks, self.children, strict=True)
+        self._row: Sequence[Execute] = [
+            _completed if child.status is SUCCESS or child.status is FAILURE else tick for tick, child in pairs
+        ]
 
     @abstractmethod
     def _read_limits(self) -> tuple[int, ...]:
@@ -63,7 +71,7 @@ class _ParallelControl(ControlNode):
         return status
 
     def _forget(self) -> None:
-        self._row[:] = self._ticks
+        self._row = self._ticks
         self._failures = 0
 
     def halt(self) -> None:
@@ -96,45 +104,61 @@ class Parallel(_ParallelControl):
             self.status = RUNNING
             self._failed = None
         row = self._row
-        passed = self._successes
+        passed = before = self._successes
         failures = self._failures
         spare = len(row) - needed
         skipped = 0
+        # Whether the counts decide already: after the first child, as they are looked at after each.
+        due = passed >= needed or failures == too_many or failures > spare
+        remaining = iter(row)
         try:
-            for index, tick in enumerate(row):
+            for tick in remaining:
                 status = tick()
                 if status is SUCCESS:
                     passed += 1
-                    row[index] = _completed
                 elif status is FAILURE:
                     failures += 1
-                    row[index] = _completed
-                    self._failed = index
+                    self._failed = len(row) - length_hint(remaining) - 1
                 elif status is SKIPPED:
                     skipped += 1
                     passed += tolerant
-                elif index:
+                elif not due:
                     # RUNNING, or completed before: what was found after the child before it still holds.
                     continue
                 if passed >= needed:
-                    return self._finish(SUCCESS)
-                if status is SUCCESS and index:
+                    result = SUCCESS
+                    break
+                if status is SUCCESS and not due:
                     continue
                 if failures == too_many or failures > spare:
-                    return self._finish(FAILURE)
-        finally:
-            # Not when it is done: then it begins anew. But when a child raises, for what others have given counts.
-            if self.status is RUNNING:
-                self._successes = passed - skipped if tolerant else passed
-                self._failures = failures
-        return SKIPPED if skipped == len(row) else RUNNING
+                    result = FAILURE
+                    break
+                due = False
+            else:
+                result = SKIPPED if skipped == len(row) else RUNNING
+        except BaseException:
+            # What the others have given counts.
+            self._keep(passed - skipped if tolerant else passed, failures)
+            raise
+        if result is SUCCESS or result is FAILURE:
+            return self._finish(result)
+        if skipped and tolerant:
+            passed -= skipped
+        if passed != before or failures != self._failures:
+            self._keep(passed, failures)
+        return result
+
+    def _keep(self, successes: int, failures: int) -> None:
+        self._successes = successes
+        self._failures = failures
+        self._strike_out()
 
     def _read_limits(self) -> tuple[int, ...]:
         tolerant: bool = self.get_input('success_count') < 0
         return self._limit('success_count', 'succeed'), self._limit('failure_count', 'fail'), tolerant
 
     def _forget(self) -> None:
-        self._row[:] = self._ticks
+        self._row = self._ticks
         self._failures = self._successes = 0
 
     def failure_reason(self) -> str:
@@ -161,20 +185,27 @@ class ParallelAll(_ParallelControl):
             self.status = RUNNING
             self._failed = None
         row = self._row
-        running = skipped = 0
-        for index, tick in enumerate(row):
-            status = tick()
-            if status is SUCCESS:
-                row[index] = _completed
-            elif status is FAILURE:
-                row[index] = _completed
-                self._failures += 1
-                self._failed = index
-            elif status is RUNNING:
-                running += 1
-            elif status is SKIPPED:
-                skipped += 1
+        running = skipped = completed = 0
+        remaining = iter(row)
+        try:
+            for tick in remaining:
+                status = tick()
+                if status is SUCCESS:
+                    completed += 1
+                elif status is FAILURE:
+                    completed += 1
+                    self._failures += 1
+                    self._failed = len(row) - length_hint(remaining) - 1
+                elif status is RUNNING:
+                    running += 1
+                elif status is SKIPPED:
+                    skipped += 1
+        except BaseException:
+            self._strike_out()
+            raise
         if running:
+            if completed:
+                self._strike_out()
             return RUNNING
         if skipped == len(row):
             return SKIPPED

@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from .errors import ConversionError
 from .status import NodeStatus
@@ -153,6 +153,20 @@ KEY = PortType('key', str, 'text', _key_from_text, immutable=True)
 """The type of a literal that is the key of an entry: of a port that reads that entry, or of one that writes it."""
 
 
+def _no_text(text: str) -> Any:
+    raise ConversionError('an entry that may hold anything does not say what a text means')
+
+
+ANY = PortType('BT::Any', object, from_text=_no_text)
+"""The type of an entry that may hold anything, and of the ports that read such. As with no type at all (None), what is
+written next fixes it; but text is refused where it would have to be converted."""
+
+
+def is_fixed(type: PortType | None) -> TypeGuard[PortType]:
+    """Whether an entry of this type keeps it, whatever is written."""
+    return type is not None and type is not ANY
+
+
 NODE_STATUS = PortType('BT::NodeStatus', NodeStatus, from_text=_status_from_text, immutable=True)
 
 
@@ -178,7 +192,7 @@ def type_of(value: object) -> PortType:
         return BOOL
     if isinstance(value, int):
         for candidate in (INT, INT64, UINT64):
-            if _fits(value, candidate):
+            if fits(value, candidate):
                 return candidate
         raise ConversionError(f'the integer {value} does not fit into 64 bits')
     if isinstance(value, float):
@@ -189,7 +203,8 @@ def type_of(value: object) -> PortType:
     return PortType(cls.__qualname__, cls)
 
 
-def _fits(value: int, kind: PortType) -> bool:
+def fits(value: int, kind: PortType) -> bool:
+    """Whether the integer is within the bounds of an integer type."""
     assert kind.minimum is not None
     assert kind.maximum is not None
     return kind.minimum <= value <= kind.maximum

@@ -25,6 +25,7 @@ from . import (
 from .errors import ConversionError, RegistrationError
 from .leaves import LeafNode
 from .node import ControlNode, DecoratorNode, TreeNode
+from .port_types import is_fixed
 from .ports import NO_DEFAULT, Port, model_name_problem, pointer_key, port_name_problem
 from .script import ScriptLibrary
 from .status import NodeKind
@@ -185,7 +186,7 @@ def _port_problem(name: str, port: object) -> str:
     if not port.readable and not pointer:
         return f"the default of an output has to be a pointer, as in {{key}}, not '{port.default}'"
     kind = port.type
-    if isinstance(port.default, str) and not pointer and kind is not None and kind.from_text is not None:
+    if isinstance(port.default, str) and not pointer and is_fixed(kind) and kind.from_text is not None:
         try:
             kind.parse(port.default)
         except ConversionError as error:

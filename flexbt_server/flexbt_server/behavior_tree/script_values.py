@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from .blackboard import EMPTY, Entry
 from .errors import ConversionError
-from .port_types import BOOL, DOUBLE, INT64, STRING, cast
+from .port_types import BOOL, DOUBLE, INT64, STRING, UINT64, cast, fits
 
 Value = Any
 Operation = Callable[[Value, Value], Value]
@@ -262,8 +262,13 @@ def _fitted(entry: Entry, value: Value, enums: Mapping[str, int]) -> Value:
     return _copied(entry, value)
 
 
+class OutOfBounds(int):
+    """An integer that a script has assigned to an entry whose type is too narrow for it, which is left to the readers
+    to find out: to those who remember that they need not convert an ``int`` it is something else."""
+
+
 def _copied(entry: Entry, value: Value) -> Value:
-    """``value`` in the kind of number that the entry holds, within the bounds of its type."""
+    """``value`` in the kind of number that the entry holds."""
     current, kind = entry.value, entry.type
     if current.__class__ is value.__class__ is float:
         return value
@@ -271,8 +276,9 @@ def _copied(entry: Entry, value: Value) -> Value:
         if current.__class__ is float:
             return real(value)
         if is_number(current) or (current is EMPTY and isinstance(value, int)):
-            bounds = kind if kind is not None and kind.category == 'integer' else INT64
-            number: int = cast(value, bounds)
+            number: int = cast(value, UINT64 if kind is UINT64 else INT64)
+            if kind is not None and kind.category == 'integer' and not fits(number, kind):
+                return OutOfBounds(number)
             return bool(number) if current.__class__ is bool and number in (0, 1) else number
     both_text = isinstance(current, str) and isinstance(value, str)
     if current is EMPTY or both_text or type(current) is type(value):

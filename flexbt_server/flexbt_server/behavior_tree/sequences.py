@@ -67,15 +67,17 @@ class Sequence(_OrderedControl):
                     if status is RUNNING:
                         self._index = index
                         return RUNNING
-                    self._failed = index
-                    self._index = 0
-                    self.reset_children()
-                    self.status = FAILURE
-                    return FAILURE
+                    break
         except BaseException:
             self._index = len(ticks) - length_hint(remaining) - 1
             raise
-        return self._finish(SUCCESS)
+        if status is not FAILURE:
+            return self._finish(SUCCESS)
+        self._failed = index
+        self._index = 0
+        self.reset_children()
+        self.status = FAILURE
+        return FAILURE
 
 
 class Fallback(_OrderedControl):
@@ -100,15 +102,17 @@ class Fallback(_OrderedControl):
                     if status is RUNNING:
                         self._index = len(ticks) - length_hint(remaining) - 1
                         return RUNNING
-                    self._index = 0
-                    self.reset_children()
-                    self.status = SUCCESS
-                    return SUCCESS
+                    break
         except BaseException:
             self._index = len(ticks) - length_hint(remaining) - 1
             raise
-        self._failed = len(ticks) - 1
-        return self._finish(FAILURE)
+        if status is not SUCCESS:
+            self._failed = len(ticks) - 1
+            return self._finish(FAILURE)
+        self._index = 0
+        self.reset_children()
+        self.status = SUCCESS
+        return SUCCESS
 
 
 class _YieldingControl(_OrderedControl):

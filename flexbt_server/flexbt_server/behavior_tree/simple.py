@@ -20,6 +20,7 @@ from typing import Any
 
 from .leaves import Condition, SyncAction
 from .node import NO_PORTS, Decorator, NodeConfig, TreeNode
+from .observation import set_and_tell
 from .ports import Port
 from .status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
 
@@ -29,18 +30,25 @@ DecoratorFunction = Callable[[NodeStatus, 'SimpleDecorator'], NodeStatus]
 
 
 class SimpleAction(SyncAction):
-    """An action that is a function. Its statuses are those of BehaviorTree.CPP's SimpleActionNode.
+    """An action that is a function: :meth:`call`. Its statuses are those of BehaviorTree.CPP's SimpleActionNode.
 
-    It is RUNNING during the call, as an observer sees it, and it alone stores SKIPPED.
+    It is RUNNING during the call, as an observer sees it; it alone stores SKIPPED; and it stores its result before the
+    scripts of its post-conditions run.
     """
 
     __slots__ = ()
 
-    def execute(self) -> NodeStatus:
+    running_first = None
+
+    @abstractmethod
+    def call(self) -> NodeStatus:
+        """Does the work."""
+
+    def tick(self) -> NodeStatus:
         if self.status is IDLE:
             self.status = RUNNING
-        status = super().execute()
-        self.status = status
+        status = self.checked(self.call())
+        set_and_tell(self, status)
         return status
 
 
@@ -75,10 +83,10 @@ class SimpleDecorator(Decorator):
 def simple_action(function: ActionFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[SimpleAction]:
     """An action that is done within one call of ``function``, which gives SUCCESS, FAILURE or SKIPPED."""
 
-    def tick(self: SimpleAction) -> NodeStatus:
+    def call(self: SimpleAction) -> NodeStatus:
         return function(self)
 
-    return _node_class(SimpleAction, function, ports, tick=tick)
+    return _node_class(SimpleAction, function, ports, call=call)
 
 
 def simple_condition(function: ConditionFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[Condition]:

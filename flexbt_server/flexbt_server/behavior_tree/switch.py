@@ -27,6 +27,7 @@ class _Switch(ControlNode):
 
     __slots__ = ('_choice', '_complete', '_constant', '_running', '_text', '_variable')
 
+    running_first = False
     cases: ClassVar[tuple[str, ...]]
     """The ports of the cases."""
 

@@ -75,6 +75,7 @@ class Delay(DecoratorNode):
 
     __slots__ = ('_deadline',)
 
+    running_first = False
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
 
     def __init__(self, config: NodeConfig) -> None:

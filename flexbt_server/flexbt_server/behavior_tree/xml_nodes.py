@@ -7,7 +7,7 @@ from typing import Final
 
 from .definition import NO_CONDITIONS, NodeDefinition
 from .errors import ConversionError, LoadError, ScriptError
-from .port_types import bool_from_text
+from .port_types import bool_from_text, is_fixed
 from .ports import (
     NO_DEFAULT,
     PRE_POST_ATTRIBUTES,
@@ -201,7 +201,7 @@ class NodeReader:
 
     def _literal(self, element: Element, port: Port, name: str, text: str) -> PortValue | None:
         kind = port.literal or port.type
-        if kind is None:
+        if not is_fixed(kind):
             return PortValue(text, None, text)
         if kind in (SCRIPT, CONDITION):
             script = self._script(element, name, text, may_be_empty=kind is SCRIPT)

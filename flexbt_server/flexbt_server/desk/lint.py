@@ -16,7 +16,7 @@ from flexbt_server.behavior_tree import (
     TreeLibrary,
     TreeLoadError,
 )
-from flexbt_server.behavior_tree.port_types import STRING
+from flexbt_server.behavior_tree.port_types import STRING, is_fixed
 from flexbt_server.behavior_tree.registry import similar_names
 from flexbt_server.desk.diagnostics import (
     NEVER_READ,
@@ -97,7 +97,7 @@ def _clashes(usage: EntryUsage) -> Iterator[Diagnostic]:
     """Readers of types to which what is written cannot be converted. Clashes of two declared types are errors."""
     for reader in usage.readers:
         kind = reader.use.port.type if reader.use.port is not None else None
-        if kind is None or kind.category == 'text':
+        if not is_fixed(kind) or kind.category == 'text':
             continue
         key = reader.use.key
         if kind.from_text is None and usage.entry.type is STRING:

@@ -24,6 +24,7 @@ from flexbt_server.behavior_tree import (
     TreeLibrary,
 )
 from flexbt_server.behavior_tree.leaves import LeafNode
+from flexbt_server.behavior_tree.port_types import is_fixed
 from flexbt_server.behavior_tree.ports import NO_DEFAULT
 from flexbt_server.behavior_tree.registry import similar_names
 from flexbt_server.behavior_tree.status import FAILURE, RUNNING, SKIPPED, SUCCESS
@@ -99,7 +100,7 @@ def written(value: Any, kind: PortType | None) -> Any:
     Raises ConversionError.
     """
     of_messages = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(one, dict) for one in value))
-    if not of_messages or kind is None or kind.from_text is None:
+    if not of_messages or not is_fixed(kind) or kind.from_text is None:
         return value
     try:
         text = json.dumps(value)

@@ -37,7 +37,7 @@ _BASES: Final[Mapping[NodeKind, Any]] = {
 }
 _KINDS: Final = {kind.value: kind for kind in _BASES}
 _DIRECTIONS: Final = {f'{direction.value}_port': direction for direction in PortDirection}
-_UNTYPED: Final = frozenset(('', 'BT::AnyTypeAllowed', 'BT::Any'))
+_UNTYPED: Final = frozenset(('', 'BT::AnyTypeAllowed'))
 # What C++ compilers call the types that have other names here.
 _ALIASES: Final = {
     'short': types.INT16,
