@@ -69,10 +69,10 @@ class TreeNode(ABC):
 
     ports: ClassVar[Mapping[str, Port]] = NO_PORTS
     kind: ClassVar[NodeKind]
-
-    _conditions: Conditions
     running_first: ClassVar[bool | None] = False
     """Whether a tick that completes the node has stored RUNNING before: always, never, or None when it depends."""
+
+    _conditions: Conditions
     """Only of nodes that have pre- or post-conditions."""
 
     def __init__(self, config: NodeConfig) -> None:
@@ -306,6 +306,7 @@ class DecoratorNode(TreeNode):
     __slots__ = ('_tick', 'child')
 
     kind = NodeKind.DECORATOR
+    running_first: ClassVar[bool | None] = True
 
     child: TreeNode
     _tick: Execute
@@ -314,7 +315,6 @@ class DecoratorNode(TreeNode):
         """Takes the child, while the tree is being built."""
         (self.child,) = children
         self.fetch_ticks()
-    running_first: ClassVar[bool | None] = True
 
     @property
     def attached(self) -> tuple[TreeNode, ...]:
@@ -338,6 +338,7 @@ class ControlNode(TreeNode):
     __slots__ = ('_failed', '_ticks', 'children')
 
     kind = NodeKind.CONTROL
+    running_first: ClassVar[bool | None] = True
     children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
     """Least and greatest number of children."""
 
@@ -346,7 +347,6 @@ class ControlNode(TreeNode):
         self.children: tuple[TreeNode, ...] = ()
         self._ticks: tuple[Execute, ...] = ()
         self._failed: int | None = None
-    running_first: ClassVar[bool | None] = True
 
     def attach(self, children: Sequence[TreeNode]) -> None:
         """Takes the children, while the tree is being built."""
@@ -389,6 +389,8 @@ class Decorator(DecoratorNode):
 
     __slots__ = ()
 
+    running_first = None
+
     @abstractmethod
     def tick(self) -> NodeStatus:
         """One tick; ticks the child by :meth:`tick_child` or not."""
@@ -397,8 +399,6 @@ class Decorator(DecoratorNode):
         """Called when the node is halted, before its child is."""
 
     def tick_child(self) -> NodeStatus:
-    running_first = None
-
         return self._tick()
 
     def halt_child(self) -> None:
@@ -433,6 +433,8 @@ class Control(ControlNode):
 
     __slots__ = ()
 
+    running_first = None
+
     @abstractmethod
     def tick(self) -> NodeStatus:
         """One tick; ticks children by :meth:`tick_child`."""
@@ -441,8 +443,6 @@ class Control(ControlNode):
         """Called when the node is halted, before its children are."""
 
     def tick_child(self, index: int) -> NodeStatus:
-    running_first = None
-
         status = self._ticks[index]()
         if status is FAILURE:
             self._failed = index
