@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
+import time
+from collections import OrderedDict
+from collections.abc import Callable
 from typing import Final
 
 from flexbt_msgs.msg import CommandResult
@@ -12,16 +14,27 @@ REMEMBERED_COMMANDS: Final = 4096
 """Commands whose identifiers are remembered; a resend of an older one would be taken for a new command."""
 
 REPORTED_RESULTS: Final = 32
-"""Results that are part of every status (ExecutiveStatus.results)."""
+"""Results that are part of a status at most (ExecutiveStatus.results)."""
+
+REPORT_TIME: Final = 5.0
+"""Seconds for which a result is part of every status. A console that has lost it sends the command again, and so has it
+reported again; without this limit most of a quiet link's traffic would be old results."""
 
 
 class CommandTable:
     """Results by command identifier. Used on the executor thread only."""
 
-    def __init__(self, remembered: int = REMEMBERED_COMMANDS, reported: int = REPORTED_RESULTS) -> None:
+    def __init__(
+        self,
+        remembered: int = REMEMBERED_COMMANDS,
+        reported: int = REPORTED_RESULTS,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._remembered = remembered
+        self._reported = reported
+        self._now = now
         self._results: OrderedDict[str, CommandResult | None] = OrderedDict()
-        self._latest: deque[str] = deque(maxlen=reported)
+        self._latest: OrderedDict[str, float] = OrderedDict()  # when each was reported last
 
     def admit(self, command_id: str) -> bool:
         """Whether the command is new. The result of one that was decided is reported again."""
@@ -43,12 +56,16 @@ class CommandTable:
 
     def latest(self) -> list[CommandResult]:
         """The latest results, oldest first."""
+        oldest = self._now() - REPORT_TIME
+        while self._latest and next(iter(self._latest.values())) < oldest:
+            self._latest.popitem(last=False)
         return [result for command_id in self._latest if (result := self._results.get(command_id)) is not None]
 
     def _report(self, command_id: str) -> None:
-        if command_id in self._latest:
-            self._latest.remove(command_id)
-        self._latest.append(command_id)
+        self._latest[command_id] = self._now()
+        self._latest.move_to_end(command_id)
+        while len(self._latest) > self._reported:
+            self._latest.popitem(last=False)
 
     def _forget_old(self) -> None:
         while len(self._results) > self._remembered:

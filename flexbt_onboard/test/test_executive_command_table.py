@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_msgs.msg import CommandResult
-from flexbt_onboard.command_table import CommandTable
+from flexbt_onboard.command_table import REPORT_TIME, CommandTable
 
 
 def test_a_resend_is_not_admitted_again_and_its_result_is_reported_last() -> None:
@@ -43,6 +43,19 @@ def test_a_command_among_the_last_remembered_ones_is_never_admitted_twice(sends:
             table.settle(str(number))
         assert len(table.latest()) <= 5
         assert table.latest()[-1].command_id == str(number)
+
+
+def test_a_result_is_reported_for_a_time_and_again_when_it_is_asked_for() -> None:
+    now = 100.0
+    table = CommandTable(now=lambda: now)
+    table.admit('a')
+    table.settle('a')
+    now += REPORT_TIME
+    assert [result.command_id for result in table.latest()] == ['a']
+    now += 0.1
+    assert table.latest() == []
+    assert not table.admit('a')
+    assert [result.command_id for result in table.latest()] == ['a']
 
 
 def test_an_undecided_command_is_not_forgotten() -> None:
