@@ -7,7 +7,7 @@ All of this happens on the executor thread; runs and file reading have threads o
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -169,11 +169,19 @@ class ExecuteServer:
             except Exception as error:  # a fault of ours goes to the client as well
                 reason = f'fault in the BT server: {error!r}'
             else:
-                self._runtime.post(lambda: self._found(goal, library, key, values))
+                self._runtime.post(lambda: self._guard(goal, lambda: self._found(goal, library, key, values)))
                 return
             self._runtime.post(lambda: goal.end(RunOutcome(Result.ERROR, reason)))
 
         self._reader.submit(read)
+
+    def _guard(self, goal: _Goal, step: Callable[[], None]) -> None:
+        """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
+        try:
+            step()
+        except Exception as error:
+            self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
+            goal.end(RunOutcome(Result.ERROR, f'fault in the BT server: {error!r}'))
 
     def _found(self, goal: _Goal, library: TreeLibrary, key: TreeKey, values: list[Value]) -> None:
         request = goal.request
@@ -216,10 +224,11 @@ class ExecuteServer:
                 lambda: newer.end(RunOutcome(Result.ERROR, f'the running tree does not take the new inputs: {reason}'))
             ),
             on_end=lambda outcome: self._runtime.post(lambda: self._on_end(place, outcome)),
+            on_overrun=self._runtime.node.get_logger().warning,
         )
+        run.start()
         slot = self._slots[place] = _Slot(key, name, board, run, goal)
         goal.run, goal.slot = run, slot
-        run.start()
         self._schedule_feedback(slot)
 
     def _on_adopted(self, place: tuple[TreeKey, str], newer: _Goal) -> None:
@@ -238,7 +247,7 @@ class ExecuteServer:
         if offered is not None and not offered.outcome.done():
             # It came while the tree was ending: it gets a run of its own.
             offered.run = offered.slot = None
-            self._start(offered)
+            self._guard(offered, lambda: self._start(offered))
 
     # -- the end of a goal -------------------------------------------------------------------------------------------
 
@@ -249,14 +258,13 @@ class ExecuteServer:
             self._runtime.post(lambda: self._stop(goal, _BY_CLIENT))
         return CancelResponse.ACCEPT
 
-    def _stop(self, goal: _Goal, reason: str) -> None:
-        if goal.stop_reason is not None:
-            return
-        goal.stop_reason = reason
+    def _stop(self, goal: _Goal, reason: str, within: float | None = None) -> None:
+        if goal.stop_reason is None:
+            goal.stop_reason = reason
         if goal.run is None or goal.slot is None:
             return  # its tree is being looked for; see _start
         if goal.slot.goal is goal:
-            goal.run.stop(goal, reason)
+            goal.run.stop(goal, reason, within)
         elif goal.run.withdraw(goal):
             goal.end(RunOutcome(Result.CANCELED, reason))
 
@@ -356,10 +364,10 @@ class ExecuteServer:
         def stop_all() -> None:
             self._closing = True
             for goal in list(self._goals.values()):
-                self._stop(goal, _SHUTTING_DOWN)
+                self._stop(goal, _SHUTTING_DOWN, STOP_SECONDS)
 
         self._runtime.call(stop_all)
-        self._no_goals.wait(STOP_SECONDS)
+        self._no_goals.wait(STOP_SECONDS + 0.3)  # a run that is not at rest says so a little later
         self._runtime.call(lambda: None)  # the executor sends the last results on its next turn
         self._runtime.call(self._server.destroy)
 

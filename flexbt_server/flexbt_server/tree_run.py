@@ -7,11 +7,12 @@ least rate demands.
 
 from __future__ import annotations
 
+import math
 import threading
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 from flexbt_common.bell import Bell
 from flexbt_common.clock import Clock
@@ -27,6 +28,12 @@ from flexbt_server.behavior_tree import (
     TreeNode,
 )
 from flexbt_server.blackboards import NO_RECOVERIES, Value, write_all
+from flexbt_server.thread_place import node_on_stack
+
+_GRACE: Final = 0.2
+"""How much longer than its time to come to rest a run has to say itself what is not at rest, s."""
+
+_NOT_AT_REST: Final = 'not at rest in time after the halt'
 
 
 @dataclass(frozen=True)
@@ -63,6 +70,12 @@ class TreeRun(Generic[Client]):
     The callbacks are called on the thread of the run: ``on_adopted(client)`` when the run works for another client,
     ``on_refused(client, reason)`` when it cannot because its values do not fit (the run goes on as before), and
     ``on_end(outcome)``. A client that was offered too late to be adopted is left to :meth:`take_offer`.
+
+    A leaf that does not return from its tick cannot be halted, and its thread cannot be ended. A run that was stopped
+    and is held up so ends as ERROR when its time to come to rest is over, on the thread of ``steady``; should the leaf
+    return after all, the tree is halted then, and that is the end of the thread.
+
+    ``on_overrun(message)`` is told, once a second at most, of ticks that take longer than the period of ``tick_rate``.
     """
 
     def __init__(
@@ -82,6 +95,7 @@ class TreeRun(Generic[Client]):
         on_adopted: Callable[[Client], None],
         on_refused: Callable[[Client, str], None],
         on_end: Callable[[RunOutcome], None],
+        on_overrun: Callable[[str], None],
     ) -> None:
         self.key = key
         self.tree: Tree | None = None
@@ -98,9 +112,12 @@ class TreeRun(Generic[Client]):
         self._on_adopted = on_adopted
         self._on_refused = on_refused
         self._on_end = on_end
+        self._overruns = _Overruns(key, self._tick_period, on_overrun)
         self._bell = Bell()
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
+        self._rest_by = math.inf
+        self._ended = False
         self._offer: tuple[Client, Sequence[Value]] | None = None
         self._thread = threading.Thread(target=self._run, name=f'tree {key.id}', daemon=True)
 
@@ -108,15 +125,24 @@ class TreeRun(Generic[Client]):
         """Begin to tick."""
         self._thread.start()
 
-    def stop(self, client: Client, reason: str) -> None:
-        """Halt the tree; it ends as CANCELED. From any thread; the first reason counts.
+    def stop(self, client: Client, reason: str, within: float | None = None) -> None:
+        """Halt the tree; it ends as CANCELED. From any thread; the first reason counts, and the earliest deadline.
 
+        ``within``: seconds for the tree to come to rest, before the run ends as ERROR; by default the cancel timeout.
         Does nothing when the run works for another client by now.
         """
         with self._lock:
-            if self._client is client and self._stop_reason is None:
+            if self._client is not client:
+                return
+            if self._stop_reason is None:
                 self._stop_reason = reason
+            rest_by = self._steady.now() + (self._cancel_timeout if within is None else within)
+            sooner = rest_by < self._rest_by
+            if sooner:
+                self._rest_by = rest_by
         self._bell.ring()
+        if sooner:
+            self._steady.call_at(rest_by + _GRACE, self._give_up)
 
     def offer(self, client: Client, values: Sequence[Value]) -> Client | None:
         """Let ``client`` take the run over, with new values. Gives the client whose offer this one replaces."""
@@ -148,21 +174,29 @@ class TreeRun(Generic[Client]):
         """Wait until the run is over, at most ``timeout`` seconds."""
         self._thread.join(timeout)
 
+    def _give_up(self) -> None:
+        """The thread of the run should be at its end, or near it."""
+        node = node_on_stack(self._thread)
+        path = '' if node is None else node.path
+        what = f'[{path}] does not return' if path else 'the run does not come to its end'
+        self._end(RunOutcome(BtExecute.Result.ERROR, f'{self._stop_reason}; {_NOT_AT_REST}: {what}', path))
+
+    def _end(self, outcome: RunOutcome) -> None:
+        with self._lock:
+            if self._ended:
+                return
+            self._ended = True
+        self._on_end(outcome)
+
     # -- on the thread of the run ------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        try:
-            outcome = self._execute()
-        except BehaviorTreeError as error:
-            failed_node = error.node_path if isinstance(error, NodeExecutionError) else ''
-            outcome = RunOutcome(BtExecute.Result.ERROR, str(error), failed_node)
-        except Exception:  # a fault of ours or of a node's code: it goes to whoever gave the goal
-            outcome = RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
-        outcome = self._come_to_rest(outcome)
+        executed = _outcome_of(self._execute)
+        outcome = _outcome_of(lambda: self._come_to_rest(executed))
         try:
             self._observer.ended()
         finally:
-            self._on_end(outcome)
+            self._end(outcome)
 
     def _execute(self) -> RunOutcome:
         write_all(self._board, [*self._values, NO_RECOVERIES])
@@ -182,11 +216,14 @@ class TreeRun(Generic[Client]):
             if self._stop_reason is not None:
                 return RunOutcome(BtExecute.Result.CANCELED, self._stop_reason)
             tree.take_wake()
+            due = self._clock.now() + self._tick_period
+            began = self._steady.now()
             status = tree.tick_once()
+            self._overruns.note(began, self._steady.now())
             self._observer.ticked()
             if status is not NodeStatus.RUNNING:
                 return self._outcome(tree, status)
-            self._wait(tree)
+            self._wait(tree, due)
 
     def _adopt(self) -> None:
         with self._lock:
@@ -205,12 +242,9 @@ class TreeRun(Generic[Client]):
         else:
             self._on_adopted(client)
 
-    def _wait(self, tree: Tree) -> None:
-        now = self._clock.now()
-        until = now + self._tick_period
-        if tree.next_wake is not None:
-            until = min(until, tree.next_wake)
-        self._bell.wait(self._clock, until)
+    def _wait(self, tree: Tree, due: float) -> None:
+        next_wake = tree.next_wake
+        self._bell.wait(self._clock, due if next_wake is None else min(due, next_wake))
 
     def _outcome(self, tree: Tree, status: NodeStatus) -> RunOutcome:
         if status is NodeStatus.SUCCESS:
@@ -228,12 +262,11 @@ class TreeRun(Generic[Client]):
             return outcome
         outcome = _halting(tree.halt, outcome)
         deadline = self._steady.now() + self._cancel_timeout
-        while tree.unfinished and self._steady.now() < deadline:
-            self._bell.wait(self._steady, min(deadline, self._steady.now() + self._tick_period))
+        while tree.unfinished and self._steady.now() < min(deadline, self._rest_by):
+            self._bell.wait(self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period))
             outcome = _halting(tree.advance_unfinished, outcome)
         if tree.unfinished:
-            what = ', '.join(tree.unfinished)
-            message = f'not at rest {self._cancel_timeout:g} s after the halt: {what}'
+            message = f'{_NOT_AT_REST}: {", ".join(tree.unfinished)}'
             outcome = RunOutcome(
                 BtExecute.Result.ERROR,
                 f'{outcome.message}; {message}' if outcome.message else message,
@@ -249,3 +282,42 @@ def _halting(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
     except NodeExecutionError as error:
         return RunOutcome(BtExecute.Result.ERROR, f'{outcome.message}; while halting: {error}', error.node_path)
     return outcome
+
+
+def _outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
+    """What a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
+    try:
+        return step()
+    except BehaviorTreeError as error:
+        return RunOutcome(
+            BtExecute.Result.ERROR, str(error), error.node_path if isinstance(error, NodeExecutionError) else ''
+        )
+    except BaseException:  # a fault of ours
+        return RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
+
+
+class _Overruns:
+    """Tells of ticks that take too long, once a second at most."""
+
+    def __init__(self, key: TreeKey, period: float, tell: Callable[[str], None]) -> None:
+        self._tree = key.id
+        self._period = period
+        self._tell = tell
+        self._count = 0
+        self._longest = 0.0
+        self._silent_until = -math.inf
+
+    def note(self, began: float, ended: float) -> None:
+        """A tick took from ``began`` to ``ended``, s."""
+        took = ended - began
+        if took <= self._period:
+            return
+        self._count += 1
+        self._longest = max(self._longest, took)
+        if ended < self._silent_until:
+            return
+        self._tell(
+            f'tree [{self._tree}]: {self._count} ticks took longer than the period of {self._period:.3f} s '
+            f'(parameter tick_rate), the longest {self._longest:.3f} s; no leaf should block'
+        )
+        self._count, self._longest, self._silent_until = 0, 0.0, ended + 1.0

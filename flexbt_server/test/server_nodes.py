@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 from typing import Any, ClassVar
 
+import bt_faulty_leaves
 from std_msgs.msg import Bool
 
 from flexbt_server.behavior_tree import (
@@ -101,3 +102,4 @@ def register(registry: NodeRegistry) -> None:
     """The entry point."""
     for node in (Blocks, Raises, Nonsense, NeverRests, TidiesUp, Counts, DoorOpen):
         registry.register(node.__name__, node)
+    bt_faulty_leaves.register(registry)

@@ -97,7 +97,7 @@ class CoroutineAction(LeafNode):
             self._coroutine = self.run()
         try:
             result = self._advance(self._coroutine.send, None)
-        except Exception as error:
+        except BaseException as error:
             self.cancel_wake()
             raise self.fault(error) from error
         if result is _WAITS:

@@ -102,9 +102,19 @@ class NodeExecutionError(BehaviorTreeError):
     The tree is left as it was at that moment, as in BehaviorTree.CPP: halt it before anything else is done with it.
     """
 
-    def __init__(self, node_path: str, node_id: str, cause: Exception | str) -> None:
+    def __init__(self, node_path: str, node_id: str, cause: BaseException | str) -> None:
         self.node_path = node_path
         self.node_id = node_id
-        self.cause: Exception | None = cause if isinstance(cause, Exception) else None
-        text = f'{type(cause).__name__}: {cause}' if isinstance(cause, Exception) else cause
-        super().__init__(f'exception in node [{node_path}] ({node_id}): {text}')
+        self.cause: BaseException | None = cause if isinstance(cause, BaseException) else None
+        super().__init__(f'exception in node [{node_path}] ({node_id}): {_text_of(cause)}')
+
+
+def _text_of(cause: BaseException | str) -> str:
+    if isinstance(cause, str):
+        return cause
+    name = type(cause).__name__
+    try:
+        text = str(cause)
+    except Exception:  # code of others as well
+        text = 'its text cannot be made'
+    return f'{name}: {text}' if text else name

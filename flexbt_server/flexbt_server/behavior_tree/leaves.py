@@ -46,7 +46,7 @@ class SyncAction(LeafNode):
         self._reason = ''
         try:
             status = self.tick()
-        except Exception as error:
+        except BaseException as error:
             raise self.fault(error) from error
         if status is SUCCESS or status is FAILURE:
             self.status = status
@@ -72,7 +72,7 @@ class Condition(LeafNode):
         self._reason = ''
         try:
             status = self.tick()
-        except Exception as error:
+        except BaseException as error:
             raise self.fault(error) from error
         if status is SUCCESS or status is FAILURE:
             self.status = status
@@ -117,7 +117,7 @@ class StatefulAction(LeafNode):
                 status = self.on_start()
             else:
                 status = self.on_running()
-        except Exception as error:
+        except BaseException as error:
             self.cancel_wake()
             raise self.fault(error) from error
         if status is not RUNNING:

@@ -12,6 +12,8 @@ would have to pay for. The rules that every ``execute`` keeps:
 
 from __future__ import annotations
 
+import reprlib
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -256,8 +258,14 @@ class TreeNode(ABC):
 
     # -- errors ------------------------------------------------------------------------------------------------------
 
-    def fault(self, cause: Exception | str) -> NodeExecutionError:
-        """The error that names this node as the place of ``cause``."""
+    def fault(self, cause: BaseException | str) -> NodeExecutionError:
+        """The error that names this node as the place of ``cause``, whatever its code has raised.
+
+        Raises KeyboardInterrupt when that is the cause, and on the main thread: it is the user's then, and not the
+        node's.
+        """
+        if isinstance(cause, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+            raise cause
         return NodeExecutionError(self.path, self.id, cause)
 
     def stop_by(self, callback: Callable[[], None]) -> None:
@@ -266,7 +274,7 @@ class TreeNode(ABC):
             callback()
         except NodeExecutionError as error:
             self.context.halt_errors.append(error)
-        except Exception as error:
+        except BaseException as error:
             fault = self.fault(error)
             fault.__cause__ = error
             self.context.halt_errors.append(fault)
@@ -276,7 +284,7 @@ class TreeNode(ABC):
         if status is IDLE:
             raise self.fault('a tick must not return IDLE')
         if not isinstance(status, NodeStatus):
-            raise self.fault(f'a tick has to return a NodeStatus, not {status!r}')
+            raise self.fault(f'a tick has to return a NodeStatus, not {reprlib.repr(status)}')
         return status
 
 
@@ -414,7 +422,7 @@ class Decorator(DecoratorNode):
             status = self.tick()
         except NodeExecutionError:
             raise
-        except Exception as error:
+        except BaseException as error:
             raise self.fault(error) from error
         if status is not SKIPPED:
             self.status = self.checked(status)
@@ -463,7 +471,7 @@ class Control(ControlNode):
             status = self.tick()
         except NodeExecutionError:
             raise
-        except Exception as error:
+        except BaseException as error:
             raise self.fault(error) from error
         if status is not SKIPPED:
             self.status = self.checked(status)

@@ -8,6 +8,7 @@ from abc import abstractmethod
 from typing import Any
 
 from .context import UnfinishedWork
+from .errors import NodeExecutionError
 from .leaves import Halted, LeafNode
 from .node import NodeConfig
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
@@ -82,14 +83,18 @@ class ThreadedAction(LeafNode):
             self._reason = ''
             self._call = call = _Call(self)
             self.status = RUNNING
-            call.thread.start()
+            try:
+                call.thread.start()
+            except RuntimeError as error:  # the machine has no more threads
+                self._call = None
+                raise self.fault(error) from error
             return RUNNING
         if not call.ended or call.halted:
             self.status = RUNNING
             return RUNNING
         self._call = None
         if call.error is not None:
-            raise self.fault(call.error) from call.error
+            raise call.error
         status = self.checked(call.result)
         if status is RUNNING:
             raise self.fault('run has to return when the work is done; RUNNING is no result')
@@ -115,7 +120,7 @@ class _Call:
         self.halted = False
         self.ended = False
         self.result: object = None
-        self.error: Exception | None = None
+        self.error: NodeExecutionError | None = None
         self._node = node
         self._unfinished: UnfinishedWork | None = None
         # A daemon: work that does not end must not keep the process from ending.
@@ -135,8 +140,9 @@ class _Call:
             self.result = self._node.run()
         except Halted:
             pass
-        except Exception as error:
-            self.error = error
+        except BaseException as error:
+            self.error = self._node.fault(error)
+            self.error.__cause__ = error
         with self.lock:
             self.ended = True
             if self.halted:
@@ -148,6 +154,4 @@ class _Call:
     def _report_error(self) -> None:
         """Of a call whose result nobody asks for any more: the tree raises it."""
         if self.error is not None:
-            fault = self._node.fault(self.error)
-            fault.__cause__ = self.error
-            self._node.context.halt_errors.append(fault)
+            self._node.context.halt_errors.append(self.error)
