@@ -72,14 +72,14 @@ def keyed(inputs: str = '', outputs: str = '') -> Scripted:
             '/B: no transition leads to it from the initial state',
         ),
         (
-            [Place('A', Scripted('preempted'), {'preempted': 'ended'})],
-            {},
-            "/A: the outcome 'preempted' is reserved for the engine; choose another name",
+            [Place('A', Scripted(), {'done': 'preempted'})],
+            {'outcomes': ['preempted']},
+            "/: the outcome 'preempted' is reserved for runs that were stopped or failed; choose another name",
         ),
         (
             [Place('A', Scripted(), {'done': 'error'})],
             {'outcomes': ['error']},
-            "/: the outcome 'error' is reserved for the engine; choose another name",
+            "/: the outcome 'error' is reserved for runs that were stopped or failed; choose another name",
         ),
         (
             [Place('A', keyed('_x'), END)],
@@ -155,7 +155,6 @@ def test_all_problems_of_all_levels_are_in_one_report() -> None:
         ('/First', "autonomy 9 of 'nope'"),
         ('/Inner', "leads to 'nowhere'"),
         ('/', "output key 'y'"),
-        ('/First', "outcome 'error' is reserved"),
         ('/Inner/One', "leads to 'Two'"),
         ('/Inner/Lost', 'no transition leads to it'),
         ('/Inner/Lost', "reads userdata key 'x'"),
@@ -244,3 +243,10 @@ def test_the_structure_says_where_each_outcome_leads_and_what_it_requires() -> N
         ('/B', StateKind.MACHINE, ('C',), ('out',), ('=ended',), (0,)),
         ('/B/C', StateKind.STATE, (), ('x', 'y'), ('/B/C', '=out'), (-1, 3)),
     ]
+
+
+def test_a_state_or_an_inner_machine_may_use_the_names_of_the_ends_of_runs() -> None:
+    """In FlexBE an outcome 'preempted' of any state ends the whole behavior, whatever it is connected to."""
+    inner = machine(Place('One', Scripted('error', outcome='error'), {'error': 'preempted'}), outcomes=['preempted'])
+    bench = Bench(machine(Place('Inner', inner, {'preempted': 'Last'}), Place('Last', Scripted(), END)))
+    assert (bench.outcome, bench.active) == (None, ('/Last',))

@@ -20,6 +20,7 @@ RESERVED: Final = (PREEMPTED, ERROR)
 
 def problems_of(root: OperatableStateMachine) -> Iterator[str]:
     """What is wrong with a machine and everything in it, in the order of the states."""
+    yield from _reserved(ROOT_PATH, root.outcomes)
     yield from _keys(ROOT_PATH, root)
     yield from _machine(root, ROOT_PATH, {id(root): ROOT_PATH})
 
@@ -29,7 +30,6 @@ def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -
         yield f'{path}: the machine has no states'
     if not machine.outcomes:
         yield f'{path}: the machine has no outcomes'
-    yield from _reserved(path, machine.outcomes)
     yield from _defaults(path, machine)
     labels: set[str] = set()
     for child in machine.children:
@@ -47,9 +47,7 @@ def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -
     yield from _data_flow(path, machine)
     for child in machine.children:
         own = child_path(path, child.label)
-        if isinstance(child.state, EventState):
-            yield from _reserved(own, child.state.outcomes)
-        elif seen.get(id(child.state)) == own:
+        if not isinstance(child.state, EventState) and seen.get(id(child.state)) == own:
             yield from _machine(child.state, own, seen)
 
 
@@ -80,7 +78,7 @@ def _defaults(path: str, machine: OperatableStateMachine) -> Iterator[str]:
 def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:
     for outcome in outcomes:
         if outcome in RESERVED:
-            yield f"{path}: the outcome '{outcome}' is reserved for the engine; choose another name"
+            yield f"{path}: the outcome '{outcome}' is reserved for runs that were stopped or failed; choose another name"
 
 
 def _transitions(own: str, child: Child, machine: OperatableStateMachine) -> Iterator[str]:
