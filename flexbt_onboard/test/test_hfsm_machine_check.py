@@ -74,12 +74,12 @@ def keyed(inputs: str = '', outputs: str = '') -> Scripted:
         (
             [Place('A', Scripted(), {'done': 'preempted'})],
             {'outcomes': ['preempted']},
-            "/: the outcome 'preempted' is reserved for runs that were stopped or failed; choose another name",
+            "/: the outcome 'preempted' is reserved for runs that were stopped or failed; rename it",
         ),
         (
             [Place('A', Scripted(), {'done': 'error'})],
             {'outcomes': ['error']},
-            "/: the outcome 'error' is reserved for runs that were stopped or failed; choose another name",
+            "/: the outcome 'error' is reserved for runs that were stopped or failed; rename it",
         ),
         (
             [Place('A', keyed('_x'), END)],

@@ -78,7 +78,7 @@ def _defaults(path: str, machine: OperatableStateMachine) -> Iterator[str]:
 def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:
     for outcome in outcomes:
         if outcome in RESERVED:
-            yield f"{path}: the outcome '{outcome}' is reserved for runs that were stopped or failed; choose another name"
+            yield f"{path}: the outcome '{outcome}' is reserved for runs that were stopped or failed; rename it"
 
 
 def _transitions(own: str, child: Child, machine: OperatableStateMachine) -> Iterator[str]:
