@@ -12,6 +12,7 @@ from .definition import (
     ERROR,
     PREEMPTED,
     ROOT_PATH,
+    Condition,
     MachineDefinition,
     StateDefinition,
     StateKind,
@@ -20,9 +21,11 @@ from .definition import (
 )
 from .errors import MachineError, StateError, StateMachineError, UserDataError
 from .event_state import EventState, ExitReason, Severity, called_state
-from .machine import OperatableStateMachine, define
+from .machine import Child, ConcurrencyContainer, OperatableStateMachine, PriorityContainer, define
+from .position import Position
 from .run import MachineRun, RunObserver
 from .userdata import UserData
+from .wrappers import StateWrapper, innermost, with_retry, with_timeout
 
 __all__ = [
     'ERROR',
@@ -30,6 +33,9 @@ __all__ = [
     'ROOT_PATH',
     'Answer',
     'Autonomy',
+    'Child',
+    'ConcurrencyContainer',
+    'Condition',
     'Decision',
     'DecisionKind',
     'EventState',
@@ -38,16 +44,22 @@ __all__ = [
     'MachineError',
     'MachineRun',
     'OperatableStateMachine',
+    'Position',
+    'PriorityContainer',
     'RunObserver',
     'Severity',
     'StateDefinition',
     'StateError',
     'StateKind',
     'StateMachineError',
+    'StateWrapper',
     'StructureEntry',
     'Transition',
     'UserData',
     'UserDataError',
     'called_state',
     'define',
+    'innermost',
+    'with_retry',
+    'with_timeout',
 ]

@@ -1,21 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A machine in a run: which of its states is active, and the transitions between them.
-
-A transition has three steps: the outcome is wanted (and perhaps waits for the operator), the state is left (and perhaps
-has to come to rest), the next one is entered. A machine that ends wants an outcome of its own, and its parent takes the
-same three steps with it.
-"""
+"""A machine or container in a run: its regions, its userdata, and how it ends."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .autonomy import UNDECLARED, is_autonomous
-from .decision import Decision, DecisionKind
-from .definition import MachineDefinition
+from .definition import MachineDefinition, StateKind, are_apart
 from .event_state import ExitReason
-from .leaf import LeafRun
+from .leaf import FAILED, LeafRun
+from .region import Region
 from .userdata import Scope
 
 if TYPE_CHECKING:
@@ -23,163 +17,188 @@ if TYPE_CHECKING:
 
 
 class ContainerRun:
-    """One machine for the length of a run."""
+    """One machine or container for the length of a run. ``region`` is the one that it is in, None for the root."""
 
-    def __init__(self, engine: MachineRun, definition: MachineDefinition) -> None:
+    def __init__(self, engine: MachineRun, definition: MachineDefinition, region: Region | None = None) -> None:
         self._engine = engine
         self.definition = definition
         self.path = definition.path
+        self.region = region
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.question: tuple[str, str | None] | None = None  # a machine asks nothing
-        self.child: LeafRun | ContainerRun | None = None
-        self.decision: Decision | None = None
         self.is_active = False
-        self.is_leaving = False
-        """Whether the child was left, and comes to rest."""
-        self._children = {
-            label: LeafRun(engine, child) if not isinstance(child, MachineDefinition) else ContainerRun(engine, child)
-            for label, child in definition.children.items()
-        }
+        self.ending: str | None = None
+        """Outcome by which it ends as soon as everything in it is at rest."""
+        self.ended: dict[str, str] = {}
+        """Outcomes of the children of a concurrency container that have ended."""
+        self.scope = Scope({})
+        self.children: dict[str, Node] = {}
+        self.regions: tuple[Region, ...]
+        if definition.kind is StateKind.CONCURRENCY:
+            self.regions = tuple(Region(engine, self, child.path) for child in definition.children.values())
+        else:
+            self.regions = (Region(engine, self, self.path),) * len(definition.children)
+        for region_of_it, (label, child) in zip(self.regions, definition.children.items(), strict=True):
+            if isinstance(child, MachineDefinition):
+                self.children[label] = ContainerRun(engine, child, region_of_it)
+            else:
+                self.children[label] = LeafRun(engine, child)
+        self.regions = tuple(dict.fromkeys(self.regions))
+        self._only_region = self.regions[0] if len(self.regions) == 1 else None
         remap = definition.remap
         self._inputs = {key: remap.get(key, key) for key in definition.input_keys}
         self._outputs = {key: remap.get(key, key) for key in definition.output_keys}
-        self._scope = Scope({})
-        self._approved = False
         self._rest = engine.new_rest_wait()
 
     def leaves(self) -> Iterator[LeafRun]:
         """All states, depth first."""
-        for child in self._children.values():
+        for child in self.children.values():
             if isinstance(child, LeafRun):
                 yield child
             else:
                 yield from child.leaves()
 
-    def active(self) -> Iterator[LeafRun | ContainerRun]:
+    def active(self) -> Iterator[Node]:
         """What is active here, outermost first, this machine not included."""
-        if self.child is not None:
-            yield self.child
-            if isinstance(self.child, ContainerRun):
-                yield from self.child.active()
+        for region in self.active_regions():
+            if region.child is not None:
+                yield region.child
+
+    def active_regions(self) -> Iterator[Region]:
+        """The regions of this machine and of everything in it that is active."""
+        for region in self.regions:
+            yield region
+            if isinstance(region.child, ContainerRun):
+                yield from region.child.active_regions()
 
     # -- entering and leaving ----------------------------------------------------------------------------------------
 
-    def enter(self, parent: Scope) -> None:
-        """The machine becomes active, with its initial state."""
-        self.begin(Scope(self.definition.defaults, parent, self._inputs, self._outputs))
+    def enter(self, parent: Scope, *, is_resumed: bool = False) -> None:
+        """The machine becomes active. It has no callbacks, so that it is the same whether it is resumed."""
+        self.begin(self.new_scope(parent))
+
+    def new_scope(self, parent: Scope) -> Scope:
+        """Data for a visit of the machine."""
+        return Scope(self.definition.defaults, parent, self._inputs, self._outputs)
 
     def begin(self, scope: Scope) -> None:
-        """Enter the initial state, with ``scope`` as the data of the machine."""
-        self._scope = scope
-        self.outcome = None
+        """Begin at the beginning, with ``scope`` as the data of the machine.
+
+        A machine enters its initial state. The children of a concurrency container are entered one after the other, in
+        steps of their own; and a priority container waits for the others to be paused.
+        """
+        self.activate(scope)
+        kind = self.definition.kind
+        if kind is StateKind.MACHINE:
+            self.regions[0].enter(self.children[self.definition.initial])
+        elif kind is StateKind.PRIORITY:
+            self.regions[0].await_entry(self.children[self.definition.initial])
+        else:
+            for region, child in zip(self.regions, self.children.values(), strict=True):
+                region.await_entry(child)
+
+    def activate(self, scope: Scope) -> None:
+        """Become active, with nothing entered yet."""
+        self.scope = scope
+        self.outcome = self.ending = None
         self.exit_reason = ExitReason.OUTCOME
         self.is_active = True
-        self._enter_child(self._children[self.definition.initial])
+        self.ended.clear()
+        if self.definition.kind is StateKind.PRIORITY:
+            self._engine.claim(self.path)
 
     def leave(self, reason: ExitReason) -> None:
         """Leave everything that is active in here."""
         self.is_active = False
-        self.is_leaving = False
+        self.ending = None
         self._rest.cancel()  # whoever leaves the machine waits for what is in it
-        self._withdraw_decision()
-        if self.child is not None:
-            self.child.leave(reason if reason.is_of_the_run else ExitReason.PARENT_LEFT)
+        self._leave_regions(reason if reason.is_of_the_run else ExitReason.PARENT_LEFT)
+
+    def _leave_regions(self, reason: ExitReason) -> None:
+        for region in self.regions:
+            region.leave(reason)
+
+    def clear(self) -> None:
+        """Nothing is active in here any more."""
+        for region in self.regions:
+            region.child = None
 
     def unsettled(self) -> str | None:
         """What is not at rest yet in here."""
-        return self.child.unsettled() if self.child is not None else None
+        if self._only_region is not None:
+            return self._only_region.unsettled()
+        return next(filter(None, (region.unsettled() for region in self.regions)), None)
 
     def next_wake(self) -> float | None:
         """When something in here is due next. What comes to rest rings by itself."""
-        if self.child is None or self.is_leaving or self.outcome is not None:
+        if self.outcome is not None or self.ending is not None:
             return None
-        return self.child.next_wake()
-
-    # -- transitions -------------------------------------------------------------------------------------------------
+        if self._only_region is not None:
+            return self._only_region.next_wake()
+        return min((due for region in self.regions if (due := region.next_wake()) is not None), default=None)
 
     def advance(self) -> bool:
         """Take one step if there is one to take; whether there was."""
-        child = self.child
-        if child is None or self.outcome is not None:
+        if self.outcome is not None:
             return False
-        if self.is_leaving:
-            return self._pass_on(child)
-        if child.outcome is None and child.advance():
-            return True
-        return self._consider(child)
+        if self.ending is not None:
+            return self._come_to_rest(self.ending)
+        if self._only_region is not None:  # it is where the machine is, and so is whatever has priority
+            return self._only_region.advance()
+        focus = self._engine.focus
+        return any((focus is None or not are_apart(one.path, focus)) and one.advance() for one in self.regions)
 
-    def approve(self) -> None:
-        """The operator has confirmed what the child wants."""
-        assert self.decision is not None  # checked by the caller
-        self._settle_on(self.decision.outcome)
+    # -- how it goes on and ends -------------------------------------------------------------------------------------
 
-    def force(self, outcome: str) -> None:
-        """The operator wants the child to be left by ``outcome``, whatever it is doing."""
-        assert self.child is not None  # checked by the caller
-        self.child.exit_reason = ExitReason.FORCED
-        self._settle_on(outcome)
+    def sibling(self, label: str | None) -> Node | None:
+        """A child by its label."""
+        return self.children[label] if label is not None else None
 
-    def _settle_on(self, outcome: str) -> None:
-        assert self.child is not None  # checked by the caller
-        self.child.outcome = outcome
-        self._approved = True
-        self._withdraw_decision()
+    def outcome_after(self, child: Node, outcome: str) -> str | None:
+        """Outcome by which this container ends when a child is left by an outcome; None when it goes on."""
+        if self.definition.kind is StateKind.CONCURRENCY:
+            return self.definition.outcome_of({**self.ended, child.definition.label: outcome})
+        return child.definition.transitions[outcome].outcome
 
-    def _consider(self, child: LeafRun | ContainerRun) -> bool:
-        """Leave the child when it wants to be left and may; otherwise ask the operator."""
-        kind, wanted, prompt = DecisionKind.TRANSITION, child.outcome, ''
-        if wanted is None:
-            if child.question is None:
-                return False
-            kind = DecisionKind.CHOICE
-            prompt, wanted = child.question
-        required = UNDECLARED if wanted is None else child.definition.transitions[wanted].autonomy
-        if wanted is not None and (self._approved or is_autonomous(required, self._engine.autonomy_of(child.path))):
-            self._leave_child(child, wanted)
-            return True
-        if self.decision is None:
-            self.decision = self._engine.new_decision(
-                kind, child.path, wanted or '', child.definition.outcomes, required, prompt
-            )
-            self._engine.changed()
-        return False
+    def child_has_ended(self, child: Node, outcome: str, ends: str | None) -> None:
+        """A child was left with nothing to follow it; by that the container ends by ``ends``, if that is an outcome."""
+        if self.definition.kind is not StateKind.CONCURRENCY:
+            self.outcome = ends
+            return
+        self.ended[child.definition.label] = outcome
+        if ends is None and len(self.ended) == len(self.regions):
+            ends = self._fail()
+        if ends is not None:
+            self.ending = ends
+            self._leave_regions(ExitReason.PARENT_LEFT)
+            self._come_to_rest(ends)
 
-    def _withdraw_decision(self) -> None:
-        if self.decision is not None:
-            self.decision = None
-            self._engine.changed()
-
-    def _leave_child(self, child: LeafRun | ContainerRun, outcome: str) -> None:
-        self._engine.count_transition(child.path)
-        self._withdraw_decision()
-        self._approved = False
-        child.outcome = outcome
-        child.leave(child.exit_reason)
-        # A state that raised in on_exit wants another outcome by now, which has to be considered in its turn.
-        self.is_leaving = child.outcome == outcome
-
-    def _pass_on(self, child: LeafRun | ContainerRun) -> bool:
-        """Go on to what follows when the child has come to rest, or its time for that is over."""
-        unsettled = child.unsettled()
+    def _come_to_rest(self, ending: str) -> bool:
+        """Want the outcome as soon as everything in here is at rest, or the time for that is over."""
+        unsettled = self.unsettled()
         if not self._rest.is_over(unsettled):
             return False
         if unsettled is not None:
-            self._engine.fault(child.path, f'was not at rest {self._rest.timeout:g} s after it was left: {unsettled}')
-        assert child.outcome is not None  # it was left by it
-        outcome, child.outcome = child.outcome, None
-        transition = child.definition.transitions[outcome]
-        self.is_leaving = False
-        self.child = None
-        if transition.state is None:
-            self.outcome = transition.outcome
-            self._engine.observer.transition(child.path, outcome, f'={transition.outcome}', child.exit_reason)
-        else:
-            target = self._children[transition.state]
-            self._engine.observer.transition(child.path, outcome, target.path, child.exit_reason)
-            self._enter_child(target)
+            text = f'not everything in it was at rest {self._rest.timeout:g} s after it ended: {unsettled}'
+            self._engine.fault(self.path, text)
+        self.outcome, self.ending = ending, None
+        for region in self.regions:
+            if region.child is not None:
+                self._engine.release(region.child.path)
+        self.clear()
         return True
 
-    def _enter_child(self, child: LeafRun | ContainerRun) -> None:
-        self.child = child
-        child.enter(self._scope)
+    def _fail(self) -> str | None:
+        """All children have ended and no condition holds: that is what the check of the machine could not exclude."""
+        ended = ', '.join(f'{label} by {outcome!r}' for label, outcome in self.ended.items())
+        text = f'all of its children have ended ({ended}), and no condition holds; add one for that'
+        self._engine.fault(self.path, text)
+        if FAILED in self.definition.outcomes:
+            self.exit_reason = ExitReason.FAULT
+            return FAILED
+        self._engine.abort(f'{self.path}: {text}')
+        return None
+
+
+Node = LeafRun | ContainerRun

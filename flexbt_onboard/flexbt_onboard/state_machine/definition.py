@@ -24,18 +24,34 @@ class StateKind(Enum):
 
     STATE = 1
     MACHINE = 2
+    CONCURRENCY = 3
+    PRIORITY = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Transition:
     """Where an outcome leads: to the sibling ``state``, or to the outcome ``outcome`` of the machine.
 
-    ``autonomy`` is the level that it requires, -1 when none was declared.
+    A child of a concurrency container ends by it: ``outcome`` is only drawn, None where the container has nothing to
+    draw there, and the conditions of the container decide. ``autonomy`` is the level that it requires, -1 when none was
+    declared.
     """
 
     state: str | None
     outcome: str | None
     autonomy: int
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A concurrency container ends by ``outcome`` when each of ``children``, label and outcome, has ended so."""
+
+    outcome: str
+    children: tuple[tuple[str, str], ...]
+
+    def holds(self, ended: Mapping[str, str]) -> bool:
+        """Whether it holds, with the outcomes of the children that have ended by their labels."""
+        return all(ended.get(label) == outcome for label, outcome in self.children)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +71,11 @@ class StateDefinition:
 
 @dataclass(frozen=True, slots=True)
 class MachineDefinition:
-    """A machine. ``transitions`` and ``remap`` are those that its parent gives it; empty for the root."""
+    """A machine or container. ``transitions`` and ``remap`` are those that its parent gives it; empty for the root.
+
+    ``kind`` is MACHINE, PRIORITY, or CONCURRENCY: then all children are active at once, ``conditions`` say when it
+    ends, and ``initial`` means nothing.
+    """
 
     path: str
     label: str
@@ -68,6 +88,12 @@ class MachineDefinition:
     transitions: Mapping[str, Transition]
     remap: Mapping[str, str]
     type_name: str
+    kind: StateKind = StateKind.MACHINE
+    conditions: tuple[Condition, ...] = ()
+
+    def outcome_of(self, ended: Mapping[str, str]) -> str | None:
+        """Outcome by which a concurrency container ends, once children have ended; None when it goes on."""
+        return next((one.outcome for one in self.conditions if one.holds(ended)), None)
 
     def nodes(self) -> Iterator[StateDefinition | MachineDefinition]:
         """This machine and everything in it, depth first, in the order of the children."""
@@ -101,19 +127,31 @@ def child_path(parent: str, label: str) -> str:
     return f'{parent.rstrip("/")}/{label}'
 
 
+def is_inside(path: str, top: str) -> bool:
+    """Whether ``path`` is ``top``, or something in it."""
+    return path == top or path.startswith(top if top == ROOT_PATH else f'{top}/')
+
+
+def are_apart(one: str, other: str) -> bool:
+    """Whether neither of two paths is in the other."""
+    return not is_inside(one, other) and not is_inside(other, one)
+
+
 def _entry(node: StateDefinition | MachineDefinition) -> StructureEntry:
-    is_machine = isinstance(node, MachineDefinition)
     parent = node.path.rpartition('/')[0] or ROOT_PATH
     transitions = [node.transitions.get(outcome) for outcome in node.outcomes]
     return StructureEntry(
         path=node.path,
-        kind=StateKind.MACHINE if is_machine else StateKind.STATE,
-        type_name=node.type_name if isinstance(node, MachineDefinition) else type(node.state).__name__,
+        kind=node.kind if isinstance(node, MachineDefinition) else StateKind.STATE,
+        type_name=node.type_name if isinstance(node, MachineDefinition) else node.state.type_name,
         children=tuple(node.children) if isinstance(node, MachineDefinition) else (),
         outcomes=node.outcomes,
-        targets=tuple(
-            '' if one is None else f'={one.outcome}' if one.state is None else child_path(parent, one.state)
-            for one in transitions
-        ),
+        targets=tuple(_target(parent, one) for one in transitions),
         autonomy=tuple(-1 if one is None else one.autonomy for one in transitions),
     )
+
+
+def _target(parent: str, transition: Transition | None) -> str:
+    if transition is None or (transition.state is None and transition.outcome is None):
+        return ''
+    return f'={transition.outcome}' if transition.state is None else child_path(parent, transition.state)

@@ -37,6 +37,8 @@ class ExitReason(Enum):
     PARENT_LEFT = 'a machine around the state was left'
     PREEMPTED = 'the run was stopped'
     FAULT = 'the state, or another one, raised an exception'
+    REPEATED = 'the state is entered again'
+    TIMED_OUT = 'the time of the state was over'
 
     @property
     def is_of_the_run(self) -> bool:
@@ -65,6 +67,13 @@ class EventState:
     is_instant: ClassVar[bool] = False
     """Whether it always leaves when it is first executed, so that a loop of such states does not wait for anything."""
 
+    runs_while_blocked: ClassVar[bool] = False
+    """Whether it is executed on while its outcome waits for the operator, or is locked in.
+
+    By default a state is frozen then. One that is not may change its mind: what it gives last counts, and None takes
+    the outcome back.
+    """
+
     def __init__(
         self,
         outcomes: Iterable[str] = (),
@@ -81,6 +90,8 @@ class EventState:
             raise StateError(f'{type(self).__name__}: desired_rate has to be positive, or None, not {desired_rate}')
         self.desired_rate = desired_rate
         self.exit_reason: ExitReason | None = None
+        self.is_resumed = False
+        """In on_enter and after it: whether a run goes on here that was interrupted, and not the state is reached."""
         self._leaf: LeafRun | None = None
 
     # -- callbacks ---------------------------------------------------------------------------------------------------
@@ -99,10 +110,14 @@ class EventState:
         """The state is left; ``self.exit_reason`` says why."""
 
     def on_pause(self) -> None:
-        """The run is paused while the state is active."""
+        """The state is paused: the run is, or something else has priority. It is not executed until it is resumed.
+
+        Its ``clock`` stands still meanwhile, so that its timeouts do. A state may be left while it is paused, and is
+        not resumed then.
+        """
 
     def on_resume(self, userdata: UserData) -> None:
-        """The run goes on."""
+        """The state goes on, and is executed soon."""
 
     def on_stop(self) -> None:
         """Once, after the run has ended, for every state."""
@@ -121,6 +136,11 @@ class EventState:
     # -- services of the engine --------------------------------------------------------------------------------------
 
     @property
+    def type_name(self) -> str:
+        """What people call this kind of state."""
+        return type(self).__name__
+
+    @property
     def name(self) -> str:
         """Label of the state in its machine."""
         return self.path.rpartition('/')[2]
@@ -133,7 +153,7 @@ class EventState:
 
     @property
     def clock(self) -> Clock:
-        """The clock of the run."""
+        """The clock of the run, which stands still while the state is paused."""
         return self._bound().clock
 
     @property

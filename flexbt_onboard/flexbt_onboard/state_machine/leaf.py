@@ -9,11 +9,10 @@ from collections.abc import Callable
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
-from flexbt_common.clock import Clock
-
 from .definition import StateDefinition
 from .errors import StateError
 from .event_state import EventState, ExitReason, Severity, set_called_state
+from .state_clock import StateClock
 from .userdata import Scope, UserData
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ class LeafRun:
     """One state for the length of a run; entered and left any number of times.
 
     ``outcome`` is what the state wants to be left by, ``question`` what it asks the operator: prompt and suggestion.
-    All methods but :meth:`wake` are for the thread of the run.
+    ``is_entered`` says whether ``on_exit`` is owed to it. All methods but :meth:`wake` are for the thread of the run.
     """
 
     def __init__(self, engine: MachineRun, definition: StateDefinition) -> None:
@@ -46,6 +45,10 @@ class LeafRun:
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.entered_at = 0.0
+        """When it was entered, on the clock of the run."""
+        self.is_entered = False
+        self.is_paused = False
+        self.clock = StateClock(engine.clock)
         self.question: tuple[str, str | None] | None = None
         self._input_keys = frozenset(self.state.input_keys)
         self._output_keys = frozenset(self.state.output_keys)
@@ -53,15 +56,10 @@ class LeafRun:
         self._woken = False
         self._wake_times: list[float] = []
         self._next_poll: float | None = None
-        self._is_active = False
+        self._successor: EventState | None = None  # takes the place of the state when it is entered next
         self._never_settled: str | None = None
 
     # -- what the state uses -----------------------------------------------------------------------------------------
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of the run."""
-        return self._engine.clock
 
     @property
     def services(self) -> Any:
@@ -100,38 +98,52 @@ class LeafRun:
             )
         self.state._leaf = self
 
-    def start(self) -> None:
-        """Before the run."""
-        if self._guarded('on_start', self.state.on_start) is _Raised.RAISED:
-            self._engine.abort(f'{self.path} raised in on_start')
+    def start(self) -> bool:
+        """Before the run; whether the state raised."""
+        return self._guarded('on_start', self.state.on_start) is _Raised.RAISED
 
     def stop(self) -> None:
-        """After the run, once."""
-        if self.state._leaf is self:
-            try:
-                self._guarded('on_stop', self.state.on_stop)
-            finally:
-                self.state._leaf = None
+        """After the run, once for each state that was started here."""
+        for state in (self.state, self._successor):
+            if state is not None:
+                self._retire(state)
 
-    def enter(self, scope: Scope) -> None:
-        """The state becomes active."""
+    def stay(self, definition: StateDefinition) -> None:
+        """Become part of another machine. ``definition.state``, started already, takes over when this visit is over."""
+        if self._successor is not None:
+            self._retire(self._successor)
+        self.definition = definition
+        self._successor = definition.state
+        self._successor._leaf = self
+
+    def move(self, scope: Scope) -> None:
+        """Have the userdata of another machine."""
         self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self.path)
-        self.outcome = None
-        self.exit_reason = ExitReason.OUTCOME
-        self.question = None
-        self.entered_at = self.clock.now()
-        self._wake_times.clear()
+
+    def restore(self, scope: Scope, outcome: str) -> None:
+        """Wait to be left by an outcome, as it did in the run that was interrupted. It is not entered for that."""
+        self.move(scope)
+        self._begin()
+        self.outcome = outcome
+
+    def enter(self, scope: Scope, *, is_resumed: bool = False) -> None:
+        """The state becomes active."""
+        if self._successor is not None:
+            self._retire(self.state)
+            self.state, self._successor = self._successor, None
+        self.move(scope)
+        self._begin()
         self._woken = True  # executed at once after it was entered
-        self._never_settled = None
-        self._is_active = True
+        self.is_entered = True
         self.state.exit_reason = None
+        self.state.is_resumed = is_resumed
         self._engine.changed()  # already now, since on_enter may take long
         if self._guarded('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
             self._fail()
 
     def advance(self) -> bool:
         """Execute the state if there is a reason to; whether it wants something now."""
-        if self.outcome is not None or self.question is not None or not self._is_due():
+        if not self._is_running or not self._is_due():
             return False
         outcome = self._guarded('execute', self._execute)
         if outcome is _Raised.RAISED:
@@ -145,12 +157,28 @@ class LeafRun:
 
         A state that raises here fails if it is left by an outcome of its own; what others decided stands.
         """
-        if not self._is_active:
+        if not self.is_entered:
             return
-        self._is_active = False
+        self.is_entered = self.is_paused = False
+        self.clock.go_on()  # what it finishes now may take its time
         self.state.exit_reason = reason
         raised = self._guarded('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
         if raised and reason is ExitReason.OUTCOME:
+            self._fail()
+
+    def pause(self) -> None:
+        """The state is not executed until it is resumed, and its time stands still."""
+        self.is_paused = True
+        self.clock.stop()
+        if self._guarded('on_pause', self.state.on_pause) is _Raised.RAISED:
+            self._fail()
+
+    def resume(self) -> None:
+        """The state goes on."""
+        self.is_paused = False
+        self.clock.go_on()
+        self._woken = True
+        if self._guarded('on_resume', self.state.on_resume, self._userdata) is _Raised.RAISED:
             self._fail()
 
     def unsettled(self) -> str | None:
@@ -163,9 +191,28 @@ class LeafRun:
         return unsettled
 
     def next_wake(self) -> float | None:
-        """When it is to be executed next, apart from wake-ups."""
-        if self.outcome is not None or self.question is not None:
-            return None
+        """When it is to be executed next, apart from wake-ups, on the clock of the run."""
+        due = self._due() if self._is_running and not self.is_paused else None
+        return None if due is None else self.clock.on_base(due)
+
+    @property
+    def _is_running(self) -> bool:
+        """Whether it is executed, and not frozen until the operator has decided."""
+        if self.outcome is None:
+            return self.question is None
+        return self.state.runs_while_blocked and self.exit_reason is ExitReason.OUTCOME and self.is_entered
+
+    def _begin(self) -> None:
+        self.outcome = None
+        self.exit_reason = ExitReason.OUTCOME
+        self.question = None
+        self.entered_at = self._engine.clock.now()
+        self.is_paused = False
+        self.clock.catch_up()
+        self._wake_times.clear()
+        self._never_settled = None
+
+    def _due(self) -> float | None:
         due = self._wake_times[0] if self._wake_times else None
         if due is None or (self._next_poll is not None and self._next_poll < due):
             return self._next_poll
@@ -173,8 +220,8 @@ class LeafRun:
 
     def _is_due(self) -> bool:
         """Whether there is a reason to execute the state, which is taken by that."""
-        now = self._engine.clock.now()
-        due = self.next_wake()
+        now = self.clock.now()
+        due = self._due()
         if not self._woken and (due is None or due > now):
             return False
         self._woken = False
@@ -196,9 +243,18 @@ class LeafRun:
 
     def _fail(self) -> None:
         self.exit_reason = ExitReason.FAULT
+        self.question = None
         self.outcome = FAILED if FAILED in self.state.outcomes else None
         if self.outcome is None:
             self._engine.abort(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')
+
+    def _retire(self, state: EventState) -> None:
+        """Nothing follows for this state."""
+        if state._leaf is self:
+            try:
+                self._guarded('on_stop', state.on_stop)
+            finally:
+                state._leaf = None
 
     def _guarded(
         self, what: str, callback: Callable[..., _Result], *arguments: object

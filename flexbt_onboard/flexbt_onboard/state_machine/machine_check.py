@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Final
 
 from .autonomy import UNDECLARED, Autonomy
-from .definition import ERROR, PREEMPTED, ROOT_PATH, child_path
+from .condition_check import problems_of_conditions
+from .definition import ERROR, PREEMPTED, ROOT_PATH, StateKind, child_path
 from .event_state import EventState
+from .naming import hint
 from .userdata import copied
+from .wrappers import innermost
 
 if TYPE_CHECKING:
     from .machine import Child, OperatableStateMachine
@@ -36,14 +38,18 @@ def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -
         own = child_path(path, child.label)
         yield from _label(own, child.label, labels, machine)
         labels.add(child.label)
-        if id(child.state) in seen:
-            yield f'{own}: the same state object is also {seen[id(child.state)]}; make one for each place'
+        state = innermost(child.state) if isinstance(child.state, EventState) else child.state
+        if id(state) in seen:
+            yield f'{own}: the same state object is also {seen[id(state)]}; make one for each place'
             continue
-        seen[id(child.state)] = own
+        seen[id(state)] = own
         yield from _transitions(own, child, machine)
         yield from _keys(own, child.state)
         yield from _remapping(own, child)
-    yield from _reachability(path, machine)
+    if machine.kind is StateKind.CONCURRENCY:
+        yield from problems_of_conditions(path, machine)
+    else:
+        yield from _reachability(path, machine)
     yield from _data_flow(path, machine)
     for child in machine.children:
         own = child_path(path, child.label)
@@ -83,21 +89,20 @@ def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:
 
 def _transitions(own: str, child: Child, machine: OperatableStateMachine) -> Iterator[str]:
     outcomes = child.state.outcomes
-    targets = [*(sibling.label for sibling in machine.children), *machine.outcomes]
+    is_concurrent = machine.kind is StateKind.CONCURRENCY
+    targets = [*(sibling.label for sibling in machine.children if not is_concurrent), *machine.outcomes]
     for outcome in outcomes:
-        if outcome not in child.transitions:
+        if outcome not in child.transitions and not is_concurrent:
             yield f"{own}: the outcome '{outcome}' leads nowhere; add it to transitions"
     for outcome, target in child.transitions.items():
         if outcome not in outcomes:
-            yield f"{own}: transition of '{outcome}', which is no outcome of it{_hint(outcome, outcomes)}"
+            yield f"{own}: transition of '{outcome}', which is no outcome of it{hint(outcome, outcomes)}"
         if target not in targets:
-            yield (
-                f"{own}: the outcome '{outcome}' leads to '{target}', which is neither a state nor an outcome of the "
-                f'machine{_hint(target, targets)}'
-            )
+            what = 'no outcome of the container' if is_concurrent else 'neither a state nor an outcome of the machine'
+            yield f"{own}: the outcome '{outcome}' leads to '{target}', which is {what}{hint(target, targets)}"
     for outcome, level in child.autonomy.items():
         if outcome not in outcomes:
-            yield f"{own}: autonomy of '{outcome}', which is no outcome of it{_hint(outcome, outcomes)}"
+            yield f"{own}: autonomy of '{outcome}', which is no outcome of it{hint(outcome, outcomes)}"
         if not (isinstance(level, int) and UNDECLARED <= level <= Autonomy.Full):
             yield f"{own}: autonomy {level!r} of '{outcome}' is none of the levels Off 0, Low 1, High 2, Full 3"
 
@@ -106,7 +111,7 @@ def _remapping(own: str, child: Child) -> Iterator[str]:
     keys = {*child.state.input_keys, *child.state.output_keys}
     for key in child.remapping:
         if key not in keys:
-            yield f"{own}: remaps '{key}', which is none of its keys{_hint(key, keys)}"
+            yield f"{own}: remaps '{key}', which is none of its keys{hint(key, keys)}"
 
 
 def _reachability(path: str, machine: OperatableStateMachine) -> Iterator[str]:
@@ -138,15 +143,8 @@ def _data_flow(path: str, machine: OperatableStateMachine) -> Iterator[str]:
                 shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
                 yield (
                     f'{child_path(path, child.label)}: reads userdata key {shown}; no state of {path} writes it, and '
-                    f'it is neither an input nor a default of the machine{_hint(name, written)}'
+                    f'it is neither an input nor a default of the machine{hint(name, written)}'
                 )
     for key in machine.output_keys:
         if key not in written:
-            yield f"{path}: the output key '{key}' of the machine is written by none of its states{_hint(key, written)}"
-
-
-def _hint(name: str, known: Collection[str]) -> str:
-    near = difflib.get_close_matches(str(name), list(known), n=1)
-    if near:
-        return f"; did you mean '{near[0]}'?"
-    return f' ({", ".join(sorted(known))})' if known else ''
+            yield f"{path}: the output key '{key}' of the machine is written by none of its states{hint(key, written)}"

@@ -4,8 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from flexbt_common.clock import Clock, Timer
+
+EXIT_TIMEOUT: Final = 3.0
+"""How long a state that was left may take to come to rest, s."""
 
 
 class RestWait:

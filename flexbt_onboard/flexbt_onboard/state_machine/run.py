@@ -16,19 +16,21 @@ from typing import Any, Final, Protocol
 
 from flexbt_common.clock import Clock
 
+from . import operator_commands as commands
+from . import restoring, switching
 from .autonomy import NAMES, Autonomy
 from .command_queue import Answer, CommandQueue
 from .container import ContainerRun
+from .controls import Controls
 from .decision import Decision, DecisionKind
-from .definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition
+from .definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, are_apart, is_inside
 from .errors import StateMachineError
 from .event_state import ExitReason, Severity
 from .leaf import LeafRun
-from .rest import RestWait
+from .position import Position
+from .region import Region
+from .rest import EXIT_TIMEOUT, RestWait
 from .userdata import Scope
-
-EXIT_TIMEOUT: Final = 3.0
-"""How long a state that was left may take to come to rest, s."""
 
 MAX_TRANSITIONS: Final = 1000
 """Transitions in one step, with nothing waited for, that count as a livelock."""
@@ -58,7 +60,11 @@ class RunObserver(Protocol):
         """A state raised, or did not come to rest."""
 
     def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        """A state or machine was left; ``target`` is a path, or ``=OUTCOME`` of the machine around it."""
+        """A state or machine was left.
+
+        ``target`` is the path of what follows, ``=OUTCOME`` of the machine around it, or '' for a child of a
+        concurrency container which goes on without it. One that is repeated has no outcome, and follows itself.
+        """
 
 
 class MachineRun:
@@ -84,18 +90,23 @@ class MachineRun:
         on_wake: Callable[[], None] | None = None,
     ) -> None:
         if autonomy not in NAMES:
-            raise StateMachineError(_no_level(autonomy))
+            raise StateMachineError(commands.no_level(autonomy))
         self.definition = definition
         self.clock = clock
         self.observer = observer
         self.services = services
         self.outcome: str | None = None
         self.message = ''
+        self.is_paused = False
+        self.focus: str | None = None
+        """The priority container for which everything else stands still."""
+        self.controls = Controls(definition, autonomy)
+        self._claims: list[str] = []  # of priority containers, each inside the one before
+        self._holds_changed = False
         self._steady = steady if steady is not None else clock
         self._exit_timeout = exit_timeout
         self._max_transitions = max_transitions
         self._on_wake = on_wake
-        self._autonomy = {node.path: autonomy for node in definition.nodes()}
         self._root = ContainerRun(self, definition)
         self._scope = Scope(definition.defaults)
         for key, value in (userdata or {}).items():
@@ -112,25 +123,40 @@ class MachineRun:
 
     # -- life --------------------------------------------------------------------------------------------------------
 
-    def start(self) -> None:
+    def start(self, at: Position | None = None) -> None:
         """Call on_start of every state and enter the first one. Once, on the thread of the run.
 
+        With ``at`` the run goes on where another one was: its states are entered again, with ``is_resumed`` set, each
+        in a step of its own; what it had set for the operator holds again.
+
         Raises:
-            StateMachineError: it was called before.
+            StateMachineError: it was called before, or the machine cannot be ``at`` that position; with the reasons.
             StateError: a state is part of another run, which has not ended.
         """
         if self._is_started:
             raise StateMachineError('a run starts only once; make another MachineRun')
+        if at is not None and (reasons := restoring.reasons_against(self.definition, at)):
+            raise StateMachineError(f'the run cannot go on there: {"; ".join(reasons)}')
         self._is_started = True
         leaves = list(self._root.leaves())
         for leaf in leaves:
             leaf.bind()
         for leaf in leaves:
-            leaf.start()
+            if leaf.start():
+                self.abort(f'{leaf.path} raised in on_start')
         if self._end is None and self._preempt_reason is None:
-            self._root.begin(self._scope)
+            if at is not None:
+                self._go_on_at(at)
+            else:
+                self._root.begin(self._scope)
         self.changed()
         self.ring()
+
+    def _go_on_at(self, position: Position) -> None:
+        self.is_paused = position.is_paused
+        self._decisions = position.decision_count
+        self.controls.restore(position.levels, position.locked, position.breakpoints)
+        restoring.restore(self._root, self._scope, position)
 
     def step(self) -> bool:
         """Do everything that can be done now. True while the run goes on."""
@@ -142,9 +168,10 @@ class MachineRun:
                 self._end = _End(self._root.outcome, '', ExitReason.OUTCOME)
             elif self._preempt_reason is not None:
                 self._end = _End(PREEMPTED, self._preempt_reason, ExitReason.PREEMPTED)
-            else:
+            elif not (self._holds_changed and self._pause_or_resume_one()):
                 is_commanded = self._commands.apply_next()
-                if not self._root.advance() and not is_commanded and self._end is None:
+                is_advanced = not self.is_paused and self._root.advance()
+                if not (is_advanced or is_commanded or self._holds_changed) and self._end is None:
                     return True
         self._commands.refuse('the run is ending')
         return not self._come_to_rest(self._end)
@@ -152,7 +179,7 @@ class MachineRun:
     @property
     def next_wake(self) -> float | None:
         """When a step is due if nothing rings before, on the run's clock; None when nothing is."""
-        return self._root.next_wake() if self._end is None else None
+        return self._root.next_wake() if self._end is None and not self.is_paused else None
 
     # -- what the operator sees --------------------------------------------------------------------------------------
 
@@ -162,26 +189,91 @@ class MachineRun:
 
     @property
     def decisions(self) -> list[Decision]:
-        """What waits for the operator."""
-        return [machine.decision for machine in self._machines() if machine.decision is not None]
+        """What waits for the operator, oldest first."""
+        found = [region.decision for region in self.regions() if region.decision is not None]
+        return sorted(found, key=lambda decision: int(decision.id)) if len(found) > 1 else found
 
     def autonomy_of(self, path: str) -> int:
         """The level that holds for a state or machine: the one that was set last for it, or for what is around it."""
-        return self._autonomy[path]
+        return self.controls.level(path)
+
+    @property
+    def autonomy_levels(self) -> dict[str, int]:
+        """The level of the root by its path, and of each sub-tree that has another one than what is around it."""
+        return self.controls.levels()
+
+    @property
+    def locked(self) -> list[str]:
+        """Paths of the states and machines that are locked, sorted."""
+        return sorted(self.controls.locked)
+
+    @property
+    def breakpoints(self) -> list[str]:
+        """Paths of the states and machines with a breakpoint, sorted."""
+        return sorted(self.controls.breakpoints)
+
+    def position(self) -> Position:
+        """Where the run is, for another run to :meth:`start` there. On its thread, in a call of the observer too."""
+        return restoring.position_of(self._root, self.controls, self._decisions, is_paused=self.is_paused)
 
     # -- commands; from any thread -----------------------------------------------------------------------------------
 
     def confirm(self, decision_id: str, answer: Answer) -> None:
         """Let what a decision asks for happen."""
-        self._command(lambda: self._confirm(decision_id), answer)
+        self._command(lambda: commands.confirm(self, decision_id), answer)
 
     def force(self, path: str, outcome: str, decision_id: str, answer: Answer) -> None:
         """Leave a state or machine by an outcome. ``decision_id`` is the decision that it overrides, or ''."""
-        self._command(lambda: self._force(path, outcome, decision_id), answer)
+        self._command(lambda: commands.force(self, path, outcome, decision_id), answer)
+
+    def repeat(self, path: str, answer: Answer) -> None:
+        """Leave an active state or machine, and enter it again when it is at rest."""
+        self._command(lambda: commands.repeat(self, path), answer)
 
     def set_autonomy(self, level: int, path: str, answer: Answer) -> None:
         """Change the level of the run, or of the sub-tree ``path`` ('' or '/' for all, sub-trees included)."""
-        self._command(lambda: self._set_autonomy(level, path), answer)
+        self._command(lambda: commands.set_autonomy(self, level, path), answer)
+
+    def lock(self, path: str, answer: Answer) -> None:
+        """Hold back each transition that would leave a state or machine, also by leaving what is around it.
+
+        What it wants to be left by is kept until then, forced outcomes too. A stop is not held back, and neither is
+        :meth:`repeat` of the locked one itself. What is not active yet is locked in when it is entered.
+        """
+        self._command(lambda: commands.mark(self, self.controls.locked, path, 'is locked'), answer)
+
+    def unlock(self, path: str, answer: Answer) -> None:
+        """Undo :meth:`lock`: what was held back happens, if nothing else keeps it."""
+        self._command(lambda: commands.unmark(self, self.controls.locked, path, 'is locked'), answer)
+
+    def set_breakpoint(self, path: str, answer: Answer) -> None:
+        """Let each transition out of a state or machine wait for the operator, whatever the autonomy."""
+        self._command(lambda: commands.mark(self, self.controls.breakpoints, path, 'has a breakpoint'), answer)
+
+    def clear_breakpoint(self, path: str, answer: Answer) -> None:
+        """Undo :meth:`set_breakpoint`; the autonomy decides again, also of what waits."""
+        self._command(lambda: commands.unmark(self, self.controls.breakpoints, path, 'has a breakpoint'), answer)
+
+    def pause(self, answer: Answer) -> None:
+        """Let the run stand still: no state is executed or left, and time does not pass for the active ones.
+
+        They are told by on_pause. Commands that would leave something are refused until :meth:`resume`, others are not.
+        A stop works as ever. What was left before goes on coming to rest, but nothing is entered after it.
+        """
+        self._command(lambda: self._set_paused(True, 'the run is paused already'), answer)
+
+    def resume(self, answer: Answer) -> None:
+        """Go on after :meth:`pause`."""
+        self._command(lambda: self._set_paused(False, 'the run is not paused'), answer)
+
+    def switch(self, definition: MachineDefinition, answer: Answer) -> None:
+        """Go on with another machine, which has the active states at the same paths.
+
+        These are not left and entered for it: the state objects that are active stay, with their userdata, until their
+        visit is over. The refusal names each state that cannot stay. on_start and on_stop of all other states are
+        called; what waited for the operator is asked again, since it may lead elsewhere now.
+        """
+        self._command(lambda: self._switch(definition), answer)
 
     def preempt(self, reason: str = '') -> None:
         """Stop the run, whatever it is doing. It cannot be taken back."""
@@ -231,65 +323,77 @@ class MachineRun:
             self.fault(path, text)
             self.abort(f'livelock: {text}, the last of them from {loop}')
 
+    def regions(self) -> Iterator[Region]:
+        """The regions of everything that is active, outermost first."""
+        return self._root.active_regions()
+
+    def claim(self, path: str) -> None:
+        """Let everything stand still that is apart from a priority container."""
+        self._set_claims([*self._claims, path])
+
+    def release(self, path: str) -> None:
+        """Nothing of what is in a state or machine has priority any more."""
+        if self._claims:
+            self._set_claims([claim for claim in self._claims if not is_inside(claim, path)])
+
+    def is_held(self, path: str) -> bool:
+        """Whether a state or machine stands still."""
+        return self.is_paused or (self.focus is not None and are_apart(path, self.focus))
+
+    def locked_inside(self, top: str) -> list[str]:
+        """What is active and locked in a state or machine, itself included."""
+        locked = [path for path in self.locked if is_inside(path, top)]
+        active = {ROOT_PATH, *(node.path for node in self._root.active())} if locked else set()
+        return [path for path in locked if path in active]
+
+    def _set_claims(self, claims: list[str]) -> None:
+        self._claims = claims
+        focus = claims[-1] if claims else None
+        if focus != self.focus:
+            self.focus = focus
+            self._holds_changed = True
+
+    def _pause_or_resume_one(self) -> bool:
+        """Tell one state that it stands still or goes on; one in a step, so that a stop comes before the next."""
+        for leaf in self.active_states():
+            if leaf.is_entered and leaf.is_paused != self.is_held(leaf.path):
+                if leaf.is_paused:
+                    leaf.resume()
+                else:
+                    leaf.pause()
+                self.changed()
+                return True
+        self._holds_changed = False
+        return False
+
     # -- commands; on the thread of the run --------------------------------------------------------------------------
 
     def _command(self, apply: Callable[[], str | None], answer: Answer) -> None:
         self._commands.put(apply, answer)
         self.ring()
 
-    def _confirm(self, decision_id: str) -> str | None:
-        machine = self._deciding(decision_id)
-        if machine is None:
-            return self._no_decision(decision_id)
-        decision = machine.decision
-        if decision is not None and not decision.outcome:
-            return f'decision {decision_id} suggests nothing: force one of {", ".join(decision.outcomes)}'
-        machine.approve()
-        return None
-
-    def _force(self, path: str, outcome: str, decision_id: str) -> str | None:
-        parent = next((machine for machine in self._machines() if machine.child and machine.child.path == path), None)
-        if parent is None or parent.child is None:
-            if path not in self._autonomy:
-                return f'there is no state {path!r}'
-            active = ', '.join(leaf.path for leaf in self.active_states()) or 'none'
-            return f'{path} is not active (active: {active})'
-        if decision_id and (parent.decision is None or parent.decision.id != decision_id):
-            deciding = self._deciding(decision_id)
-            if deciding is None or deciding.decision is None:
-                return self._no_decision(decision_id)
-            return f'decision {decision_id!r} is about {deciding.decision.path}, not about {path}'
-        outcomes = parent.child.definition.outcomes
-        if outcome not in outcomes:
-            return f'{path} has no outcome {outcome!r}; its outcomes are {", ".join(outcomes)}'
-        if parent.is_leaving or not parent.is_active:
-            return f'{path} is being left already'
-        parent.force(outcome)
-        return None
-
-    def _set_autonomy(self, level: int, path: str) -> str | None:
-        top = path or ROOT_PATH
-        if level not in NAMES:
-            return _no_level(level)
-        if top not in self._autonomy:
-            return f'there is no state {path!r}'
-        inside = f'{top.rstrip("/")}/'
-        self._autonomy = {
-            path: level if f'{path}/'.startswith(inside) else before for path, before in self._autonomy.items()
-        }
+    def _set_paused(self, is_paused: bool, refusal: str) -> str | None:
+        if self.is_paused is is_paused:
+            return refusal
+        self.is_paused = is_paused
+        self._holds_changed = True
         self.changed()
         return None
 
-    def _no_decision(self, decision_id: str) -> str:
-        pending = ', '.join(decision.id for decision in self.decisions) or 'none'
-        return f'decision {decision_id!r} is not pending any more (pending: {pending})'
-
-    def _deciding(self, decision_id: str) -> ContainerRun | None:
-        return next((one for one in self._machines() if one.decision and one.decision.id == decision_id), None)
-
-    def _machines(self) -> Iterator[ContainerRun]:
-        yield self._root
-        yield from (node for node in self._root.active() if isinstance(node, ContainerRun))
+    def _switch(self, definition: MachineDefinition) -> str | None:
+        position = self.position()
+        root = ContainerRun(self, definition)
+        staying = {leaf.path: leaf for leaf in self.active_states()}
+        refusal = switching.prepare(root, self._root, position)
+        if refusal is not None:
+            return refusal
+        old, self._root, self.definition = self._root, root, definition
+        self.controls.move_to(definition)
+        self._claims, self.focus, self._holds_changed = [], None, True
+        self._scope = Scope(definition.defaults)
+        switching.move(old, root, self._scope, position, staying)
+        self.changed()
+        return None
 
     # -- the end -----------------------------------------------------------------------------------------------------
 
@@ -309,7 +413,7 @@ class MachineRun:
         return True
 
     def _finish(self, outcome: str, message: str) -> None:
-        self._root.child = None
+        self._root.clear()
         for leaf in self._root.leaves():
             leaf.stop()
         self.message = message
@@ -320,7 +424,3 @@ class MachineRun:
     def userdata(self) -> dict[str, Any]:
         """The root machine's userdata."""
         return self._scope.values()
-
-
-def _no_level(level: int) -> str:
-    return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'

@@ -72,6 +72,10 @@ class Scope:
         """Keys and values of this scope itself."""
         return dict(self._data)
 
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Take over values that a scope of this machine had, without writing them anywhere else."""
+        self._data.update(values)
+
 
 class UserData:
     """What a state sees of its machine's userdata: ``userdata.key`` or ``userdata['key']``."""
@@ -99,8 +103,6 @@ class UserData:
             raise UserDataError(f"{self._owner}: cannot read userdata key '{key}'; declare it in input_keys")
         name = self._remap.get(key, key)
         is_shared = key in self._outputs
-        if not is_shared and name in self._copies:
-            return self._copies[name]
         shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
         try:
             value = self._scope.get(name)
@@ -108,14 +110,18 @@ class UserData:
             raise UserDataError(f'{self._owner}: userdata key {shown} has no value; nobody has written it') from None
         if is_shared or isinstance(value, _IMMUTABLE):
             return value
+        original, copy_of_it = self._copies.get(name, (None, None))
+        if original is value:  # otherwise a state that is active at the same time has written another one
+            return copy_of_it
         try:
-            value = self._copies[name] = copied(value)
+            own = copied(value)
         except Exception as error:  # code of the value
             raise UserDataError(
                 f'{self._owner}: the {type(value).__name__} in userdata key {shown} cannot be copied ({error}); '
                 'to share it, declare the key in io_keys'
             ) from error
-        return value
+        self._copies[name] = value, own
+        return own
 
     def __setitem__(self, key: str, value: Any) -> None:
         if key not in self._outputs:
