@@ -22,6 +22,7 @@ setup(
     entry_points={
         'console_scripts': [
             'onboard_executive = flexbt_onboard.onboard_executive:main',
+            'run_report = flexbt_onboard.run_report:main',
         ],
     },
 )

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterValueException, InvalidTopicNameException, ParameterException
@@ -13,10 +13,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common import names
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.record import RECORD_FILES, RECORD_SIZE
-
-RECORD_DIRECTORY: Final = '~/.ros/flexbt'
-"""Where the node keeps its record unless it is told otherwise."""
+from flexbt_onboard.record import RECORD_DIRECTORY, RECORD_FILES, RECORD_SIZE
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 """The journal: what the executive has to know after a crash, on the disk before anybody is told of it.
 
 The file ``<node>.journal`` holds lines that are only appended: the CRC-32 of the rest as eight hexadecimal digits, a
-space, and an object of JSON. What a crash has cut off at the end is dropped when the file is opened. The file is written
-anew, beside the old one and then in its place, when it has grown.
+space, and an object of JSON. What a crash has cut off at the end is dropped when the file is opened. The file is
+written anew, beside the old one and then in its place, when it has grown.
 
 A line has some of these:
 

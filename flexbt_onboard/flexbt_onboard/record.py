@@ -36,9 +36,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from flexbt_common.ros_clock import RosClock
+if TYPE_CHECKING:
+    from flexbt_common.ros_clock import RosClock
+
+RECORD_DIRECTORY: Final = '~/.ros/flexbt'
+"""Where the executive keeps its record unless it is told otherwise."""
 
 RECORD_SIZE: Final = 10_000_000
 """Bytes of a file before the next one is begun."""

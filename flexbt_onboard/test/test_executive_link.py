@@ -23,7 +23,8 @@ from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.executive_parameters import RECORD_DIRECTORY, ExecutiveParameters, declare_parameters
+from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_parameters
+from flexbt_onboard.record import RECORD_DIRECTORY
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
 from flexbt_onboard.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a record says of a run: where the time went, how often the operator was needed, and what operators did.
+
+The figures are those of FlexBE's evaluation of its logs: time in each state, time of waiting for the operator, visits,
+and interventions. Times are in seconds on the clock of the node, or of wall time.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+Event = Mapping[str, Any]
+
+ROOT: Final = '/'
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One stay in a state or machine, from its entry until it was left; ``outcome`` is '' when the run ended in it."""
+
+    path: str
+    begin: float
+    end: float
+    outcome: str = ''
+    reason: str = ''
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Waiting for the operator at a state."""
+
+    path: str
+    begin: float
+    end: float
+    kind: str
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Intervention:
+    """A command of an operator for the run, and what became of it."""
+
+    time: float
+    operator: str
+    command: str
+    effect: str
+    text: str
+
+
+@dataclass
+class PathMetrics:
+    """Figures of a state or machine; times in seconds."""
+
+    path: str
+    visits: int = 0
+    total: float = 0.0
+    longest: float = 0.0
+    waiting: float = 0.0
+    outcomes: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass
+class RunMetrics:
+    """Figures of one run."""
+
+    run: str
+    behavior: str = ''
+    by: str = ''
+    begin: float = 0.0
+    end: float = 0.0
+    outcome: str = ''
+    message: str = ''
+    visits: list[Visit] = field(default_factory=list)
+    waits: list[Wait] = field(default_factory=list)
+    interventions: list[Intervention] = field(default_factory=list)
+    faults: int = 0
+
+    @property
+    def duration(self) -> float:
+        """From the start to the end, or to the last event of a run that has no end."""
+        return self.end - self.begin
+
+    @property
+    def waiting(self) -> float:
+        """Time in which at least one decision waited for the operator."""
+        total, until = 0.0, self.begin
+        for wait in sorted(self.waits, key=lambda wait: wait.begin):
+            total += max(0.0, wait.end - max(wait.begin, until))
+            until = max(until, wait.end)
+        return total
+
+    def paths(self) -> list[PathMetrics]:
+        """Figures by path, in the order of the first entry, each machine before what is in it."""
+        found: dict[str, PathMetrics] = {}
+        for visit in sorted(self.visits, key=lambda visit: (visit.begin, visit.path)):
+            one = found.setdefault(visit.path, PathMetrics(visit.path))
+            one.visits += 1
+            one.total += visit.end - visit.begin
+            one.longest = max(one.longest, visit.end - visit.begin)
+            if visit.outcome:
+                one.outcomes[visit.outcome] = one.outcomes.get(visit.outcome, 0) + 1
+        for wait in self.waits:
+            if wait.path in found:
+                found[wait.path].waiting += wait.end - wait.begin
+        return list(found.values())
+
+    def commands(self) -> dict[str, int]:
+        """How many commands of each kind were applied, and how many were refused, as ``KIND refused``."""
+        names = [
+            one.command if one.effect == 'applied' else f'{one.command} {one.effect}' for one in self.interventions
+        ]
+        return dict(Counter(names))
+
+
+def read_events(files: Iterable[Path]) -> Iterator[Event]:
+    """The events of the files of a record, the oldest file first. Lines that were cut off are left out.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    for file in files:
+        with file.open(encoding='utf-8', errors='replace') as lines:
+            for line in lines:
+                try:
+                    event = json.loads(line)
+                except ValueError:
+                    continue
+                if isinstance(event, dict) and 'event' in event:
+                    yield event
+
+
+def metrics_of(events: Iterable[Event], *, wall: bool = False) -> list[RunMetrics]:
+    """The runs of a record, in the order of their starts."""
+    runs: dict[str, _Reader] = {}
+    for event in events:
+        kind = event['event']
+        if kind == 'executive':
+            for reader in runs.values():
+                reader.interrupt()
+            continue
+        run = str(event.get('run', ''))
+        if kind in ('started', 'resumed') and run not in runs:
+            runs[run] = _Reader(RunMetrics(run), 'time' if wall else 'stamp')
+        if run in runs:
+            runs[run].take(kind, event)
+    return [reader.finished() for reader in runs.values()]
+
+
+class _Reader:
+    """Takes in the events of one run."""
+
+    def __init__(self, metrics: RunMetrics, clock: str) -> None:
+        self._metrics = metrics
+        self._clock = clock
+        self._active: dict[str, float] = {}
+        self._waiting: dict[str, tuple[float, Event]] = {}
+        self._now: float | None = None
+
+    def take(self, kind: str, event: Event) -> None:
+        """Take in an event. A clock that was set back stands still until it is there again."""
+        metrics = self._metrics
+        now = float(event.get(self._clock, 0.0))
+        if self._now is None:
+            metrics.begin = now
+        else:
+            now = max(now, self._now)
+        self._now = metrics.end = now
+        path = str(event.get('path', ''))
+        if kind == 'started':
+            metrics.behavior, metrics.by = str(event.get('behavior', '')), str(event.get('by', ''))
+        elif kind == 'entered':
+            for around in _levels(path):
+                self._active.setdefault(around, now)
+        elif kind == 'left':
+            self._leave(path, now, str(event.get('outcome', '')), str(event.get('reason', '')))
+        elif kind == 'waiting':
+            self._waiting[str(event.get('decision'))] = now, event
+        elif kind == 'decided':
+            self._decide(str(event.get('decision')), now)
+        elif kind == 'fault':
+            metrics.faults += 1
+        elif kind == 'command':
+            parts = [event.get(name) for name in ('path', 'outcome', 'decision', 'autonomy', 'because', 'why')]
+            text = ' '.join(str(part) for part in parts if part not in (None, ''))
+            metrics.interventions.append(
+                Intervention(
+                    now,
+                    str(event.get('operator', '')),
+                    str(event.get('command', '')),
+                    str(event.get('effect', '')),
+                    text,
+                )
+            )
+        elif kind == 'ended':
+            metrics.outcome, metrics.message = str(event.get('outcome', '')), str(event.get('message', ''))
+            self.interrupt(metrics.outcome)
+
+    def interrupt(self, outcome: str = '') -> None:
+        """Everything that is active ends here: with the run, or with the executive."""
+        if self._now is not None:
+            for path in sorted(self._active, reverse=True):
+                self._leave(path, self._now, outcome if path == ROOT else '', '')
+            for decision in list(self._waiting):
+                self._decide(decision, self._now)
+
+    def finished(self) -> RunMetrics:
+        """The figures, when there are no more events."""
+        self.interrupt()
+        return self._metrics
+
+    def _leave(self, path: str, now: float, outcome: str, reason: str) -> None:
+        inside = [active for active in self._active if active.startswith(f'{path.rstrip("/")}/') and active != path]
+        for active in sorted(inside, reverse=True):
+            self._metrics.visits.append(Visit(active, self._active.pop(active), now))
+        begin = self._active.pop(path, now)
+        self._metrics.visits.append(Visit(path, begin, now, outcome, reason))
+
+    def _decide(self, decision: str, now: float) -> None:
+        begin, event = self._waiting.pop(decision, (now, None))
+        if event is not None:
+            self._metrics.waits.append(
+                Wait(
+                    str(event.get('path', '')),
+                    begin,
+                    now,
+                    str(event.get('kind', '')),
+                    str(event.get('outcome', '')),
+                )
+            )
+
+
+def _levels(path: str) -> Sequence[str]:
+    """A path and those of the machines around it, the root first."""
+    labels = [label for label in path.split('/') if label]
+    return [ROOT, *('/' + '/'.join(labels[: number + 1]) for number in range(len(labels)))]

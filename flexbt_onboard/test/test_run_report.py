@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of a run: against a random run whose times are known, and from the record of a real one."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from executive_bench import ExecutiveBench, behavior_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.run_metrics import RunMetrics, metrics_of
+from flexbt_onboard.run_report import as_json, as_text, main
+from flexbt_onboard.run_timeline import timeline
+from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+
+
+def parsed(picture: str) -> ElementTree.Element:
+    """The picture, which has to be well-formed."""
+    return ElementTree.fromstring(picture)  # noqa: S314 - our own
+
+
+PATHS = ['/A', '/B', '/M/C', '/M/D', '/M/N/E']
+
+
+def random_run(seed: int) -> tuple[list[dict[str, Any]], dict[str, float], dict[str, int], float]:
+    """Events of a run of states one after the other; time and visits by path, and the time of waiting."""
+    source = random.Random(seed)
+    now, waiting = 100.0, 0.0
+    total: dict[str, float] = {}
+    visits: dict[str, int] = {}
+    events: list[dict[str, Any]] = []
+
+    def note(event: str, **fields: Any) -> None:
+        events.append({'time': now, 'stamp': now, 'event': event, 'run': 'r', **fields})
+
+    note('started', behavior='B', by='ann')
+    path = None
+    for number in range(source.randint(0, 30)):
+        following = source.choice(PATHS)
+        if path is not None:
+            note('left', path=path, outcome='done', target=following, reason='outcome')
+            parents = [machine for machine in ('/M/N', '/M') if path.startswith(machine + '/')]
+            for machine in parents:
+                if not following.startswith(machine + '/'):
+                    note('left', path=machine, outcome='done', target=following, reason='outcome')
+        around = ['/M', '/M/N'][: following.count('/') - 1]
+        for one in (following, *around):
+            is_new = one == following or path is None or not path.startswith(one + '/')
+            visits[one] = visits.get(one, 0) + is_new
+        path = following
+        note('entered', path=path)
+        stay = source.choice([0.0, 0.5, 2.0])
+        now += stay
+        for one in (path, *around):
+            total[one] = total.get(one, 0.0) + stay
+        if source.random() < 0.4:
+            note('waiting', decision=str(number), path=path, kind='transition', outcome='done')
+            wait = source.choice([0.25, 4.0])
+            now += wait
+            waiting += wait
+            for one in (path, *around):
+                total[one] += wait
+            note('decided', decision=str(number))
+    note('ended', outcome='finished', message='')
+    return events, total, visits, waiting
+
+
+@given(st.integers(0, 10_000))
+def test_times_visits_and_waiting_are_those_of_the_run(seed: int) -> None:
+    events, total, visits, waiting = random_run(seed)
+    (run,) = metrics_of(events)
+    found = {one.path: one for one in run.paths() if one.path != '/'}
+    assert {path: one.total for path, one in found.items()} == pytest.approx(total)
+    assert {path: one.visits for path, one in found.items()} == visits
+    assert run.waiting == pytest.approx(waiting)
+    assert sum(one.waiting for one in found.values()) == pytest.approx(waiting)
+    assert run.duration == pytest.approx(sum(found[path].total for path in found if path in PATHS))
+    picture = parsed(timeline(run))
+    bars = [one for one in picture.iter() if one.tag.endswith('rect') and one.get('class')]
+    assert len(bars) == len(run.visits) + len(run.waits)
+    assert all(float(bar.get('x', 0)) + float(bar.get('width', 0)) <= 260 + 900 + 1 for bar in bars)
+
+
+def test_a_crash_ends_what_was_active_and_the_run_may_go_on_later() -> None:
+    def event(time: float, event: str, **fields: Any) -> dict[str, Any]:
+        return {'time': time, 'stamp': time, 'event': event, **fields}
+
+    (run,) = metrics_of(
+        [
+            event(0.0, 'started', run='r', behavior='B', by='ann'),
+            event(1.0, 'entered', run='r', path='/A'),
+            event(2.0, 'waiting', run='r', decision='d', path='/A', kind='choice'),
+            event(60.0, 'executive', state='started'),
+            event(61.0, 'resumed', run='r', behavior='B', by='ann'),
+            event(61.0, 'entered', run='r', path='/A'),
+            event(63.0, 'left', run='r', path='/A', outcome='done', target='=finished', reason='forced'),
+            event(63.0, 'ended', run='r', outcome='finished', message=''),
+        ]
+    )
+    of_a = next(one for one in run.paths() if one.path == '/A')
+    assert (of_a.visits, of_a.total, run.outcome) == (2, 3.0, 'finished')
+    assert [visit.outcome for visit in run.visits if visit.path == '/A'] == ['', 'done']
+
+
+class Ask(EventState):
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done', 'out'], desired_rate=None)
+
+    def execute(self, userdata: Any) -> str:
+        return 'done'
+
+
+def asking() -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('Ask', Ask(), {'done': 'Ask', 'out': 'finished'}, autonomy={'done': Autonomy.Full})
+    return machine
+
+
+def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bench = ExecutiveBench(
+        behavior_of(asking, 'Ask <&> me'), parameters=ExecutiveParameters(peers=(), record_directory=str(tmp_path))
+    )
+    try:
+        for _ in range(2):
+            run_id = bench.start('Ask <&> me', operator_id='ann')
+            decision = bench.wait_for(lambda status: status.decisions, 'decision')[0]
+            bench.applied(ExecutiveCommand.CONFIRM, decision_id=decision.id, operator_id='eve\x1b[31m')
+            bench.applied(ExecutiveCommand.FORCE, path='/Ask', outcome='out', operator_id='ann')
+            bench.wait_idle()
+    finally:
+        bench.close()
+    file = str(tmp_path / 'onboard_executive.jsonl')
+    assert main([file, '--list']) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 2
+    assert main([file]) == 0
+    text = capsys.readouterr().out
+    assert 'Ask <&> me: finished' in text
+    assert '\x1b' not in text
+    assert 'CONFIRM 1, FORCE 1' in text
+    assert main([file, '--json', '--run', run_id[:8]]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told['commands'] == {'CONFIRM': 1, 'FORCE': 1}
+    assert [(one['path'], one['visits'], one['outcomes']) for one in told['states']] == [
+        ('/', 1, {'finished': 1}),
+        ('/Ask', 2, {'done': 1, 'out': 1}),
+    ]
+    assert told['waiting'] > 0.0
+    assert main([file, '--svg', str(tmp_path / 'run.svg')]) == 0
+    capsys.readouterr()
+    picture = parsed((tmp_path / 'run.svg').read_text())
+    assert [one.get('class') for one in picture.iter() if one.tag.endswith('line') and one.get('class') == 'who']
+    assert main([file, '--run', 'nonsense']) == 1
+    assert main([str(tmp_path / 'missing.jsonl')]) == 2
+
+
+def test_a_run_without_any_event_has_a_report_as_well() -> None:
+    empty = RunMetrics('r')
+    assert as_text(empty)
+    assert as_json(empty)['duration'] == 0.0
+    parsed(timeline(empty))
