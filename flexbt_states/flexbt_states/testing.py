@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench to test states with: they run in a real machine on a real thread, against action servers that follow a script."""
+"""A bench to test states with: they run in a real machine on a real thread, with scripted action servers."""
 
 from __future__ import annotations
 
@@ -186,6 +186,8 @@ class StateBench:
                 changed=self._count,
             )
         )
+        self.closing: list[Callable[[], object]] = []
+        """What else is to be closed at the end."""
         self._servers: list[ScriptedServer] = []
         self._runs: list[Run] = []
 
@@ -239,6 +241,8 @@ class StateBench:
             run.behavior_run.join(DEADLINE)
         for server in self._servers:
             server.close()
+        for close in self.closing:
+            close()
         self.runtime.close()
 
     def _count(self) -> None:

@@ -25,7 +25,7 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
-NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_msgs'}  # used where there is an installation
+NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_msgs', 'tf2_ros'}  # used where there is an installation
 PEERS = {'behaviortreepy', 'py_trees'}  # tests that compare with them skip without them; rosdep has no key for them
 TEST_PLUGIN = ROOT / 'flexbt_common' / 'flexbt_common' / 'testing.py'  # every run of pytest loads it
 NOT_SOURCES = {'package.xml', 'setup.py'}

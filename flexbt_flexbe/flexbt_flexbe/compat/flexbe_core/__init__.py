@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's ``flexbe_core``, on FlexBT's engine."""
+
+from flexbt_flexbe import (
+    Autonomy,
+    Behavior,
+    EventState,
+    Logger,
+    OperatableStateMachine,
+    StateLogger,
+    UserData,
+    initialize_flexbe_core,
+    set_node,
+)
+
+__all__ = [
+    'Autonomy',
+    'Behavior',
+    'EventState',
+    'Logger',
+    'OperatableStateMachine',
+    'StateLogger',
+    'UserData',
+    'initialize_flexbe_core',
+    'set_node',
+]

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The errors of flexbt_flexbe.
+
+FlexbtError
+├── ProxyError          a proxy was used against its rules, or what it asked for cannot be given
+│   └── NoResultError   a goal or request ended without anything that could be taken for a result
+├── ShimError           FlexBE's modules cannot be stood in for
+└── FlexbeManifestError a behavior's manifest, or its source, cannot be used
+"""
+
+from __future__ import annotations
+
+from flexbt_common.errors import FlexbtError
+
+
+class ProxyError(FlexbtError, ValueError):
+    """A proxy was used against its rules. (FlexBE raises ValueError, which states catch.)"""
+
+
+class NoResultError(ProxyError):
+    """A goal or request ended without a result; the text says how it ended."""
+
+
+class ShimError(FlexbtError, ImportError):
+    """FlexBE's modules cannot be stood in for."""
+
+
+class FlexbeManifestError(FlexbtError):
+    """A behavior's manifest, or the class that it names, cannot be used."""

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's proxies: what states use instead of rclpy's clients, publishers and subscriptions.
+
+None of them waits, with one exception that has a deadline (:meth:`ProxyServiceCaller.call`). What they hold belongs to
+the run in which they were made, and ends with it.
+"""
+
+from typing import Any
+
+from flexbt_flexbe.proxy.action_client import ProxyActionClient
+from flexbt_flexbe.proxy.publisher import ProxyPublisher
+from flexbt_flexbe.proxy.service_caller import ProxyServiceCaller
+from flexbt_flexbe.proxy.subscriber_cached import ProxySubscriberCached
+from flexbt_flexbe.proxy.transform_listener import ProxyTransformListener
+
+__all__ = [
+    'ProxyActionClient',
+    'ProxyPublisher',
+    'ProxyServiceCaller',
+    'ProxySubscriberCached',
+    'ProxyTransformListener',
+    'initialize_proxies',
+    'shutdown_proxies',
+]
+
+
+def initialize_proxies(node: Any) -> None:
+    """Does nothing: proxies find the node of their run."""
+
+
+def shutdown_proxies() -> None:
+    """Does nothing: proxies end with their run."""

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's proxy for actions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from action_msgs.msg import GoalStatus as RosGoalStatus
+
+from flexbt_common.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_flexbe.errors import NoResultError, ProxyError
+from flexbt_flexbe.proxy.run_goals import RunGoals
+from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy
+from flexbt_onboard.state_machine import called_state
+
+SERVER_SECONDS: Final = 2.0
+"""How long a server may take to be discovered after the client was made; later it counts as not there."""
+
+_STATUS: Final = {
+    GoalStatus.SUCCEEDED: RosGoalStatus.STATUS_SUCCEEDED,
+    GoalStatus.CANCELED: RosGoalStatus.STATUS_CANCELED,
+}
+
+
+@dataclass
+class _Client:
+    """One action as this proxy uses it: the link, and the goal that was sent last."""
+
+    link: ActionServerLink
+    made_at: float
+    listeners: Listeners = field(default_factory=Listeners)
+    call: ActionCall | None = None
+    feedback: Any = None
+    is_removed: bool = False
+
+    @property
+    def ended(self) -> GoalOutcome | None:
+        """How the last goal ended, unless that was removed."""
+        return self.call.outcome if self.call is not None and not self.is_removed else None
+
+
+class ProxyActionClient(RunProxy):
+    """Sends goals, one at a time on each action, and keeps what comes back.
+
+    Each proxy has its own goals: two states that use the same action do not disturb each other. Nothing waits: a goal
+    is sent when its server is there, and when none appears, or the goal is rejected, lost, or aborted without a word,
+    :meth:`get_result` raises an error that says so, instead of giving a result that nobody has sent.
+    """
+
+    def __init__(self, topics: Mapping[str, type[Any]] | None = None, wait_duration: float = 10.0) -> None:
+        super().__init__()
+        self._clients: dict[str, _Client] = {}
+        for topic, action_type in (topics or {}).items():
+            self.setupClient(topic, action_type, wait_duration)
+
+    def setupClient(self, topic: str, action_type: type[Any], wait_duration: float = 10.0) -> None:
+        """Make the action known. Discovery begins now; it is not waited for, whatever ``wait_duration`` says."""
+        known = self._clients.get(topic)
+        if known is not None and known.link.action_type is action_type:
+            return
+        if known is not None:
+            raise ProxyError(f'action {topic!r} is used as {known.link.type_name} already, not as {action_type!r:.80}')
+        services = self._run.services
+        self._clients[topic] = _Client(services.actions.link(action_type, topic), services.runtime.steady.now())
+
+    setup_client = setupClient
+
+    def send_goal(self, topic: str, goal: Any, wait_duration: float = 0.0) -> None:
+        """Send a goal; its server has to appear within ``wait_duration`` seconds, which are not waited for here.
+
+        Raises:
+            ProxyError: the action was not set up, the goal is not one of it, the last goal is still active, or it is
+                known already that there is no server.
+        """
+        client = self._client(topic)
+        goal_type = client.link.action_type.Goal
+        if not isinstance(goal, goal_type):
+            raise ProxyError(f'action {topic!r}: a goal is a {goal_type.__name__}, not {goal!r:.80}')
+        if self.is_active(topic) and client.call is not None and not client.call.cancel_requested:
+            raise ProxyError(f'action {topic!r}: the goal that was sent before is still active; cancel it first')
+        runtime = self._run.services.runtime
+        patience = max(wait_duration, SERVER_SECONDS - (runtime.steady.now() - client.made_at))
+        if patience <= 0 and not client.link.is_ready():
+            raise ProxyError(f'there is no action server {client.link}; is its node running?')
+        client.feedback = None
+        client.is_removed = False
+        client.listeners.note_caller()
+
+        def keep_feedback(feedback: Any) -> None:
+            client.feedback = client.link.action_type.Impl.FeedbackMessage(feedback=feedback)
+            client.listeners.wake()
+
+        client.call = ActionCall(
+            client.link,
+            goal,
+            on_done=lambda _: client.listeners.wake(),
+            on_feedback=keep_feedback,
+            server_timeout=max(patience, 0.0),
+        )
+        self._run.shared(RunGoals).add(called_state(), topic, client.call)
+
+    def is_available(self, topic: str) -> bool:
+        """Whether the action was set up and its server is there."""
+        client = self._clients.get(topic)
+        return client is not None and client.link.is_ready()
+
+    def is_active(self, topic: str) -> bool:
+        """Whether a goal was sent and has not ended."""
+        client = self._asked(topic)
+        return client is not None and client.call is not None and not client.call.done
+
+    def has_result(self, topic: str) -> bool:
+        """Whether the goal has ended; :meth:`get_result` says how."""
+        client = self._asked(topic)
+        return client is not None and client.ended is not None
+
+    def get_result(self, topic: str) -> Any:
+        """The result of the goal, None while there is none.
+
+        Raises:
+            NoResultError: the goal has ended without one. An aborted goal whose result was left as it is constructed
+                counts so: its zeros often mean success.
+        """
+        client = self._asked(topic)
+        ended = client.ended if client is not None else None
+        if client is None or ended is None:
+            return None
+        result = ended.result
+        is_own_cancel = ended.status is GoalStatus.CANCELED and client.call is not None and client.call.cancel_requested
+        if result is not None and (
+            ended.status is GoalStatus.SUCCEEDED or is_own_cancel or result != type(result)()  # says something
+        ):
+            return result
+        raise NoResultError(f'action {topic!r}: {ended.reason}')
+
+    def remove_result(self, topic: str) -> None:
+        """Forget how the last goal ended."""
+        client = self._clients.get(topic)
+        if client is not None and client.ended is not None:
+            client.is_removed = True
+
+    def has_feedback(self, topic: str) -> bool:
+        """Whether there is feedback on the last goal."""
+        client = self._asked(topic)
+        return client is not None and client.feedback is not None
+
+    def get_feedback(self, topic: str) -> Any:
+        """The newest feedback message, as rclpy gives it: the feedback itself is its field ``feedback``; or None."""
+        client = self._asked(topic)
+        return client.feedback if client is not None else None
+
+    def remove_feedback(self, topic: str) -> None:
+        """Forget the feedback."""
+        client = self._clients.get(topic)
+        if client is not None:
+            client.feedback = None
+
+    def get_status(self, topic: str) -> int:
+        """A constant of action_msgs/msg/GoalStatus: UNKNOWN before the goal is accepted, ABORTED for all bad ends."""
+        client = self._client(topic)
+        client.listeners.note_caller()
+        call = client.call
+        if call is None:
+            return RosGoalStatus.STATUS_UNKNOWN
+        if call.outcome is not None:
+            return _STATUS.get(call.outcome.status, RosGoalStatus.STATUS_ABORTED)
+        if call.cancel_requested:
+            return RosGoalStatus.STATUS_CANCELING
+        return RosGoalStatus.STATUS_EXECUTING if call.accepted else RosGoalStatus.STATUS_UNKNOWN
+
+    get_state = get_status
+
+    def cancel(self, topic: str) -> None:
+        """Cancel the goal, at any time; the state that sent it is not at rest before the goal has ended."""
+        client = self._clients.get(topic)
+        if client is not None and client.call is not None:
+            client.call.cancel()
+
+    def remove_client(self, topic: str) -> None:
+        """Cancel the goal and forget the action."""
+        self.cancel(topic)
+        self._clients.pop(topic, None)
+
+    def _client(self, topic: str) -> _Client:
+        try:
+            return self._clients[topic]
+        except KeyError:
+            known = ', '.join(self._clients) or 'none'
+            raise ProxyError(f'action {topic!r} was not set up (known: {known}); call setupClient first') from None
+
+    def _asked(self, topic: str) -> _Client | None:
+        client = self._clients.get(topic)
+        if client is not None:
+            client.listeners.note_caller()
+        return client

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What all proxies have in common: the run that they belong to, and the states that wait for their news."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flexbt_common.errors import FlexbtError
+from flexbt_common.values import resolve_type
+from flexbt_flexbe.errors import ProxyError
+from flexbt_onboard.run_context import current_run
+from flexbt_onboard.state_machine import EventState, called_state
+
+
+class RunProxy:
+    """Base of the proxies: belongs to the run in which it is made."""
+
+    def __init__(self) -> None:
+        self._run = current_run()
+
+    @staticmethod
+    def initialize(node: Any) -> None:
+        """Does nothing: a proxy finds the node of its run. (The paper's package calls it ``_initialize``.)"""
+
+    _initialize = initialize
+
+    @staticmethod
+    def shutdown() -> None:
+        """Does nothing: what proxies hold ends with the run."""
+
+
+class Listeners:
+    """The states that asked about something, and are woken when there is news of it."""
+
+    def __init__(self) -> None:
+        self._states: set[EventState] = set()
+
+    def note_caller(self) -> None:
+        """The state that is being called wants to hear of the news."""
+        state = called_state()
+        if state is not None:
+            self._states.add(state)
+
+    def wake(self) -> None:
+        """There is news; from any thread."""
+        for state in tuple(self._states):
+            state.wake()
+
+
+def message_class(topic: str, message: str | type[Any]) -> type[Any]:
+    """The class of a topic's messages, which may be given by its name, as in ``std_msgs/msg/String``.
+
+    Raises:
+        ProxyError: neither a message class nor the name of one.
+    """
+    if isinstance(message, type) and hasattr(message, 'get_fields_and_field_types'):
+        return message
+    if not isinstance(message, str):
+        raise ProxyError(f'topic {topic!r}: {message!r:.80} is neither a message class nor the name of one')
+    try:
+        resolved = resolve_type(message)
+    except FlexbtError as error:
+        raise ProxyError(f'topic {topic!r}: {error}') from None
+    if resolved.message is None or resolved.is_array:
+        raise ProxyError(f'topic {topic!r}: {message} is no message; a topic carries package/msg/Name')
+    return resolved.message

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's proxy for subscriptions: keeps the newest message of a topic, or all of them."""
+
+from __future__ import annotations
+
+import contextvars
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_flexbe.errors import ProxyError
+from flexbt_flexbe.proxy.qos import QOS_DEFAULT
+from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy, message_class
+from flexbt_onboard.run_context import RunContext
+
+MessageCallback = Callable[[Any], None]
+
+
+class _Feed:
+    """One topic: what has come, and whom it concerns. Messages come on the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
+        self.message_class = message
+        self.users: set[Any] = set()
+        self.listeners = Listeners()
+        self.is_persistent = False
+        self._runtime = runtime
+        self._topic = topic
+        self._lock = threading.Lock()
+        self._newest: Any = None
+        self._buffer: deque[Any] | None = None
+        self._callbacks: dict[Any, MessageCallback] = {}
+        self._subscription: Subscription | None = None  # executor thread only
+        runtime.post(lambda: self._subscribe(qos))
+
+    def set_callback(self, user: Any, callback: MessageCallback | None) -> None:
+        """What is called for each message, in the context of the run."""
+        if callback is None:
+            self._callbacks.pop(user, None)
+        else:
+            context = contextvars.copy_context()
+            self._callbacks = {**self._callbacks, user: lambda message: context.run(callback, message)}
+
+    def set_buffered(self, is_buffered: bool) -> None:
+        with self._lock:
+            self._buffer = (self._buffer or deque()) if is_buffered else None
+
+    def newest(self) -> Any:
+        return self._newest
+
+    def forget_newest(self) -> None:
+        if not self.is_persistent:
+            self._newest = None
+
+    def has_buffered(self) -> bool:
+        return bool(self._buffer)
+
+    def take_oldest(self) -> Any:
+        with self._lock:
+            return self._buffer.popleft() if self._buffer else None
+
+    def peek_oldest(self) -> Any:
+        with self._lock:
+            return self._buffer[0] if self._buffer else None
+
+    def clear_buffer(self) -> None:
+        with self._lock:
+            if self._buffer is not None:
+                self._buffer.clear()
+
+    def close(self) -> None:
+        self._runtime.post(self._unsubscribe)
+
+    def _subscribe(self, qos: QoSProfile | int) -> None:
+        self._subscription = self._runtime.node.create_subscription(self.message_class, self._topic, self._receive, qos)
+
+    def _unsubscribe(self) -> None:
+        if self._subscription is not None:
+            self._runtime.node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def _receive(self, message: Any) -> None:
+        with self._lock:
+            self._newest = message
+            if self._buffer is not None:
+                self._buffer.append(message)
+        for callback in tuple(self._callbacks.values()):
+            try:
+                callback(message)
+            except Exception as error:  # code of a state
+                self._runtime.report_fault(error, f'a callback of a state for topic {self._topic!r}')
+        self.listeners.wake()
+
+
+class _RunFeeds:
+    """The subscriptions of a run, which all its proxies share, as in FlexBE."""
+
+    def __init__(self, run: RunContext) -> None:
+        self._runtime = run.services.runtime
+        self._feeds: dict[str, _Feed] = {}
+        run.at_end(self._close)
+
+    def get(self, topic: str) -> _Feed | None:
+        return self._feeds.get(topic)
+
+    def open(self, topic: str, message: type[Any], qos: QoSProfile | int) -> _Feed:
+        feed = self._feeds.get(topic)
+        if feed is None:
+            feed = self._feeds[topic] = _Feed(self._runtime, topic, message, qos)
+        elif feed.message_class is not message:
+            raise ProxyError(
+                f'topic {topic!r} is subscribed as {feed.message_class.__name__} already, not as {message.__name__}'
+            )
+        return feed
+
+    def drop(self, topic: str) -> None:
+        feed = self._feeds.pop(topic, None)
+        if feed is not None:
+            feed.close()
+
+    def _close(self) -> None:
+        for topic in tuple(self._feeds):
+            self.drop(topic)
+
+
+class ProxySubscriberCached(RunProxy):
+    """Subscribes to topics. What has come is that of all proxies of the run; states that asked for it are woken."""
+
+    def __init__(
+        self,
+        topics: Mapping[str, type[Any] | str] | None = None,
+        qos: QoSProfile | int | None = None,
+        inst_id: Any = -1,
+    ) -> None:
+        super().__init__()
+        self._feeds = self._run.shared(_RunFeeds)
+        for topic, message in (topics or {}).items():
+            self.subscribe(topic, message, qos=qos, inst_id=inst_id)
+
+    def subscribe(
+        self,
+        topic: str,
+        msg_type: type[Any] | str,
+        callback: MessageCallback | None = None,
+        buffered: bool = False,
+        qos: QoSProfile | int | None = None,
+        inst_id: Any = -1,
+    ) -> None:
+        """Listen to a topic until every ``inst_id`` that has subscribed has called :meth:`unsubscribe_topic`.
+
+        Raises:
+            ProxyError: no message type, or another than the topic has already.
+        """
+        feed = self._feeds.open(topic, message_class(topic, msg_type), QOS_DEFAULT if qos is None else qos)
+        feed.users.add(inst_id)
+        if callback is not None:
+            feed.set_callback(inst_id, callback)
+        if buffered:
+            feed.set_buffered(True)
+
+    def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = -1) -> None:
+        """Have something called for each message, on the executor's thread: it must not block."""
+        self._feed(topic).set_callback(inst_id, callback)
+
+    def enable_buffer(self, topic: str) -> None:
+        """Keep all messages from now on."""
+        self._feed(topic).set_buffered(True)
+
+    def disable_buffer(self, topic: str) -> None:
+        """Keep the newest message only."""
+        self._feed(topic).set_buffered(False)
+
+    def is_available(self, topic: str) -> bool:
+        """Whether the run listens to the topic."""
+        return self._asked(topic) is not None
+
+    def has_msg(self, topic: str) -> bool:
+        """Whether a message has come and was not removed."""
+        return self.get_last_msg(topic) is not None
+
+    def get_last_msg(self, topic: str) -> Any:
+        """The newest message, None when there is none."""
+        feed = self._asked(topic)
+        return feed.newest() if feed is not None else None
+
+    def has_buffered(self, topic: str) -> bool:
+        """Whether the buffer has messages."""
+        feed = self._asked(topic)
+        return feed is not None and feed.has_buffered()
+
+    def get_from_buffer(self, topic: str) -> Any:
+        """Take the oldest message of the buffer; None when it is empty."""
+        feed = self._asked(topic)
+        return feed.take_oldest() if feed is not None else None
+
+    def peek_at_buffer(self, topic: str) -> Any:
+        """The oldest message of the buffer, which stays there."""
+        feed = self._asked(topic)
+        return feed.peek_oldest() if feed is not None else None
+
+    def remove_last_msg(self, topic: str, clear_buffer: bool = False) -> None:
+        """Forget the newest message, unless the topic is persistent."""
+        feed = self._asked(topic)
+        if feed is not None:
+            feed.forget_newest()
+            if clear_buffer:
+                feed.clear_buffer()
+
+    def make_persistant(self, topic: str) -> None:
+        """Let :meth:`remove_last_msg` leave the newest message where it is."""
+        self._feed(topic).is_persistent = True
+
+    make_persistent = make_persistant
+
+    def unsubscribe_topic(self, topic: str, inst_id: Any = -1) -> None:
+        """``inst_id`` listens no more; with the last one the subscription ends."""
+        feed = self._feeds.get(topic)
+        if feed is not None:
+            feed.set_callback(inst_id, None)
+            feed.users.discard(inst_id)
+            if not feed.users:
+                self._feeds.drop(topic)
+
+    def _feed(self, topic: str) -> _Feed:
+        feed = self._feeds.get(topic)
+        if feed is None:
+            raise ProxyError(f'topic {topic!r} is not subscribed; call subscribe first')
+        return feed
+
+    def _asked(self, topic: str) -> _Feed | None:
+        feed = self._feeds.get(topic)
+        if feed is not None:
+            feed.listeners.note_caller()
+        return feed

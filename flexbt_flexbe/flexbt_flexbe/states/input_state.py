@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's states that ask the operator for a value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.errors import FlexbtError
+from flexbt_common.values import check_value, from_entry
+from flexbt_flexbe.ros_access import RosAccess
+from flexbt_msgs.action import OperatorInput
+from flexbt_onboard.state_machine import EventState, UserData
+from flexbt_states.errors import StateParameterError
+from flexbt_states.goal_call import GoalCall
+
+_TYPES: Final = {
+    0: ('int64', None),
+    1: ('float64', None),
+    2: ('float64[]', 2),
+    3: ('float64[]', 3),
+    4: ('float64[]', 4),
+    10: ('geometry_msgs/msg/Pose', None),
+    11: ('geometry_msgs/msg/PoseStamped', None),
+    12: ('string', None),
+}
+"""Type, and number of values, for each request of FlexBE's BehaviorInput: int, float, 2D to 4D, poses, string."""
+
+
+class _QuestionState(RosAccess, EventState):
+    """What they have in common: one question, open as long as the state is active."""
+
+    def __init__(self, message: str, input_keys: Sequence[str], topic: str | None) -> None:
+        super().__init__(
+            outcomes=['received', 'aborted', 'no_connection', 'data_error'],
+            input_keys=input_keys,
+            output_keys=['data'],
+            desired_rate=None,
+        )
+        self._message = message
+        self._goal = GoalCall(self, OperatorInput, topic or names.OPERATOR_INPUT)
+
+    def on_start(self) -> None:
+        self._goal.prepare()
+
+    def ask_for(self, type_name: str, choices: Sequence[str]) -> None:
+        """Put the question to the operator."""
+        goal = OperatorInput.Goal(prompt=self._message, type=type_name, choices=list(choices), asker=self.path)
+        self._goal.send(goal)
+
+    def answer(self, userdata: UserData, type_name: str, length: int | None) -> str | None:
+        """Outcome of the state, None while there is no answer."""
+        outcome = self._goal.poll()
+        if outcome is None:
+            return None
+        userdata['data'] = None
+        result = outcome.result
+        code = result.code if result is not None else OperatorInput.Result.UNKNOWN
+        if outcome.status is GoalStatus.SUCCEEDED and code == OperatorInput.Result.SUCCESS and result is not None:
+            try:
+                value = check_value(from_entry(result.value), type_name)
+            except FlexbtError as error:
+                return self._unusable(str(error))
+            if length is not None and len(value) != length:
+                return self._unusable(f'{length} numbers are needed, not {len(value)}')
+            userdata['data'] = list(value) if length is not None else value
+            return 'received'
+        if code in (OperatorInput.Result.DECLINED, OperatorInput.Result.CANCELED):
+            self.log_warn(f'no answer to {self._message!r}: {getattr(result, "message", "")}')
+            return 'aborted'
+        self.log_warn(f'nobody could be asked {self._message!r}: {outcome.reason or getattr(result, "message", "")}')
+        return 'no_connection'
+
+    def on_exit(self, userdata: UserData) -> None:
+        self._goal.leave()
+
+    def settled(self) -> str | None:
+        return self._goal.settled()
+
+    def _unusable(self, reason: str) -> str:
+        self.log_warn(f'the answer to {self._message!r} cannot be used: {reason}')
+        return 'data_error'
+
+
+class InputState(_QuestionState):
+    """
+    Ask the operator for a value. The question is withdrawn when the state is left.
+
+    -- request      uint8       0 int, 1 float, 2 to 4 as many floats, 10 Pose, 11 PoseStamped, 12 string
+    -- message      string      The question
+    -- timeout      float       Of no effect: that nobody can be asked is known after a second
+    -- action_topic string      Name of the action of the executive that asks; None for the usual one
+
+    #> data                     The answer; None when there is none.
+
+    <= received                 The operator has answered.
+    <= aborted                  The operator has declined to answer.
+    <= no_connection            Nobody could be asked.
+    <= data_error               The answer has another type or length.
+    """
+
+    def __init__(self, request: int, message: str, timeout: float = 1.0, action_topic: str | None = None) -> None:
+        super().__init__(message, (), action_topic)
+        if request not in _TYPES:
+            known = ', '.join(map(str, _TYPES))
+            raise StateParameterError(self, 'request', f'{request!r} is none of {known} (for 13 use SelectionState)')
+        self._type, self._length = _TYPES[request]
+
+    def on_enter(self, userdata: UserData) -> None:
+        self.ask_for(self._type, ())
+
+    def execute(self, userdata: UserData) -> str | None:
+        return self.answer(userdata, self._type, self._length)
+
+
+class SelectionState(_QuestionState):
+    """
+    Let the operator select one of several texts.
+
+    -- message      string      The question
+    -- timeout      float       Of no effect: that nobody can be asked is known after a second
+    -- action_topic string      Name of the action of the executive that asks; None for the usual one
+
+    ># items                    A list; the text of each item can be selected.
+    #> data                     The text that was selected; None when there is none.
+
+    <= received                 The operator has selected.
+    <= aborted                  The operator has declined to.
+    <= no_connection            Nobody could be asked.
+    <= data_error               There is nothing to select from, or the answer is no text.
+    """
+
+    def __init__(self, message: str, timeout: float = 1.0, action_topic: str | None = None) -> None:
+        super().__init__(message, ('items',), action_topic)
+        self._is_empty = False
+
+    def on_enter(self, userdata: UserData) -> None:
+        items: list[Any] = list(userdata['items'])
+        self._is_empty = not items
+        if items:
+            self.ask_for('string', [str(item) for item in items])
+
+    def execute(self, userdata: UserData) -> str | None:
+        if self._is_empty:
+            userdata['data'] = None
+            return self._unusable('there are no items to select from')
+        return self.answer(userdata, 'string', None)

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's state that logs a value."""
+
+from __future__ import annotations
+
+from flexbt_flexbe.event_state import EventState
+from flexbt_flexbe.logger import Logger
+from flexbt_onboard.state_machine import UserData
+
+
+class LogKeyState(EventState):
+    """
+    Tell the operator a value.
+
+    -- text         string      What to tell, with {} where the value goes, as in str.format
+    -- severity     uint8       Logger.REPORT_DEBUG, _INFO, _HINT, _WARN or _ERROR
+
+    ># data                     The value.
+
+    <= done                     It was told.
+    """
+
+    is_instant = True
+
+    def __init__(self, text: str, severity: int = Logger.REPORT_HINT) -> None:
+        super().__init__(outcomes=['done'], input_keys=['data'], desired_rate=None)
+        self._text = text
+        self._severity = severity
+
+    def on_enter(self, userdata: UserData) -> None:
+        Logger.log(self._text.format(userdata['data']), self._severity)
+
+    def execute(self, userdata: UserData) -> str:
+        return 'done'

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's state that takes the newest message of a topic."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.qos import QoSProfile
+
+from flexbt_flexbe.event_state import EventState
+from flexbt_flexbe.proxy.subscriber_cached import ProxySubscriberCached
+from flexbt_onboard.state_machine import UserData
+from flexbt_onboard.state_services import state_services
+
+
+class SubscriberState(EventState):
+    """
+    Take the newest message of a topic.
+
+    -- topic        string      Name of the topic
+    -- msg_type     string      Type of its messages, or the class; empty for what is published when it is entered
+    -- blocking     bool        Whether to wait for a message when there is none
+    -- clear        bool        Whether a message that came before the state was entered is dropped
+    -- qos          QoSProfile  Quality of service; None for FlexBE's default
+
+    #> message                  The message; None when there is none.
+
+    <= received                 There is a message.
+    <= unavailable              Nobody publishes, so that the type is not known; or there is none and it does not wait.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        msg_type: str | type[Any] = '',
+        blocking: bool = True,
+        clear: bool = False,
+        qos: QoSProfile | int | None = None,
+    ) -> None:
+        super().__init__(outcomes=['received', 'unavailable'], output_keys=['message'], desired_rate=None)
+        self._topic = topic
+        self._blocking = blocking
+        self._clear = clear
+        self._qos = qos
+        self._subscriber = ProxySubscriberCached()
+        if msg_type:
+            self._subscriber.subscribe(topic, msg_type, qos=qos, inst_id=id(self))
+
+    def on_enter(self, userdata: UserData) -> None:
+        if not self._subscriber.is_available(self._topic):
+            published = self._published_type()
+            if published is not None:
+                self._subscriber.subscribe(self._topic, published, qos=self._qos, inst_id=id(self))
+        elif self._clear:
+            self._subscriber.remove_last_msg(self._topic)
+
+    def execute(self, userdata: UserData) -> str | None:
+        message = self._subscriber.get_last_msg(self._topic)
+        if message is not None:
+            self._subscriber.remove_last_msg(self._topic)
+            userdata['message'] = message
+            return 'received'
+        if self._blocking and self._subscriber.is_available(self._topic):
+            return None
+        userdata['message'] = None
+        return 'unavailable'
+
+    def _published_type(self) -> str | None:
+        """The type of the topic, as far as discovery knows."""
+        runtime = state_services(self).runtime
+        topics = dict(runtime.call(runtime.node.get_topic_names_and_types))
+        types = topics.get(runtime.node.resolve_topic_name(self._topic), ())
+        return types[0] if types else None

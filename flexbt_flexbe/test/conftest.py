@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the tests run FlexBE's states and behaviors with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from flexbt_states.testing import StateBench
+
+
+@pytest.fixture
+def bench() -> Iterator[StateBench]:
+    """Runs states, with action servers that do what the test says."""
+    bench = StateBench()
+    yield bench
+    bench.close()
