@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Time
 
+from flexbt_common.sendable import sendable
 from flexbt_console.mirror import records
 from flexbt_msgs.msg import (
     BehaviorArgument,
@@ -117,21 +118,21 @@ def command(record: records.Command, now: float) -> ExecutiveCommand:
     return ExecutiveCommand(
         id=record.id,
         stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)),
-        operator_id=_sendable(record.operator),
+        operator_id=sendable(record.operator),
         kind=int(record.kind),
         run_id=record.run_id,
-        decision_id=_sendable(record.decision_id),
-        path=_sendable(record.path),
-        outcome=_sendable(record.outcome),
+        decision_id=sendable(record.decision_id),
+        path=sendable(record.path),
+        outcome=sendable(record.outcome),
         autonomy=int(record.autonomy),
-        behavior=_sendable(record.behavior),
-        arguments=[BehaviorArgument(name=_sendable(name), value=_sendable(value)) for name, value in record.arguments],
+        behavior=sendable(record.behavior),
+        arguments=[BehaviorArgument(name=sendable(name), value=sendable(value)) for name, value in record.arguments],
         inputs=[
-            BlackboardEntry(key=_sendable(value.key), type=_sendable(value.type), text=_sendable(value.text))
+            BlackboardEntry(key=sendable(value.key), type=sendable(value.type), text=sendable(value.text))
             for value in record.inputs
         ],
-        grantee=_sendable(record.grantee),
-        reason=_sendable(record.reason),
+        grantee=sendable(record.grantee),
+        reason=sendable(record.reason),
     )
 
 
@@ -168,9 +169,3 @@ def _known(constants: type[E], value: int) -> E:
 
 def _seconds(stamp: Any) -> float:
     return float(stamp.sec) + stamp.nanosec * 1e-9
-
-
-def _sendable(text: str) -> str:
-    # A NUL would cut the text off on the other side, and a lone surrogate (a byte of the terminal that is no
-    # UTF-8) cannot be sent at all.
-    return text.replace('\0', '�').encode('utf-8', 'replace').decode('utf-8')

@@ -22,6 +22,7 @@ from flexbt_common.clock import Timer
 from flexbt_common.errors import FlexbtError
 from flexbt_common.liveliness import LivelinessWatch
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sendable import sendable
 from flexbt_common.values import Encoding
 from flexbt_msgs.action import BtExecute
 from flexbt_server.behavior_tree import Blackboard, TreeKey, TreeLibrary
@@ -38,6 +39,9 @@ Result = BtExecute.Result
 
 RESULT_TIMEOUT = 15.0
 """How long the result of a finished goal can be asked for again, s."""
+
+MESSAGE_LIMIT = 10_000
+"""Characters of a message for people: a leaf may give any text as its reason."""
 
 STOP_SECONDS = 1.0
 """How long the end of the process waits for running trees to come to rest, s."""
@@ -145,7 +149,7 @@ class ExecuteServer:
         except Exception as error:
             self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
             handle.abort()
-            return BtExecute.Result(code=Result.ERROR, message=f'fault in the BT server: {error!r}')
+            return BtExecute.Result(code=Result.ERROR, message=sendable(repr(error), MESSAGE_LIMIT))
         finally:
             del self._goals[bytes(handle.goal_id.uuid)]
             if not self._goals:
@@ -279,8 +283,8 @@ class ExecuteServer:
             message = '; '.join(filter(None, [message, *problems]))
         result = BtExecute.Result(
             code=code,
-            message=message,
-            failed_node=outcome.failed_node,
+            message=sendable(message, MESSAGE_LIMIT),
+            failed_node=sendable(outcome.failed_node, MESSAGE_LIMIT),
             error_code=self._take_error_code(board) if goal.slot is not None else 0,
             outputs=entries,
             missing_outputs=missing,

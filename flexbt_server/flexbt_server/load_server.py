@@ -12,6 +12,7 @@ from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sendable import sendable
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
 from flexbt_server.tree_store import FileReport, TreeStore
@@ -98,7 +99,13 @@ def _message(report: FileReport) -> BtLoadReport:
         code=report.code,
         trees=list(report.trees),
         errors=[
-            BtLoadError(file=report.file, line=error.line, column=error.column, node=error.node, message=error.message)
+            BtLoadError(
+                file=report.file,
+                line=error.line,
+                column=error.column,
+                node=error.node,
+                message=sendable(error.message),
+            )
             for error in report.errors[:ERRORS_SHOWN]
         ],
     )

@@ -46,7 +46,7 @@ class RunOutcome:
 
 
 class TreeObserver(Protocol):
-    """Hears of a run, on the thread of the run."""
+    """Hears of a run, on the thread of the run; of the end of one that is given up, on another."""
 
     def started(self, tree: Tree) -> None:
         """The nodes exist; the first tick is next."""
@@ -186,17 +186,16 @@ class TreeRun(Generic[Client]):
             if self._ended:
                 return
             self._ended = True
-        self._on_end(outcome)
+        try:
+            self._observer.ended()
+        finally:
+            self._on_end(outcome)
 
     # -- on the thread of the run ------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         executed = _outcome_of(self._execute)
-        outcome = _outcome_of(lambda: self._come_to_rest(executed))
-        try:
-            self._observer.ended()
-        finally:
-            self._end(outcome)
+        self._end(_outcome_of(lambda: self._come_to_rest(executed)))
 
     def _execute(self) -> RunOutcome:
         write_all(self._board, [*self._values, NO_RECOVERIES])
@@ -211,19 +210,30 @@ class TreeRun(Generic[Client]):
         )
         tree.observe(self._observer.changed)
         self._observer.started(tree)
+        due = -math.inf
         while True:
             self._adopt()
             if self._stop_reason is not None:
                 return RunOutcome(BtExecute.Result.CANCELED, self._stop_reason)
             tree.take_wake()
-            due = self._clock.now() + self._tick_period
+            due = self._next_due(due)
             began = self._steady.now()
             status = tree.tick_once()
             self._overruns.note(began, self._steady.now())
-            self._observer.ticked()
+            self._tell_of_tick()
             if status is not NodeStatus.RUNNING:
                 return self._outcome(tree, status)
             self._wait(tree, due)
+
+    def _next_due(self, due: float) -> float:
+        """When the next tick is due: a period after the last one was, unless that was a wake-up or came late."""
+        now = self._clock.now()
+        period = self._tick_period
+        return due + period if due <= now < due + period else now + period
+
+    def _tell_of_tick(self) -> None:
+        if not self._ended:  # it may have been given up during the tick
+            self._observer.ticked()
 
     def _adopt(self) -> None:
         with self._lock:

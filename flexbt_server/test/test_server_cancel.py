@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A goal is canceled at 0 to 20 ms after it was sent, over and over: never does a leaf go on.
+
+``FLEXBT_CANCELS=1000 pytest test_server_cancel.py -s`` does it more often, and prints where the cancels came.
+"""
+
+from __future__ import annotations
+
+import collections
+import os
+import random
+import time
+from collections.abc import Iterator
+
+import pytest
+import server_nodes
+from bt_faulty_leaves import Work, tree_threads
+from server_world import DEADLINE, World, install_nodes, open_world, until
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_msgs.action import BtExecute
+
+CANCELS = int(os.environ.get('FLEXBT_CANCELS', '250'))
+
+# Leaves of all kinds, which begin at different times: within the first tick, later, after goals of others.
+TREE = (
+    '<Parallel success_count="5">'
+    '<Runs ms="60000" name="state"/>'
+    '<Sequence><Runs ms="3"/><SlowToStop ms="60000" name="coroutine"/></Sequence>'
+    '<Sequence><Runs ms="6"/><InThread ms="60000" name="thread"/></Sequence>'
+    '<Sequence><Wait wait_duration="1"/><Spin name="goal"/></Sequence>'
+    '<Sequence><Runs ms="9"/><Spin name="later goal" server_name="spin"/></Sequence>'
+    '</Parallel>'
+)
+
+
+@pytest.fixture(scope='session', autouse=True)
+def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
+    install_nodes(tmp_path_factory.mktemp('site'), server_nodes.__name__)
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    with open_world() as opened:
+        yield opened
+
+
+def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
+    spin, wait = world.navigation.actions[names.SPIN], world.navigation.actions[names.WAIT]
+    world.navigation.hold.add(names.SPIN)
+    world.client.load_tree(TREE)
+    until(world.client.executor.is_ready)
+    chance = random.Random(5)
+    places: collections.Counter[str] = collections.Counter()
+    slowest = 0.0
+    for number in range(CANCELS):
+        # Now and then the servers of the leaves take their time to accept, or to cancel.
+        spin.delay_accept = 0.004 if number % 5 == 0 else 0.0
+        spin.delay_cancel = 0.01 if number % 7 == 0 else 0.0
+        goal = world.client.execute()
+        time.sleep(chance.choice([0.0, 0.001, 0.005, 0.02, chance.uniform(0.0, 0.02)]))
+        places['accepted' if goal.call.accepted else 'not accepted yet'] += 1
+        places[f'{sum(Work.running().values()) + len(spin.running)} leaves at work'] += 1
+        began = time.monotonic()
+        goal.call.cancel(DEADLINE)
+        outcome = goal.wait()
+        slowest = max(slowest, time.monotonic() - began)
+        assert outcome.status is GoalStatus.CANCELED, outcome
+        assert outcome.result is None or outcome.result.code == BtExecute.Result.CANCELED, outcome.result.message
+        assert not Work.running(), f'after {number} cancels'
+        assert not spin.running and not wait.running, f'after {number} cancels'
+        assert len(goal.outcomes) == 1
+    until(lambda: not tree_threads(), 'the end of the threads')
+    print(f'\n{CANCELS} cancels, none left a leaf running; slowest {slowest * 1000:.0f} ms; {dict(places)}')
+    assert places['not accepted yet'] and places['accepted'], 'the cancels came at different moments'
+    assert slowest < 2.0

@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves that block, raise and return nonsense on a live server: each spoils its own goal, and nothing else."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bt_faulty_leaves
+import pytest
+import server_nodes
+from bt_faulty_leaves import Held, Work, tree_threads
+from server_world import DEADLINE, World, document, install_nodes, open_world, until
+
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sent_goal import SentGoal
+from flexbt_common.values import Encoding, from_entry, to_entry
+from flexbt_msgs.action import BtExecute, BtLoad
+from flexbt_server.behavior_tree import NodeStatus
+
+Result = BtExecute.Result
+
+
+@pytest.fixture(scope='session', autouse=True)
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp('site')
+    install_nodes(directory, server_nodes.__name__)
+    return directory
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    """A server that is soon tired of waiting, and that has nothing left at the end."""
+    Held.reset()
+    try:
+        with open_world(cancel_timeout=0.3) as opened:
+            yield opened
+    finally:
+        Held.release.set()
+    until(lambda: not tree_threads(), 'the end of the threads')
+    assert not Work.running()
+
+
+def quickest_answer(world: World) -> float:
+    """Seconds for a goal, the best of a few: the machine has other things to do as well."""
+
+    def measure() -> float:
+        began = time.monotonic()
+        assert world.client.execute('Other').result.code == Result.SUCCESS
+        return time.monotonic() - began
+
+    return min(measure() for _ in range(5))
+
+
+@pytest.mark.parametrize('body', ['<HeldInTick/>', '<HeldInTick busy="1"/>', '<HeldThread/>'])
+def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: World, body: str) -> None:
+    world.client.load_tree(f'<Sequence><AlwaysSuccess/>{body}</Sequence>')
+    world.client.load_tree('<AlwaysSuccess/>', 'Other')
+    goal = world.client.execute()
+    assert Held.entered.wait(DEADLINE)
+    assert quickest_answer(world) < 0.1
+    assert world.client.set(to_entry('a', 1, encoding=Encoding.TEXT)).code == 1
+    began = time.monotonic()
+    goal.call.cancel(DEADLINE)
+    outcome, result = goal.wait(), goal.result
+    assert 0.3 <= time.monotonic() - began < 1.5
+    assert (outcome.status, result.code) == (GoalStatus.ABORTED, Result.ERROR)
+    assert result.message.startswith('canceled by the client; not at rest in time after the halt: [Held')
+    assert quickest_answer(world) < 0.1
+    # The tree can be run again, while the thread of the first run is still held up.
+    Held.release.set()
+    assert world.client.execute().result.code == Result.SUCCESS
+    assert len(goal.outcomes) == 1
+
+
+def test_the_path_of_a_leaf_that_does_not_return_is_the_failed_node(world: World) -> None:
+    world.client.load_tree('<Inverter><Sequence name="outer"><HeldInTick name="arm"/></Sequence></Inverter>')
+    goal = world.client.execute()
+    assert Held.entered.wait(DEADLINE)
+    goal.call.cancel(DEADLINE)
+    assert goal.result.failed_node == 'arm'
+    assert '[arm] does not return' in goal.result.message
+
+
+def test_a_leaf_that_does_not_return_from_its_halt_is_given_up(world: World) -> None:
+    world.client.load_tree('<HeldInHalt ms="60000"/>')
+    goal = world.client.execute()
+    until(lambda: Work.running(), 'the leaf')
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.ERROR
+    assert goal.result.failed_node.startswith('HeldInHalt')
+
+
+def test_a_goal_that_waits_to_take_over_a_tree_that_blocks_gets_a_run_of_its_own(world: World) -> None:
+    world.client.load_tree('<HeldInTick/>')
+    old = world.client.execute()
+    assert Held.entered.wait(DEADLINE)
+    new = world.client.execute()
+    assert new.accepted.wait(DEADLINE)
+    withdrawn = world.client.execute()
+    assert withdrawn.accepted.wait(DEADLINE)
+    withdrawn.call.cancel(DEADLINE)
+    assert withdrawn.result.code == Result.CANCELED, 'a goal that waits can be canceled at once'
+    assert new.result.code == Result.CANCELED, 'and has taken the place of the one that waited before'
+    newest = world.client.execute()
+    old.call.cancel(DEADLINE)
+    assert old.result.code == Result.ERROR
+    assert not newest.ended
+    Held.release.set()
+    assert newest.result.code == Result.SUCCESS
+
+
+@pytest.mark.parametrize('body', ['<HeldInTick/>', '<HeldThread/>', '<HeldInHalt ms="60000"/>', '<NeverRests/>'])
+def test_the_end_of_the_server_waits_for_no_leaf_and_tells_the_client(body: str) -> None:
+    Held.reset()
+    with open_world() as world:
+        world.client.load_tree(body)
+        goal = world.client.execute()
+        until(lambda: (goal.feedback and goal.feedback[-1].active_nodes) or Held.entered.is_set(), 'the leaf')
+        began = time.monotonic()
+        world.server_runtime.close()
+        assert time.monotonic() - began < 1.7
+        assert goal.result.code == Result.ERROR
+        assert goal.result.message.startswith('the BT server is shutting down; not at rest in time')
+        Held.release.set()
+    until(lambda: not tree_threads(), 'the end of the threads')
+
+
+@pytest.mark.parametrize('busy', [0, 1])
+def test_the_process_ends_in_time_although_a_leaf_blocks(site: Path, busy: int) -> None:
+    path = os.pathsep.join([str(site), str(Path(__file__).parent), os.environ.get('PYTHONPATH', '')])
+    namespace = f'/blocked_{os.getpid()}_{busy}'
+    parameters = ['-r', f'__ns:={namespace}', '-p', 'navigation_interfaces:=flexbt_msgs']
+    command = [sys.executable, '-m', 'flexbt_server.bt_server', '--ros-args', *parameters]
+    process = subprocess.Popen(command, env=os.environ | {'PYTHONPATH': path}, stderr=subprocess.PIPE, text=True)
+    try:
+        with NodeRuntime.open('client', namespace=namespace) as client:
+            from server_world import Client
+
+            user = Client(client)
+            assert user.load(xml=document(f'<HeldInTick busy="{busy}"/>')).code == BtLoad.Result.SUCCESS
+            goal = user.execute()
+            until(lambda: goal.feedback, 'the running tree')
+            process.send_signal(signal.SIGTERM)
+            began = time.monotonic()
+            assert process.wait(DEADLINE) == 0
+            assert time.monotonic() - began < 2.0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize('kind', bt_faulty_leaves.RAISERS)
+def test_whatever_a_leaf_raises_ends_its_goal_and_names_it(world: World, kind: str) -> None:
+    world.client.load_tree(f'<RaisesInTick kind="{kind}" name="tick"/>', 'Tick')
+    world.client.load_tree(f'<RaisesInThread kind="{kind}" name="thread"/>', 'Thread')
+    world.client.load_tree(
+        f'<Parallel failure_count="1"><RaisesInHalt kind="{kind}" ms="60000" name="halt"/>'
+        '<Delay delay_msec="5"><AlwaysFailure/></Delay></Parallel>',
+        'Halt',
+    )
+    for tree in ('Tick', 'Thread', 'Halt'):
+        for _ in range(2):
+            result = world.client.execute(tree).result
+            assert (result.code, result.failed_node) == (Result.ERROR, tree.lower()), result.message
+            assert 'fault in the BT server' not in result.message
+    goal = world.client.execute('Halt')
+    goal.call.cancel(DEADLINE)
+    goal.wait()
+
+
+def test_what_is_no_status_ends_the_goal_and_names_the_leaf(world: World) -> None:
+    for what in bt_faulty_leaves.NONSENSE:
+        world.client.load_tree(f'<Sequence><AlwaysSuccess/><Returns what="{what}" name="leaf"/></Sequence>')
+        result = world.client.execute().result
+        assert (result.code, result.failed_node) == (Result.ERROR, 'leaf'), (what, result.message)
+
+
+@pytest.mark.parametrize(
+    'reason', ['a\ud800b', 'a\0b', 'x' * 3_000_000, '\x1b[31mred', ''], ids=['surrogate', 'NUL', 'long', 'ESC', 'none']
+)
+def test_a_reason_of_any_text_reaches_the_client(world: World, monkeypatch: pytest.MonkeyPatch, reason: str) -> None:
+    monkeypatch.setattr(bt_faulty_leaves.Fails, 'reason', reason)
+    world.client.load_tree('<Fails name="leaf"/>')
+    result = world.client.execute().result
+    assert (result.code, result.failed_node) == (Result.FAILURE, 'leaf'), result.message[:300]
+    assert len(result.message) < 20_000
+
+
+def test_entries_may_change_at_any_moment_while_trees_tick_and_clients_read(world: World) -> None:
+    world.client.load_tree(
+        '<Parallel success_count="1"><Scribbles count="20000"/><KeepRunningUntilFailure><ForceSuccess>'
+        '<Sequence><Script code="mine := 1; other := mine + 1"/>'
+        '<ForceSuccess><SetBlackboard value="{text}" output_key="copy"/></ForceSuccess></Sequence>'
+        '</ForceSuccess></KeepRunningUntilFailure></Parallel>'
+    )
+    goal = world.client.execute(inputs={'text': 'none'}, outputs=['scribbled', 'other'])
+    reads = 0
+    while not goal.ended:
+        world.client.get()
+        reads += 1
+    assert reads
+    assert goal.result.code == Result.SUCCESS, goal.result.message
+    assert [from_entry(entry) for entry in goal.result.outputs] == [20000, 2]
+
+
+def test_a_machine_without_threads_refuses_the_goal_and_goes_on(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    world.client.load_tree('<AlwaysSuccess/>')
+    start = threading.Thread.start
+
+    def refuse(thread: threading.Thread) -> None:
+        if thread.name.startswith('tree '):
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, 'start', refuse)
+    for _ in range(2):
+        result = world.client.execute().result
+        assert result.code == Result.ERROR and "can't start new thread" in result.message
+    monkeypatch.undo()
+    assert world.client.execute().result.code == Result.SUCCESS
+
+
+def test_a_process_without_free_file_descriptors_refuses_files_and_goes_on(tmp_path: Path) -> None:
+    with open_world(allowed_directories=[str(tmp_path)]) as world:
+        file = tmp_path / 'tree.xml'
+        file.write_text(document('<AlwaysSuccess/>', 'FromFile'))
+        world.client.load_tree('<InThread ms="5"/>')
+        assert world.client.execute().result.code == Result.SUCCESS
+        limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+        lowest_free = os.dup(0)
+        os.close(lowest_free)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (lowest_free, limits[1]))
+        try:
+            loaded = world.client.load(str(file))
+            executed = world.client.execute(str(file)).result
+            running = world.client.execute().result
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        assert loaded.code == BtLoad.Result.FAILURE
+        assert 'Too many open files' in loaded.message, loaded.message
+        assert executed.code == Result.ERROR and 'Too many open files' in executed.message
+        assert running.code == Result.SUCCESS, 'what is loaded runs on'
+        assert world.client.execute(str(file)).result.code == Result.SUCCESS
+
+
+def test_ticks_that_take_too_long_are_told_with_numbers_once_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_world(tick_rate=100.0) as world:
+        told: list[str] = []
+        logger = world.server_runtime.node.get_logger()
+        monkeypatch.setattr(type(logger), 'warning', lambda self, message, **_: told.append(message))
+        world.client.load_tree(
+            '<Repeat num_cycles="20"><Sequence><Runs ms="1"/><Blocking ms="60"/></Sequence></Repeat>'
+        )
+        began = time.monotonic()
+        assert world.client.execute().result.code == Result.SUCCESS
+        took = time.monotonic() - began
+        reports = [message for message in told if 'longer than the period' in message]
+        assert 1 <= len(reports) <= 1 + int(took)
+        assert 'tree [Main]: 1 ticks took longer than the period of 0.010 s' in reports[0]
+        assert 'the longest 0.06' in reports[0]
+
+
+def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
+    ticks: list[float] = []
+
+    def tick(self: Any) -> Any:
+        ticks.append(time.monotonic())
+        time.sleep(0.02)  # counts as a part of the period
+        return NodeStatus.SUCCESS
+
+    monkeypatch.setattr(bt_faulty_leaves.Blocking, 'tick', tick)
+    with open_world(tick_rate=20.0) as world:
+        world.client.load_tree(
+            '<Parallel success_count="2"><Runs ms="60000"/><KeepRunningUntilFailure><Blocking/>'
+            '</KeepRunningUntilFailure></Parallel>'
+        )
+        goal = world.client.execute()
+        until(lambda: len(ticks) >= 42, 'the ticks')
+        goal.call.cancel(DEADLINE)
+        assert goal.result.code == Result.CANCELED
+    period = (ticks[41] - ticks[1]) / 40
+    assert period == pytest.approx(0.05, rel=0.02)
+
+
+def test_a_goal_for_a_tree_that_runs_is_answered_at_once(world: World) -> None:
+    world.client.load_tree('<Runs ms="60000"/>')
+    goals = [world.client.execute()]
+    until(lambda: goals[0].feedback, 'the running tree')
+    times = []
+    for _ in range(5):
+        began = time.monotonic()
+        goals.append(SentGoal(world.client.executor, BtExecute.Goal(behavior_tree='Main')))
+        assert goals[-1].accepted.wait(DEADLINE)
+        times.append(time.monotonic() - began)
+    assert min(times) < 0.05
+    until(lambda: goals[-1].feedback, 'the takeover')
+    goals[-1].call.cancel(DEADLINE)
+    assert [goal.result.code for goal in goals] == [Result.CANCELED] * 6
