@@ -9,7 +9,7 @@ from typing import Any
 from flexbt_flexbe.behavior import Behavior
 from flexbt_flexbe.event_state import EventState
 from flexbt_flexbe.logger import Logger
-from flexbt_flexbe.machines import OperatableStateMachine
+from flexbt_flexbe.machines import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
 from flexbt_flexbe.proxy import (
     ProxyActionClient,
     ProxyPublisher,
@@ -23,9 +23,11 @@ from flexbt_onboard.state_machine import Autonomy, UserData
 __all__ = [
     'Autonomy',
     'Behavior',
+    'ConcurrencyContainer',
     'EventState',
     'Logger',
     'OperatableStateMachine',
+    'PriorityContainer',
     'ProxyActionClient',
     'ProxyPublisher',
     'ProxyServiceCaller',

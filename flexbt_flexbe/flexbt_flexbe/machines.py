@@ -9,3 +9,11 @@ from flexbt_onboard import state_machine
 
 class OperatableStateMachine(RosAccess, state_machine.OperatableStateMachine):
     """A state machine; see :class:`flexbt_onboard.state_machine.OperatableStateMachine`."""
+
+
+class ConcurrencyContainer(RosAccess, state_machine.ConcurrencyContainer):
+    """Its children run at the same time; see :class:`flexbt_onboard.state_machine.ConcurrencyContainer`."""
+
+
+class PriorityContainer(RosAccess, state_machine.PriorityContainer):
+    """Everything else is paused meanwhile; see :class:`flexbt_onboard.state_machine.PriorityContainer`."""

@@ -117,22 +117,17 @@ def ends(result: Any, how: str = 'succeed') -> Script:
 
 
 class Run:
-    """A run of a machine with the states under test, and what was seen of it."""
+    """A run of a behavior, and what was seen of it."""
 
-    def __init__(self, machine: Callable[[], OperatableStateMachine], services: StateServices, autonomy: int) -> None:
-        class Bench(Behavior):
-            manifest = BehaviorManifest('Bench')
-
-            def create(self) -> OperatableStateMachine:
-                return machine()
-
+    def __init__(
+        self, entry: BehaviorEntry, services: StateServices, autonomy: int, arguments: Sequence[tuple[str, str]] = ()
+    ) -> None:
         self.lines: list[tuple[int, str, str]] = []
         self.structure: BehaviorStructure | None = None
         self.refusal: str | None = None
         self.outcome: str | None = None
         self.message = ''
-        entry = BehaviorEntry('Bench', 'test', Bench.manifest, (), Bench)
-        self.behavior_run = BehaviorRun(RunRequest(entry, (), (), autonomy), 'run', services, self)
+        self.behavior_run = BehaviorRun(RunRequest(entry, arguments, (), autonomy), 'run', services, self)
         self.behavior_run.start()
 
     # What the run tells (RunObserver).
@@ -147,6 +142,12 @@ class Run:
 
     def run_log(self, run: BehaviorRun, severity: int, path: str, text: str) -> None:
         self.lines.append((severity, path, text))
+
+    def run_moved(self, run: BehaviorRun, machine: MachineRun, decided: Sequence[Decided]) -> None:
+        pass
+
+    def run_switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        pass
 
     def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
         pass
@@ -230,7 +231,18 @@ class StateBench:
 
     def run(self, machine: Callable[[], OperatableStateMachine], autonomy: int = 3) -> Run:
         """Run a machine."""
-        run = Run(machine, self.services, autonomy)
+
+        class Bench(Behavior):
+            manifest = BehaviorManifest('Bench')
+
+            def create(self) -> OperatableStateMachine:
+                return machine()
+
+        return self.run_behavior(BehaviorEntry('Bench', 'test', Bench.manifest, (), Bench), autonomy=autonomy)
+
+    def run_behavior(self, entry: BehaviorEntry, *arguments: tuple[str, str], autonomy: int = 3) -> Run:
+        """Run a behavior, with parameters as an operator writes them."""
+        run = Run(entry, self.services, autonomy, arguments)
         self._runs.append(run)
         return run
 

@@ -12,8 +12,7 @@ from action_msgs.msg import GoalStatus as RosGoalStatus
 from flexbt_common.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_flexbe.errors import NoResultError, ProxyError
 from flexbt_flexbe.proxy.run_goals import RunGoals
-from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy
-from flexbt_onboard.state_machine import called_state
+from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy, calling_state
 
 SERVER_SECONDS: Final = 2.0
 """How long a server may take to be discovered after the client was made; later it counts as not there."""
@@ -99,7 +98,7 @@ class ProxyActionClient(RunProxy):
             on_feedback=keep_feedback,
             server_timeout=max(patience, 0.0),
         )
-        self._run.shared(RunGoals).add(called_state(), topic, client.call)
+        self._run.shared(RunGoals).add(calling_state(), topic, client.call)
 
     def is_available(self, topic: str) -> bool:
         """Whether the action was set up and its server is there."""

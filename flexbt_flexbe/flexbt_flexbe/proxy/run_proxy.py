@@ -9,7 +9,7 @@ from flexbt_common.errors import FlexbtError
 from flexbt_common.values import resolve_type
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.run_context import current_run
-from flexbt_onboard.state_machine import EventState, called_state
+from flexbt_onboard.state_machine import EventState, called_state, innermost
 
 
 class RunProxy:
@@ -29,6 +29,12 @@ class RunProxy:
         """Does nothing: what proxies hold ends with the run."""
 
 
+def calling_state() -> EventState | None:
+    """The state that is being called; not what may be wrapped around it."""
+    state = called_state()
+    return None if state is None else innermost(state)
+
+
 class Listeners:
     """The states that asked about something, and are woken when there is news of it."""
 
@@ -37,7 +43,7 @@ class Listeners:
 
     def note_caller(self) -> None:
         """The state that is being called wants to hear of the news."""
-        state = called_state()
+        state = calling_state()
         if state is not None:
             self._states.add(state)
 

@@ -4,9 +4,11 @@
 from flexbt_flexbe import (
     Autonomy,
     Behavior,
+    ConcurrencyContainer,
     EventState,
     Logger,
     OperatableStateMachine,
+    PriorityContainer,
     StateLogger,
     UserData,
     initialize_flexbe_core,
@@ -16,9 +18,11 @@ from flexbt_flexbe import (
 __all__ = [
     'Autonomy',
     'Behavior',
+    'ConcurrencyContainer',
     'EventState',
     'Logger',
     'OperatableStateMachine',
+    'PriorityContainer',
     'StateLogger',
     'UserData',
     'initialize_flexbe_core',

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Installed ROS packages with behaviors as FlexBE's editor writes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+PATROL = '''
+#!/usr/bin/env python
+# -*- coding: utf-8 -*-
+###########################################################
+#               WARNING: Generated code!                  #
+###########################################################
+
+from flexbe_core import Autonomy
+from flexbe_core import Behavior
+from flexbe_core import ConcurrencyContainer
+from flexbe_core import Logger
+from flexbe_core import OperatableStateMachine
+from flexbe_core import PriorityContainer
+from flexbe_states.calculation_state import CalculationState
+from flexbe_states.log_key_state import LogKeyState
+from flexbe_states.log_state import LogState
+from flexbe_states.wait_state import WaitState
+from {package}.greet_sm import GreetSM
+
+# Additional imports can be added inside the following tags
+# [MANUAL_IMPORT]
+import math
+# [/MANUAL_IMPORT]
+
+
+class PatrolSM(Behavior):
+    """
+    Define Patrol.
+    """
+
+    def __init__(self, node):
+        super().__init__()
+        self.name = 'Patrol'
+
+        # parameters of this behavior
+        self.add_parameter('rounds', 2)
+        self.add_parameter('speed', 0.5)
+        self.add_parameter('is_loud', False)
+        self.add_parameter('mode', 'slow')
+        self.add_parameter('title', '')
+        self.add_parameter('places', dict())
+
+        # references to used behaviors
+        OperatableStateMachine.initialize_ros(node)
+        ConcurrencyContainer.initialize_ros(node)
+        PriorityContainer.initialize_ros(node)
+        Logger.initialize(node)
+        CalculationState.initialize_ros(node)
+        LogKeyState.initialize_ros(node)
+        LogState.initialize_ros(node)
+        WaitState.initialize_ros(node)
+        self.add_behavior(GreetSM, 'Hello', node)
+        self.add_behavior(GreetSM, 'Goodbye', node)
+
+        # Additional initialization code can be added inside the following tags
+        # [MANUAL_INIT]
+        self.tau = 2 * math.pi
+        # [/MANUAL_INIT]
+
+        # Behavior comments:
+
+    def create(self):
+        # x:30 y:365, x:130 y:365
+        _state_machine = OperatableStateMachine(outcomes=['finished', 'failed'], output_keys=['total'])
+        _state_machine.userdata.total = 0
+        _state_machine.userdata.who = 'operator'
+
+        # Additional creation code can be added inside the following tags
+        # [MANUAL_CREATE]
+        values = [self.rounds, self.speed, self.is_loud, self.mode, self.title, self.places]
+        # [/MANUAL_CREATE]
+        # x:30 y:365, x:130 y:365, x:230 y:365
+        _sm_both_0 = ConcurrencyContainer(outcomes=['finished'],
+                                          conditions=[
+                                              ('finished', [('Wait', 'done'), ('Say', 'done')])
+                                          ])
+
+        with _sm_both_0:
+            # x:130 y:74
+            OperatableStateMachine.add('Wait',
+                                       WaitState(wait_time=0.01),
+                                       transitions={'done': 'finished'},
+                                       autonomy={'done': Autonomy.Off})
+
+            # x:330 y:74
+            OperatableStateMachine.add('Say',
+                                       LogState(text="both", severity=Logger.REPORT_INFO),
+                                       transitions={'done': 'finished'},
+                                       autonomy={'done': Autonomy.Off})
+
+        with _state_machine:
+            # x:52 y:78
+            OperatableStateMachine.add('Hello',
+                                       self.use_behavior(GreetSM, 'Hello', default_keys=['mark']),
+                                       transitions={'finished': 'Count'},
+                                       autonomy={'finished': Autonomy.Inherit},
+                                       remapping={'who': 'who'})
+
+            # x:52 y:178
+            OperatableStateMachine.add('Count',
+                                       CalculationState(calculation=lambda total: total + self.rounds),
+                                       transitions={'done': 'Report'},
+                                       autonomy={'done': Autonomy.Off},
+                                       remapping={'input_value': 'total', 'output_value': 'total'})
+
+            # x:52 y:278
+            OperatableStateMachine.add('Report',
+                                       LogKeyState(text=str(values).replace('{', '{{').replace('}', '}}') + ' {}',
+                                                   severity=Logger.REPORT_HINT),
+                                       transitions={'done': 'Both'},
+                                       autonomy={'done': Autonomy.Off},
+                                       remapping={'data': 'total'})
+
+            # x:52 y:378
+            OperatableStateMachine.add('Both',
+                                       _sm_both_0,
+                                       transitions={'finished': 'Goodbye'},
+                                       autonomy={'finished': Autonomy.Inherit})
+
+            # x:52 y:478
+            OperatableStateMachine.add('Goodbye',
+                                       self.use_behavior(GreetSM, 'Goodbye', parameters={'word': 'Goodbye'}),
+                                       transitions={'finished': 'finished'},
+                                       autonomy={'finished': Autonomy.Inherit},
+                                       remapping={'who': 'who', 'mark': 'total'})
+
+            # x:652 y:478
+            OperatableStateMachine.add('Forgotten',
+                                       LogState(text="no way leads here", severity=Logger.REPORT_INFO),
+                                       transitions={'done': 'failed'},
+                                       autonomy={'done': Autonomy.Off, 'gone': Autonomy.Off})
+
+        return _state_machine
+
+    # Private functions can be added inside the following tags
+    # [MANUAL_FUNC]
+
+    # [/MANUAL_FUNC]
+'''
+
+GREET = '''
+from flexbe_core import Autonomy, Behavior, EventState, Logger, OperatableStateMachine
+
+
+class SayState(EventState):
+    """
+    Says a word.
+
+    -- word     string  What to say
+    ># who      string  To whom
+    ># mark     string  How it ends
+    <= done             It was said
+    """
+
+    def __init__(self, word):
+        super(SayState, self).__init__(outcomes=['done'], input_keys=['who', 'mark'])
+        self._word = word
+        self._born = SayState._node.get_clock().now()
+
+    def execute(self, userdata):
+        Logger.loginfo('%s %s%s' % (self._word, userdata.who, userdata.mark))
+        return 'done'
+
+
+class GreetSM(Behavior):
+
+    def __init__(self, node):
+        super(GreetSM, self).__init__()
+        self.name = 'Greet'
+        self.add_parameter('word', 'Hello')
+        self.add_parameter('title', '')
+        OperatableStateMachine.initialize_ros(node)
+        SayState.initialize_ros(node)
+
+    def create(self):
+        _state_machine = OperatableStateMachine(outcomes=['finished'], input_keys=['who', 'mark'])
+        _state_machine.userdata.who = 'nobody'
+        _state_machine.userdata.mark = '!'
+        with _state_machine:
+            OperatableStateMachine.add('Say',
+                                       SayState(word=self.title + self.word),
+                                       transitions={'done': 'finished'},
+                                       autonomy={'done': Autonomy.Off})
+        return _state_machine
+'''
+
+MANIFEST = """<?xml version="1.0" encoding="UTF-8"?>
+
+<behavior name="{name}">
+
+    <executable package_path="{package}.{module}" class="{class_name}" />
+    <tagstring>test</tagstring>
+    <author>Somebody</author>
+    <date>Sat Nov 21 2026</date>
+    <description>
+        Goes round.
+
+        And greets.
+    </description>
+
+    <!-- Contained Behaviors -->
+    <contains name="Greet" />
+
+    <!-- Available Parameters -->
+    {params}
+
+</behavior>
+"""
+
+PARAMS = """<params>
+        <param type="numeric" name="rounds" default="2" label="Rounds" hint="How often">
+            <min value="1" />
+            <max value="5" />
+        </param>
+        <param type="numeric" name="speed" default="0.5" label="Speed" hint="m/s" />
+        <param type="boolean" name="is_loud" default="False" label="Loud" hint="" />
+        <param type="enum" name="mode" default="slow" label="Mode" hint="">
+            <option value="slow" />
+            <option value="fast" />
+        </param>
+        <param type="text" name="title" default="" label="Title" hint="" />
+        <param type="yaml" name="places" default="" label="Places" hint="">
+            <key name="home" />
+        </param>
+    </params>"""
+
+
+def manifest(package: str, name: str, module: str, class_name: str, params: str = '') -> str:
+    """A manifest file."""
+    return MANIFEST.format(package=package, name=name, module=module, class_name=class_name, params=params)
+
+
+def write_package(prefix: Path, package: str, *, manifests: dict[str, str], sources: dict[str, str]) -> Path:
+    """Install a package as FlexBE's are: manifests into lib, exported; gives the directory of its Python modules."""
+    share = prefix / 'share' / package
+    index = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    for directory in (share / 'config', index, prefix / 'lib' / package / 'manifest', prefix / 'python' / package):
+        directory.mkdir(parents=True, exist_ok=True)
+    (index / package).touch()
+    (share / 'package.xml').write_text(
+        f'<package format="3"><name>{package}</name><version>1.0.0</version>'
+        '<export><flexbe_behaviors /><build_type>ament_cmake</build_type></export></package>'
+    )
+    for name, text in manifests.items():
+        file = prefix / 'lib' / package / 'manifest' / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text)
+    (prefix / 'python' / package / '__init__.py').touch()
+    for name, text in sources.items():
+        (prefix / 'python' / package / name).write_text(text.lstrip('\n'))
+    return prefix / 'python'

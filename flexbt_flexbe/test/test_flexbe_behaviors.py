@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE behaviors: found by their manifests, started with parameters, and run by the executive."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from flexbe_packages import GREET, PARAMS, PATROL, manifest, write_package
+
+from flexbt_flexbe import discovery, shim
+from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.errors import ParameterError
+from flexbt_states.testing import StateBench, wait_until
+
+_numbers = itertools.count()
+
+
+@dataclass
+class Installed:
+    """A package with the behaviors Patrol and Greet."""
+
+    name: str
+    prefix: Path
+
+    def entries(self) -> dict[str, BehaviorEntry]:
+        """The behaviors that are found, by name."""
+        return {entry.name: entry for entry in discovery.entries() if entry.package == self.name}
+
+    def add(self, **files: str) -> None:
+        """More manifests."""
+        write_package(self.prefix, self.name, manifests={f'{k}.xml': v for k, v in files.items()}, sources={})
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Installed]:
+    name = f'patrol_behaviors_{next(_numbers)}'  # Python remembers modules by their names
+    before = set(sys.modules)
+    path = list(sys.path)
+    python = write_package(
+        tmp_path,
+        name,
+        manifests={
+            'patrol.xml': manifest(name, 'Patrol', 'patrol_sm', 'PatrolSM', PARAMS),
+            'inner/greet.xml': manifest(name, 'Greet', 'greet_sm', 'GreetSM'),
+        },
+        sources={'patrol_sm.py': PATROL.replace('{package}', name), 'greet_sm.py': GREET},
+    )
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=':')
+    monkeypatch.syspath_prepend(str(python))
+    yield Installed(name, tmp_path)
+    for module in set(sys.modules) - before:
+        if module.partition('.')[0] in (name, *shim.PACKAGES):
+            del sys.modules[module]
+    sys.path[:] = path
+
+
+def run(bench: StateBench, entry: BehaviorEntry, *arguments: tuple[str, str]) -> list[str]:
+    """What the operator is told; the run has to finish."""
+    going = bench.run_behavior(entry, *arguments)
+    assert going.wait() == 'finished', going.lines
+    return [text for _, _, text in going.lines]
+
+
+def test_behaviors_are_found_by_their_manifests_with_all_kinds_of_parameters(package: Installed) -> None:
+    entries = package.entries()
+    assert set(entries) == {'Patrol', 'Greet'}
+    message = entries['Patrol'].to_message()
+    assert (message.name, message.package, message.author) == ('Patrol', package.name, 'Somebody')
+    assert message.description == 'Goes round. And greets.'
+    assert [
+        (one.name, one.type, one.default_value, list(one.choices), one.description) for one in message.parameters
+    ] == [
+        ('rounds', 'float', '2.0', [], 'Rounds: How often'),
+        ('speed', 'float', '0.5', [], 'Speed: m/s'),
+        ('is_loud', 'bool', 'false', [], 'Loud'),
+        ('mode', 'string', 'slow', ['slow', 'fast'], 'Mode'),
+        ('title', 'string', '', [], 'Title'),
+        ('places', 'string', '', [], 'Places'),
+    ]
+    assert message.error == ''
+
+
+def test_the_executives_library_has_them(package: Installed) -> None:
+    library = BehaviorLibrary(discovery.entries())
+    assert library.find('Patrol') is library.find(f'{package.name}/Patrol')
+
+
+def test_a_behavior_runs_with_embedded_ones_and_a_container(package: Installed, bench: StateBench) -> None:
+    lines = run(bench, package.entries()['Patrol'])
+    assert [line for line in lines if 'left out' not in line and 'no effect' not in line] == [
+        'Hello operator!',
+        "[2, 0.5, False, 'slow', '', {}] 2",
+        'both',
+        'Goodbye operator2',
+    ]
+
+
+def test_what_does_no_harm_is_told_and_left_out(package: Installed, bench: StateBench) -> None:
+    lines = run(bench, package.entries()['Patrol'])
+    assert lines[0].startswith('/Forgotten: left out')
+
+
+def test_arguments_are_values_of_the_types_that_the_code_declares(package: Installed, bench: StateBench) -> None:
+    (package.prefix / 'share' / package.name / 'config' / 'places.yaml').write_text('{all: {home: [1, 2]}, home: 3}')
+    entry = package.entries()['Patrol']
+    words = [('rounds', '3'), ('speed', '1'), ('is_loud', 'True'), ('mode', 'fast'), ('title', 'Dr. ')]
+    lines = run(bench, entry, *words, ('places', '{home: [1]}'))
+    assert "[3, 1.0, True, 'fast', 'Dr. ', {'home': [1]}] 3" in lines
+    assert 'Dr. Hello operator!' in lines, 'a parameter is set in embedded behaviors, too'
+    for name, text in (
+        ('places', f'{package.name}/config/places.yaml:all'),
+        ('/YAML:places', f'{package.name}/config/places.yaml:all'),
+    ):
+        assert any("{'home': [1, 2]}" in line for line in run(bench, entry, (name, text)))
+
+
+def test_a_path_sets_the_parameter_of_one_embedded_behavior_only(package: Installed, bench: StateBench) -> None:
+    entry = package.entries()['Patrol']
+    assert 'Moin operator!' in run(bench, entry, ('/Hello/word', 'Moin'))
+    lines = run(bench, entry, ('/Hello/title', 'Dr. '))
+    assert 'Dr. Hello operator!' in lines and 'Goodbye operator2' in lines
+
+
+def test_fixed_parameters_of_an_embedded_behavior_are_not_the_operators(package: Installed, bench: StateBench) -> None:
+    assert 'Goodbye operator2' in run(bench, package.entries()['Patrol'], ('/Goodbye/word', 'Moin'))
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'words'),
+    [
+        ('rounds', '6', 'outside of its limits 1 to 5'),
+        ('rounds', '2.5', 'write a whole number'),
+        ('rounds', 'two', 'write a number'),
+        ('is_loud', 'perhaps', 'write true or false'),
+        ('mode', 'fastest', 'none of its choices'),
+        ('places', 'word', 'it is a str'),
+        ('places', '{a: ', 'not a value of type dict'),
+        ('places', '!!python/object/apply:os.getcwd []', 'not a value of type dict'),
+        ('places', 'nowhere_at_all/x.yaml:key', "no installed package 'nowhere_at_all'"),
+        ('/YAML:places', '/etc/passwd:x', 'no package/relative/path.yaml'),
+        ('unknown', '1', "no parameter 'unknown'"),
+        ('/Hello/unknown', '1', "no parameter '/Hello/unknown'"),
+        ('/Hell/word', 'x', "no parameter '/Hell/word'"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_before_anything_runs(
+    package: Installed, bench: StateBench, name: str, text: str, words: str
+) -> None:
+    going = bench.run_behavior(package.entries()['Patrol'], (name, text))
+    wait_until(lambda: going.refusal, 'refused')
+    assert words in str(going.refusal)
+
+
+def test_nothing_is_set_twice(package: Installed) -> None:
+    behavior = package.entries()['Patrol'].instantiate()
+    with pytest.raises(ParameterError, match='given twice'):
+        behavior.set_arguments([('/Hello/word', 'a'), ('Hello/word', 'b')])
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('<behavior name="Bad">', 'no element found'),
+        ('<behaviour name="Bad"/>', 'not a manifest'),
+        ('<behavior name=""><executable package_path="a.b" class="C"/></behavior>', 'not a manifest'),
+        ('<behavior name="Bad"><executable package_path="a" class="C"/></behavior>', 'package_path'),
+        (
+            '<behavior name="Bad"><executable package_path="{p}.x" class="C"/>'
+            '<params><param type="float" name="f"/></params></behavior>',
+            "'float', not text, numeric, boolean, enum, yaml",
+        ),
+        (
+            '<behavior name="Bad"><executable package_path="{p}.x" class="C"/>'
+            '<params><param type="numeric" name="f" default="x"/></params></behavior>',
+            'could not convert',
+        ),
+        (
+            '<behavior name="Bad"><executable package_path="{p}.x" class="C"/>'
+            '<params><param type="enum" name="f" default="x"><option value="y"/></param></params></behavior>',
+            'not one of its choices',
+        ),
+        ('<behavior name="Bad"><executable package_path="{p}.missing_sm" class="C"/></behavior>', 'missing_sm'),
+        ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Nope"/></behavior>', 'no such class'),
+        ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Logger"/></behavior>', 'no Behavior'),
+    ],
+)
+def test_a_manifest_that_cannot_be_used_is_listed_with_the_reason(package: Installed, text: str, words: str) -> None:
+    package.add(bad=text.replace('{p}', package.name))
+    (bad,) = [entry for entry in package.entries().values() if entry.error]
+    assert words in bad.error
+    assert set(package.entries()) >= {'Patrol', 'Greet'}, 'the others go on working'
+
+
+def test_manifests_about_other_packages_and_disabled_ones_are_not_taken(package: Installed) -> None:
+    package.add(**{'other': manifest('elsewhere', 'Other', 'x', 'X'), '#old': '<'})
+    assert set(package.entries()) == {'Patrol', 'Greet'}
+
+
+def test_an_installed_flexbe_is_named_as_the_reason(package: Installed, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = package.prefix / 'real' / 'flexbe_core'
+    real.mkdir(parents=True)
+    (real / '__init__.py').touch()
+    monkeypatch.syspath_prepend(str(real.parent))
+    assert f'flexbe_core is installed in {real}' in package.entries()['Greet'].error
