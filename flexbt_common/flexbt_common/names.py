@@ -29,6 +29,9 @@ BT_SET_DATA: Final = 'bt_set_data'
 TREE_STRUCTURE: Final = 'tree_structure'
 TREE_STATUS: Final = 'tree_status'
 
+# Service of the BT server
+CONTROL_TREE: Final = 'control_tree'
+
 # Actions of the onboard executive
 OPERATOR_INPUT: Final = 'operator_input'
 EXECUTE_BEHAVIOR: Final = 'execute_behavior'

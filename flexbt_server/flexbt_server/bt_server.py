@@ -2,7 +2,7 @@
 """The node ``bt_server``: loads behavior trees and runs them.
 
 Actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (see their definitions in flexbt_msgs),
-topics ``tree_structure`` and ``tree_status``.
+topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from flexbt_common.node_runtime import NodeRuntime, run_node
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.blackboards import Blackboards
+from flexbt_server.control_server import ControlServer
 from flexbt_server.data_servers import DataServers
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.execute_server import ExecuteServer
@@ -61,6 +62,7 @@ class BtServer:
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
 
         self.execute = runtime.call(lambda: ExecuteServer(runtime, parameters, store, boards, services, reader))
+        self.control = runtime.call(lambda: ControlServer(runtime, self.execute.find_run))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader))
         self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake))
         self.alive = LivelinessToken(runtime)

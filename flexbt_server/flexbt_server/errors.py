@@ -4,7 +4,8 @@
 FlexbtError
 └── BtServerError
     ├── ServerParameterError    a parameter has a value that cannot work
-    └── UnknownTreeError        a goal names a tree that is not loaded and cannot be
+    ├── UnknownTreeError        a goal names a tree that is not loaded and cannot be
+    └── UnknownRunError         a command names a run that there is not, or not clearly enough
 """
 
 from __future__ import annotations
@@ -22,3 +23,7 @@ class ServerParameterError(BtServerError):
 
 class UnknownTreeError(BtServerError):
     """A goal names a tree that is not loaded and cannot be."""
+
+
+class UnknownRunError(BtServerError):
+    """A command names a run that there is not, or not clearly enough."""

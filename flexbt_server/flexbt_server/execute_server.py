@@ -27,6 +27,7 @@ from flexbt_common.values import Encoding
 from flexbt_msgs.action import BtExecute
 from flexbt_server.behavior_tree import Blackboard, TreeKey, TreeLibrary
 from flexbt_server.blackboards import RECOVERIES_KEY, Blackboards, Value, entries_of, read_values
+from flexbt_server.errors import UnknownRunError
 from flexbt_server.leaf_services import LeafServices
 from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
 from flexbt_server.parameters import ServerParameters
@@ -76,12 +77,19 @@ class _Goal:
 class _Slot:
     """The run of one tree on one blackboard, and the goal that it works for."""
 
+    id: str
     key: TreeKey
     blackboard: str
     board: Blackboard
     run: TreeRun[_Goal]
     goal: _Goal
     feedback: Timer | None = None
+
+    @property
+    def description(self) -> str:
+        """Tree and blackboard, for people."""
+        where = f'blackboard {self.blackboard!r}' if self.blackboard else 'the shared blackboard'
+        return f'tree {self.key.id!r} on {where}'
 
 
 _BY_CLIENT = 'canceled by the client'
@@ -131,6 +139,22 @@ class ExecuteServer:
         for slot in self._slots.values():
             if slot.blackboard == blackboard:
                 slot.run.wake()
+
+    def find_run(self, run_id: str) -> TreeRun[_Goal]:
+        """The run of this ID (TreeStructure.run_id), or the only one there is when the ID is empty.
+
+        Raises:
+            UnknownRunError: there is none, or there are several; says which.
+        """
+        runs = {slot.id: slot for slot in self._slots.values()}
+        slot = runs.get(run_id) if run_id else next(iter(runs.values())) if len(runs) == 1 else None
+        if slot is not None:
+            return slot.run
+        known = '; '.join(f'{slot.id} ({slot.description})' for slot in runs.values())
+        if not known:
+            raise UnknownRunError('no tree is running')
+        asked = f'no run has the ID {run_id!r}' if run_id else 'several trees are running; say which by run_id'
+        raise UnknownRunError(f'{asked}: {known}')
 
     # -- a goal ------------------------------------------------------------------------------------------------------
 
@@ -211,6 +235,7 @@ class ExecuteServer:
         name = goal.request.blackboard
         board = self._boards.get(name)
         place = (key, name)
+        run_id = bytes(goal.handle.goal_id.uuid).hex()
         run: TreeRun[_Goal] = TreeRun(
             library,
             key,
@@ -220,7 +245,7 @@ class ExecuteServer:
             clock=self._runtime.clock,
             steady=self._runtime.steady,
             services=self._services,
-            observer=self._stream.open(bytes(goal.handle.goal_id.uuid).hex(), name),
+            observer=self._stream.open(run_id, name),
             tick_rate=self._parameters.tick_rate,
             cancel_timeout=self._parameters.cancel_timeout,
             on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(place, newer)),
@@ -231,7 +256,7 @@ class ExecuteServer:
             on_overrun=self._runtime.node.get_logger().warning,
         )
         run.start()
-        slot = self._slots[place] = _Slot(key, name, board, run, goal)
+        slot = self._slots[place] = _Slot(run_id, key, name, board, run, goal)
         goal.run, goal.slot = run, slot
         self._schedule_feedback(slot)
 

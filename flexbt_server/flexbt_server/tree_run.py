@@ -22,6 +22,8 @@ from flexbt_server.behavior_tree import (
     Blackboard,
     NodeExecutionError,
     NodeStatus,
+    TickCommand,
+    TickControl,
     Tree,
     TreeKey,
     TreeLibrary,
@@ -33,6 +35,7 @@ from flexbt_server.thread_place import node_on_stack
 _GRACE: Final = 0.2
 """How much longer than its time to come to rest a run has to say itself what is not at rest, s."""
 
+_HAS_ENDED: Final = 'the run has ended'
 _NOT_AT_REST: Final = 'not at rest in time after the halt'
 
 
@@ -57,6 +60,9 @@ class TreeObserver(Protocol):
     def ticked(self) -> None:
         """A tick is over."""
 
+    def paused(self, is_paused: bool) -> None:
+        """The tree is not ticked from now on, or is again."""
+
     def ended(self) -> None:
         """Nothing follows."""
 
@@ -70,6 +76,8 @@ class TreeRun(Generic[Client]):
     The callbacks are called on the thread of the run: ``on_adopted(client)`` when the run works for another client,
     ``on_refused(client, reason)`` when it cannot because its values do not fit (the run goes on as before), and
     ``on_end(outcome)``. A client that was offered too late to be adopted is left to :meth:`take_offer`.
+
+    While the tree is paused it is not ticked, so it cannot end by itself; it can be stopped and taken over as ever.
 
     A leaf that does not return from its tick cannot be halted, and its thread cannot be ended. A run that was stopped
     and is held up so ends as ERROR when its time to come to rest is over, on the thread of ``steady``; should the leaf
@@ -114,6 +122,7 @@ class TreeRun(Generic[Client]):
         self._on_end = on_end
         self._overruns = _Overruns(key, self._tick_period, on_overrun)
         self._bell = Bell()
+        self._control = TickControl(self._bell.ring, observer.paused)
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._rest_by = math.inf
@@ -167,8 +176,12 @@ class TreeRun(Generic[Client]):
         return None if offer is None else offer[0]
 
     def wake(self) -> None:
-        """Tick soon. From any thread."""
+        """Tick soon, unless the tree is paused. From any thread."""
         self._bell.ring()
+
+    def control(self, command: TickCommand, answer: Callable[[str], None]) -> None:
+        """Pause, resume or step; from any thread. See :class:`flexbt_server.behavior_tree.TickControl`."""
+        self._control.command(command, answer)
 
     def join(self, timeout: float) -> None:
         """Wait until the run is over, at most ``timeout`` seconds."""
@@ -186,6 +199,7 @@ class TreeRun(Generic[Client]):
             if self._ended:
                 return
             self._ended = True
+        self._control.close(_HAS_ENDED)
         try:
             self._observer.ended()
         finally:
@@ -218,12 +232,14 @@ class TreeRun(Generic[Client]):
             tree.take_wake()
             due = self._next_due(due)
             began = self._steady.now()
-            status = tree.tick_once()
+            status = self._control.tick(tree)
             self._overruns.note(began, self._steady.now())
-            self._tell_of_tick()
-            if status is not NodeStatus.RUNNING:
-                return self._outcome(tree, status)
-            self._wait(tree, due)
+            if status is not None:
+                self._tell_of_tick()
+                if status is not NodeStatus.RUNNING:
+                    return self._outcome(tree, status)
+            if not self._control.pending:
+                self._wait(tree, due)
 
     def _next_due(self, due: float) -> float:
         """When the next tick is due: a period after the last one was, unless that was a wake-up or came late."""
@@ -254,7 +270,8 @@ class TreeRun(Generic[Client]):
 
     def _wait(self, tree: Tree, due: float) -> None:
         next_wake = tree.next_wake
-        self._bell.wait(self._clock, due if next_wake is None else min(due, next_wake))
+        until = due if next_wake is None else min(due, next_wake)
+        self._bell.wait(self._clock, None if self._control.paused else until)
 
     def _outcome(self, tree: Tree, status: NodeStatus) -> RunOutcome:
         if status is NodeStatus.SUCCESS:
@@ -267,6 +284,7 @@ class TreeRun(Generic[Client]):
 
     def _come_to_rest(self, outcome: RunOutcome) -> RunOutcome:
         """Halt everything and wait until the leaves have confirmed it."""
+        self._control.close(_HAS_ENDED)
         tree = self.tree
         if tree is None:
             return outcome

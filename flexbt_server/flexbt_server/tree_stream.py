@@ -65,6 +65,7 @@ class RunStream:
         self._sequence = 0
         self._next = 0.0
         self._timer: Timer | None = None
+        self._paused = False
         self._lock = threading.Lock()
 
     def started(self, tree: Tree) -> None:
@@ -107,16 +108,20 @@ class RunStream:
                 return
         self._flush()
 
-    def ended(self) -> None:
-        self._flush(finished=True)
+    def paused(self, is_paused: bool) -> None:
+        self._paused = is_paused
+        self._flush(always=True)
 
-    def _flush(self, finished: bool = False) -> None:
+    def ended(self) -> None:
+        self._flush(always=True, finished=True)
+
+    def _flush(self, always: bool = False, finished: bool = False) -> None:
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()
                 self._timer = None
             changes, self._changes = self._changes, []
-            if not changes and not finished:
+            if not changes and not always:
                 return
             self._sequence += 1
             self._next = self._clock.now() + BATCH_SECONDS
@@ -126,6 +131,7 @@ class RunStream:
                     run_id=self._run_id,
                     sequence=self._sequence,
                     finished=finished,
+                    paused=self._paused and not finished,
                     statuses=list(self._statuses),
                     changes=changes,
                 )

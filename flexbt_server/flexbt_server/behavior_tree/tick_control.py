@@ -17,7 +17,7 @@ from .status import NodeStatus
 from .tree import Tree
 
 Answer = Callable[[str], None]
-"""Told once that a command has had its effect, by '', or why it has none; on the thread of the host or of the caller."""
+"""Told, once, by '' that a command has had its effect, or why it has none; on the thread of the host or the caller."""
 
 
 class TickCommand(Enum):

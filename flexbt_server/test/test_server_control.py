@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pausing, resuming and stepping trees of a live server: what goes on meanwhile, and what does not."""
+
+from __future__ import annotations
+
+import random
+import re
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import server_nodes
+from server_world import DEADLINE, World, install_nodes, open_world, pose, until
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.values import from_entry
+from flexbt_msgs.action import BtExecute
+from flexbt_msgs.msg import TreeStatus
+from flexbt_msgs.srv import ControlTree
+
+Result = BtExecute.Result
+PAUSE, RESUME, STEP = ControlTree.Request.PAUSE, ControlTree.Request.RESUME, ControlTree.Request.STEP
+COUNTING = '<KeepRunningUntilFailure><Counts key="ticks"/></KeepRunningUntilFailure>'
+
+
+@pytest.fixture(scope='session', autouse=True)
+def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
+    install_nodes(tmp_path_factory.mktemp('site'), server_nodes.__name__)
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    with open_world(tick_rate=200.0, feedback_rate=50.0) as opened:
+        yield opened
+
+
+class Operator:
+    """A client of the service, and a witness of the stream."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        node = runtime.node
+        self._client: Any = runtime.call(
+            lambda: node.create_client(ControlTree, names.CONTROL_TREE, qos_profile=names.deep_services())
+        )
+        self.statuses: list[TreeStatus] = []
+        runtime.call(
+            lambda: node.create_subscription(TreeStatus, names.TREE_STATUS, self.statuses.append, names.latched(100))
+        )
+        until(self._client.service_is_ready, 'control_tree')
+
+    def send(self, command: int, run_id: str = '') -> Any:
+        """The future of the response."""
+        request = ControlTree.Request(command=command, run_id=run_id)
+        return self._runtime.call(lambda: self._client.call_async(request))
+
+    def ask(self, command: int, run_id: str = '') -> str:
+        """'' when it had its effect, otherwise why not."""
+        return answer(self.send(command, run_id))
+
+    @property
+    def shown(self) -> bool:
+        """What the stream says last."""
+        return bool(self.statuses and self.statuses[-1].paused)
+
+
+def answer(future: Any) -> str:
+    until(future.done, 'the response')
+    response = future.result()
+    assert response.success is not bool(response.message)
+    return str(response.message)
+
+
+@pytest.fixture
+def operator(world: World) -> Operator:
+    return Operator(world.client.runtime)
+
+
+def ticks(world: World, blackboard: str = '') -> int:
+    entries = world.client.get(blackboard=blackboard).entries
+    return next((int(from_entry(entry)) for entry in entries if entry.key == 'ticks'), 0)
+
+
+def run_id(goal: Any) -> str:
+    return bytes(goal.call.goal_id.uuid).hex()
+
+
+def test_a_paused_tree_is_not_ticked_and_gives_no_result_before_it_goes_on(world: World, operator: Operator) -> None:
+    world.navigation.hold.add(names.SPIN)
+    spin = world.navigation.actions[names.SPIN]
+    world.client.load_tree('<Spin/>')
+    goal = world.client.execute()
+    until(lambda: spin.running)
+    assert operator.ask(PAUSE) == ''
+    until(lambda: operator.shown, 'paused in the stream')
+    spin.end(0)  # what the leaf has begun ends; the tree does not hear of it
+    until(lambda: not spin.running)
+    known = len(goal.feedback)
+    until(lambda: len(goal.feedback) > known + 3, 'feedback')
+    assert not goal.ended
+    assert goal.feedback[-1].active_nodes
+    assert operator.ask(PAUSE) == ''  # it is, already
+    assert operator.ask(RESUME) == ''
+    assert goal.result.code == Result.SUCCESS
+    until(lambda: operator.statuses[-1].finished)
+    assert [message.paused for message in operator.statuses].count(True) == 1
+    assert not operator.shown
+
+
+def test_a_step_is_one_tick_answered_when_it_is_over_and_refused_when_not_paused(
+    world: World, operator: Operator
+) -> None:
+    world.client.load_tree(COUNTING)
+    goal = world.client.execute()
+    until(lambda: ticks(world) > 2)
+    assert 'not paused' in operator.ask(STEP)
+    assert operator.ask(PAUSE) == ''
+    before = ticks(world)
+    for number in range(1, 6):
+        assert operator.ask(STEP) == ''
+        assert ticks(world) == before + number
+    others = [Operator(world.server_runtime), Operator(world.navigation_runtime)]
+    futures = [client.send(STEP) for _ in range(20) for client in (operator, *others)]
+    assert [answer(future) for future in futures] == [''] * 60
+    assert ticks(world) == before + 65
+    assert operator.ask(RESUME) == ''
+    until(lambda: ticks(world) > before + 70)
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.CANCELED
+    assert operator.ask(STEP) == 'no tree is running'
+
+
+def test_a_step_may_end_the_tree_and_its_result_follows(world: World, operator: Operator) -> None:
+    world.client.load_tree('<Sequence><Sleep msec="1"/><AlwaysFailure name="last"/></Sequence>')
+    world.client.load_tree('<Sequence><Sleep msec="100000"/><AlwaysFailure name="last"/></Sequence>', 'Long')
+    goal = world.client.execute('Long')
+    until(lambda: goal.feedback and goal.feedback[-1].active_nodes)
+    assert operator.ask(PAUSE) == ''
+    assert operator.ask(STEP) == ''
+    assert not goal.ended
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.CANCELED
+    blocked = world.client.execute()
+    messages = []
+    while not blocked.ended:
+        messages.append(operator.ask(random.choice((PAUSE, STEP))))
+    assert blocked.result.failed_node == 'last'
+    assert {message for message in messages if 'not paused' not in message} <= {
+        '', 'the run has ended', 'no tree is running'
+    }  # fmt: skip
+
+
+def test_time_goes_on_while_a_tree_is_paused(world: World, operator: Operator) -> None:
+    world.navigation.hold.add(names.SPIN)
+    world.client.load_tree('<Timeout msec="200" name="limit"><Spin/></Timeout>')
+    goal = world.client.execute()
+    until(lambda: world.navigation.actions[names.SPIN].running)
+    assert operator.ask(PAUSE) == ''
+    clock = world.server_runtime.clock
+    due = clock.now() + 0.2
+    until(lambda: clock.now() > due)
+    assert not goal.ended
+    assert operator.ask(RESUME) == ''
+    assert (goal.result.code, goal.result.failed_node) == (Result.FAILURE, 'limit')
+
+
+def test_pause_is_answered_when_the_tick_that_is_under_way_is_over(world: World, operator: Operator) -> None:
+    server_nodes.Blocks.release.clear()
+    server_nodes.Blocks.entered.clear()
+    world.client.load_tree('<Sequence><Blocks/><Sleep msec="100000"/></Sequence>')
+    goal = world.client.execute()
+    assert server_nodes.Blocks.entered.wait(DEADLINE)
+    pause = operator.send(PAUSE)
+    assert world.client.get('nothing').code != 0  # the server does not wait
+    assert not pause.done()
+    server_nodes.Blocks.release.set()
+    assert answer(pause) == ''
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.CANCELED
+
+
+def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(world: World, operator: Operator) -> None:
+    server_nodes.Blocks.release.clear()
+    server_nodes.Blocks.entered.clear()
+    world.client.load_tree('<Blocks/>')
+    goal = world.client.execute()
+    assert server_nodes.Blocks.entered.wait(DEADLINE)
+    pause = operator.send(PAUSE)
+    run = world.server.execute.find_run('')
+    until(lambda: run._control.pending, 'the command at the run')
+    server_nodes.Blocks.release.set()
+    assert answer(pause) == 'the run has ended'
+    assert goal.result.code == Result.SUCCESS
+
+
+def test_a_paused_tree_is_canceled_and_its_leaves_are_halted(world: World, operator: Operator) -> None:
+    world.navigation.hold.add(names.SPIN)
+    spin = world.navigation.actions[names.SPIN]
+    world.client.load_tree('<Spin/>')
+    goal = world.client.execute()
+    until(lambda: spin.running)
+    assert operator.ask(PAUSE) == ''
+    goal.call.cancel(DEADLINE)
+    assert goal.wait().status is GoalStatus.CANCELED
+    assert spin.statuses == {0: 'canceled'}
+
+
+def test_a_paused_tree_is_taken_over_and_stays_paused(world: World, operator: Operator) -> None:
+    world.navigation.hold.add(names.FOLLOW_PATH)
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    world.client.load_tree(
+        '<Sequence><ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/></Sequence>'
+    )
+    old = world.client.execute(goals=[pose(1)])
+    until(lambda: follow.running)
+    assert operator.ask(PAUSE) == ''
+    new = world.client.execute(goals=[pose(2)], outputs=['goal'], output_encoding=BtExecute.Goal.BINARY)
+    assert 'newer goal' in old.result.message
+    follow.end(0)
+    until(lambda: not follow.running)
+    assert not new.ended
+    assert operator.ask(STEP) == ''
+    assert new.result.code == Result.SUCCESS
+    assert from_entry(new.result.outputs[0]) == pose(2)
+
+
+def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Operator) -> None:
+    world.client.load_tree(COUNTING)
+    with NodeRuntime.open('owner') as owner:
+        LivelinessToken(owner)
+        goal = world.client.execute(owner='/owner')
+        until(lambda: world.server.execute._owners.get('/owner') and world.server.execute._owners['/owner'].alive)
+        assert operator.ask(PAUSE) == ''
+    assert goal.result.code == Result.CANCELED
+    assert '/owner' in goal.result.message
+
+
+def test_the_end_of_the_server_does_not_wait_for_a_paused_tree() -> None:
+    with open_world() as world:
+        operator = Operator(world.client.runtime)
+        world.client.load_tree(COUNTING)
+        goal = world.client.execute()
+        until(lambda: goal.feedback)
+        assert operator.ask(PAUSE) == ''
+        began = time.monotonic()
+        world.server_runtime.close()
+        assert time.monotonic() - began < 1.5
+        assert goal.result.code == Result.CANCELED
+
+
+def test_several_trees_are_paused_each_by_itself(world: World, operator: Operator) -> None:
+    world.client.load_tree(COUNTING)
+    goals = {name: world.client.execute(blackboard=name) for name in 'abc'}
+    until(lambda: all(ticks(world, name) > 2 for name in goals))
+    asked = operator.ask(PAUSE)
+    assert 'several trees' in asked
+    ids = {name: found for found, name in re.findall(r"(\w{32}) \(tree 'Main' on blackboard '(\w)'\)", asked)}
+    assert ids.keys() == goals.keys()
+    assert operator.ask(PAUSE, ids['b']) == ''
+    still = ticks(world, 'b')
+    before = {name: ticks(world, name) for name in 'ac'}
+    until(lambda: all(ticks(world, name) > before[name] + 5 for name in before))
+    assert ticks(world, 'b') == still
+    goals['b'].call.cancel(DEADLINE)
+    assert goals['b'].result.code == Result.CANCELED
+    assert ids['b'] in operator.ask(PAUSE, ids['b'])
+    for name in 'ac':
+        goals[name].call.cancel(DEADLINE)
+        assert goals[name].result.code == Result.CANCELED
+
+
+@pytest.mark.parametrize('command', [0, 4, 255])
+def test_a_command_that_is_none_is_refused(world: World, operator: Operator, command: int) -> None:
+    message = operator.ask(command)
+    assert str(command) in message
+    assert 'PAUSE' in message
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_commands_goals_and_cancels_at_random_are_all_answered(world: World, operator: Operator, seed: int) -> None:
+    chance = random.Random(seed)
+    world.client.load_tree('<Sequence><Counts key="ticks"/><Sleep msec="2"/><Counts key="ticks"/></Sequence>')
+    until(world.client.executor.is_ready)
+    goals, futures = [], []
+    for _ in range(60):
+        match chance.randrange(4):
+            case 0:
+                goals.append(world.client.execute())
+            case 1 if goals:
+                chance.choice(goals).call.cancel(DEADLINE)
+            case _:
+                futures.append(operator.send(chance.choice((PAUSE, RESUME, STEP))))
+        time.sleep(chance.uniform(0.0, 0.004))
+    for future in futures:
+        assert answer(future) in (
+            '', 'the run has ended', 'no tree is running', 'the tree is not paused; pause it before you step it'
+        )  # fmt: skip
+    while not all(goal.ended for goal in goals):
+        operator.ask(RESUME)
+    assert {goal.result.code for goal in goals if goal.wait().result} <= {Result.SUCCESS, Result.CANCELED}
