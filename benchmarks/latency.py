@@ -30,27 +30,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_prefix
+from _processes import executable, install_behavior
 from domain_coordinator import domain_id
 
 DEADLINE = 20.0
 FLEXBE_MEAN_MS = 54.0
 LEAF_SECONDS = 0.15  # long enough for the status, which comes at 20 Hz at most, to show the state of the tree
-
-
-def executable(package: str, name: str) -> str:
-    """Path of an installed executable."""
-    return str(Path(get_package_prefix(package)) / 'lib' / package / name)
-
-
-def install_probe(directory: Path) -> None:
-    """Make the behavior known to processes that have ``directory`` on their Python path, as its installation would."""
-    here = Path(__file__).parent
-    metadata = directory / 'latency_probe-0.dist-info'
-    metadata.mkdir()
-    (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: latency_probe\nVersion: 0\n')
-    (metadata / 'entry_points.txt').write_text('[flexbt.behaviors]\nlatency_probe = _latency_probe:LatencyProbe\n')
-    (directory / '_latency_probe.py').symlink_to(here / '_latency_probe.py')
 
 
 class Probe:
@@ -186,12 +171,11 @@ def main() -> int:
     parser.add_argument('--output', type=Path, default=Path('out/latency.json'))
     arguments = parser.parse_args()
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
-        install_probe(Path(directory))
+        install_behavior(Path(directory), '_latency_probe', 'LatencyProbe')
         os.environ.update(
             ROS_DOMAIN_ID=str(domain),
             ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
             ROS_LOG_DIR=directory,
-            PYTHONPATH=f'{directory}{os.pathsep}{os.environ.get("PYTHONPATH", "")}',
         )
         processes = [
             subprocess.Popen([executable(package, name), '--ros-args', '--log-level', 'warn'])
