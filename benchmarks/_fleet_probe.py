@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from flexbt_onboard.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.state_machine import OperatableStateMachine
 from flexbt_states import OperatorDecisionState
@@ -13,7 +11,7 @@ from flexbt_states import OperatorDecisionState
 class FleetProbe(Behavior):
     """Asks here, then there, and so on."""
 
-    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+    manifest = BehaviorManifest(
         name='Fleet probe',
         description='For the fleet benchmark: two operator decisions, in turns.',
         author='The FlexBT developers',

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 from flexbt_onboard.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine
@@ -22,7 +22,7 @@ TREE_XML: Final = f"""
 class LatencyProbe(Behavior):
     """Runs the tree, asks the operator, and so on."""
 
-    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+    manifest = BehaviorManifest(
         name='Latency probe',
         description='For the latency benchmark: a tree with one action leaf and an operator decision, in turns.',
         author='The FlexBT developers',

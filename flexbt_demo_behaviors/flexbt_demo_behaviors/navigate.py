@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine
 from flexbt_states import BtExecuteGoalState, BtLoaderState, OperatorInputState
@@ -13,7 +11,7 @@ from flexbt_states import BtExecuteGoalState, BtLoaderState, OperatorInputState
 class Navigate(Behavior):
     """Ask for a goal, let one behavior tree do all of the navigation, and ask for the next goal."""
 
-    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+    manifest = BehaviorManifest(
         name='Navigate',
         description='Drive to goals that the operator gives; planning, driving and recovery are one behavior tree.',
         author='The FlexBT developers',

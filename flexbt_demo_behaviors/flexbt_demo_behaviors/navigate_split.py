@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from flexbt_demo_behaviors.show_path_state import ShowPathState
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine
@@ -28,7 +26,7 @@ class NavigateSplit(Behavior):
     The trees share a blackboard: the planner's tree writes `path` there and the controller's tree reads it.
     """
 
-    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+    manifest = BehaviorManifest(
         name='Navigate Split',
         description='Navigate with three behavior trees under one state machine; the operator judges each plan.',
         author='The FlexBT developers',

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -15,7 +15,7 @@ from flexbt_onboard.errors import ManifestError, ParameterError
 
 
 class Patrol(Behavior):
-    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+    manifest = BehaviorManifest(
         'Patrol',
         parameters=[
             BehaviorParameter('rounds', 3),

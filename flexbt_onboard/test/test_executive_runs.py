@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
@@ -65,7 +65,7 @@ def two_steps() -> OperatableStateMachine:
 
 
 class Typed(Behavior):
-    manifest: ClassVar[BehaviorManifest] = BehaviorManifest(
+    manifest = BehaviorManifest(
         'Typed', parameters=[BehaviorParameter('speed', 1.0), BehaviorParameter('label', 'a', choices=['a', 'b'])]
     )
     speed: float
