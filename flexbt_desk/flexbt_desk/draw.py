@@ -39,7 +39,7 @@ def _dot_machine(box: MachineBox, title: str, with_ports: bool) -> Iterator[str]
     for state in box.states:
         yield from _dot_state(state, with_ports)
     for inner in box.machines:
-        yield from _dot_machine(inner, inner.definition.label, with_ports)
+        yield from _dot_machine(inner, inner.title, with_ports)
     yield '  }'
 
 
@@ -76,7 +76,7 @@ def _mermaid_machine(box: MachineBox, title: str, with_ports: bool) -> Iterator[
     for state in box.states:
         yield from _mermaid_state(state, with_ports)
     for inner in box.machines:
-        yield from _mermaid_machine(inner, inner.definition.label, with_ports)
+        yield from _mermaid_machine(inner, inner.title, with_ports)
     yield '  end'
 
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from flexbt_desk.trees import UsedTrees
 from flexbt_onboard.state_machine.autonomy import NAMES
-from flexbt_onboard.state_machine.definition import MachineDefinition, StateDefinition, Transition
+from flexbt_onboard.state_machine.definition import MachineDefinition, StateDefinition, StateKind, Transition
 from flexbt_server.desk.outline import Item, items_of
 
 
@@ -55,6 +55,12 @@ class MachineBox:
     edges: list[Edge] = field(default_factory=list)
 
     @property
+    def title(self) -> str:
+        """Its label, and what kind of container it is when it is no plain machine."""
+        kind = self.definition.kind
+        return self.definition.label + (f' ({kind.name.lower()})' if kind is not StateKind.MACHINE else '')
+
+    @property
     def entry(self) -> str:
         """The point where it begins."""
         return f'{self.id}in'
@@ -85,21 +91,22 @@ def graph_of(machine: MachineDefinition, trees: UsedTrees = _NO_TREES, *, expand
                 state = StateBox(f's{next(count)}', child, key.id if key is not None else '', tree)
                 made.states.append(state)
                 entries[label], exits[label] = state.id, dict.fromkeys(child.outcomes, state.id)
-        made.edges.append(Edge(made.entry, entries[definition.initial]))
+        begins = entries if definition.kind is StateKind.CONCURRENCY else [definition.initial]
+        made.edges += [Edge(made.entry, entries[label]) for label in begins]
         for label, child in definition.children.items():
             for outcome, transition in child.transitions.items():
                 end = _end(transition, entries, ends)
-                made.edges.append(Edge(exits[label][outcome], end, outcome, transition.autonomy))
+                if end is not None:
+                    made.edges.append(Edge(exits[label][outcome], end, outcome, transition.autonomy))
         return made
 
     return box(machine)
 
 
-def _end(transition: Transition, entries: Mapping[str, str], ends: Mapping[str, str]) -> str:
+def _end(transition: Transition, entries: Mapping[str, str], ends: Mapping[str, str]) -> str | None:
     if transition.state is not None:
         return entries[transition.state]
-    assert transition.outcome is not None
-    return ends[transition.outcome]
+    return None if transition.outcome is None else ends[transition.outcome]
 
 
 def all_edges(box: MachineBox) -> Iterator[Edge]:

@@ -6,11 +6,11 @@ A machine is looked at as a graph: its states and its outcomes are the nodes, th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from flexbt_desk.findings import ALWAYS_ASKS, DEAD_OUTCOME, ENDLESS_LOOP, NO_END, Finding
 from flexbt_onboard.state_machine import Autonomy
-from flexbt_onboard.state_machine.definition import MachineDefinition, StateDefinition, Transition
+from flexbt_onboard.state_machine.definition import MachineDefinition, StateDefinition, StateKind, Transition
 
 Node = StateDefinition | MachineDefinition
 
@@ -22,7 +22,9 @@ def findings_of(machine: MachineDefinition) -> Iterator[Finding]:
     """What is found in a machine and everything in it."""
     for node in machine.nodes():
         yield from _always_asks(node)
-        if isinstance(node, MachineDefinition):
+        if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
+            yield from _never(node, {condition.outcome for condition in node.conditions})
+        elif isinstance(node, MachineDefinition):
             yield from _ends(node)
             yield from _endless_loops(node)
 
@@ -54,9 +56,13 @@ def _ends(machine: MachineDefinition) -> Iterator[Finding]:
         for label in stuck:
             message = f'once here, {machine.path} cannot end any more: no way leads to one of its outcomes'
             yield Finding(NO_END, machine.children[label].path, message)
-        for outcome in machine.outcomes:
-            if f'={outcome}' not in reached:
-                yield Finding(DEAD_OUTCOME, machine.path, f"it never ends by its outcome '{outcome}'")
+        yield from _never(machine, {target.removeprefix('=') for target in reached if target.startswith('=')})
+
+
+def _never(machine: MachineDefinition, outcomes: Collection[str]) -> Iterator[Finding]:
+    for outcome in machine.outcomes:
+        if outcome not in outcomes:
+            yield Finding(DEAD_OUTCOME, machine.path, f"it never ends by its outcome '{outcome}'")
 
 
 def _endless_loops(machine: MachineDefinition) -> Iterator[Finding]:

@@ -11,7 +11,7 @@ from flexbt_common.escaping import one_line
 from flexbt_desk import behaviors
 from flexbt_desk.behaviors import BuiltBehavior
 from flexbt_onboard.state_machine.autonomy import NAMES
-from flexbt_onboard.state_machine.definition import StructureEntry, Transition
+from flexbt_onboard.state_machine.definition import MachineDefinition, StructureEntry, Transition
 from flexbt_server.desk import arguments
 from flexbt_server.desk.errors import ExitCode, UsageError
 
@@ -28,11 +28,16 @@ def lines_of(behavior: BuiltBehavior) -> Iterator[str]:
         kind = '' if entry.kind.name == 'STATE' else f'  {entry.kind.name.lower()}'
         yield one_line(f'{margin}{node.label}  ({entry.type_name}){kind}')
         for outcome, transition in node.transitions.items():
-            yield one_line(f'{margin}{_INDENT}{outcome} -> {_target(transition)}{_autonomy(transition)}')
+            yield one_line(f'{margin}{_INDENT}{outcome}{_target(transition)}{_autonomy(transition)}')
+        for condition in node.conditions if isinstance(node, MachineDefinition) else ():
+            ended = ', '.join(f'{label}: {outcome}' for label, outcome in condition.children)
+            yield one_line(f'{margin}{_INDENT}{condition.outcome} when {ended}')
 
 
 def _target(transition: Transition) -> str:
-    return transition.state if transition.state is not None else f'={transition.outcome}'
+    if transition.state is not None:
+        return f' -> {transition.state}'
+    return f' -> ={transition.outcome}' if transition.outcome is not None else ''
 
 
 def _autonomy(transition: Transition) -> str:

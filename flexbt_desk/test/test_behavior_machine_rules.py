@@ -9,7 +9,7 @@ from desk_behaviors import Leaf, found
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_onboard.state_machine import Autonomy, MachineError, OperatableStateMachine
+from flexbt_onboard.state_machine import Autonomy, ConcurrencyContainer, MachineError, OperatableStateMachine
 
 LABELS = ('A', 'B', 'C', 'D', 'E')
 ENDS = ('done', 'failed')
@@ -78,3 +78,14 @@ def test_machines_in_machines() -> None:
     with outer:
         OperatableStateMachine.add('Inner', inner, {'left': 'done', 'right': 'done'}, {'left': Autonomy.Full})
     assert sorted(found(outer)) == [('always-asks', '/Inner'), ('endless-loop', '/Inner/Spin'), ('no-end', '/Inner')]
+
+
+def test_containers_end_by_their_conditions() -> None:
+    both = ConcurrencyContainer(outcomes=['done', 'never'], conditions=[('done', [('Left', 'go'), ('Right', 'go')])])
+    with both:
+        for label in ('Left', 'Right'):
+            OperatableStateMachine.add(label, Leaf('go', is_instant=True), {'go': 'done'})
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Both', both, {'done': 'done', 'never': 'done'})
+    assert found(machine) == [('dead-outcome', '/Both')]
