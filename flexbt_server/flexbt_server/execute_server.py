@@ -61,6 +61,8 @@ class _Goal:
     stop_reason: str | None = None
     run: TreeRun[_Goal] | None = None
     slot: _Slot | None = None
+    found: tuple[TreeLibrary, TreeKey, list[Value]] | None = None
+    """Its tree and its values, once they are known."""
 
     @property
     def request(self) -> Any:
@@ -222,9 +224,10 @@ class ExecuteServer:
             return
         if request.owner:
             self._watch(goal, request.owner)
+        goal.found = (library, key, values)
         slot = self._slots.get((key, request.blackboard))
         if slot is None:
-            self._run(goal, library, key, values)
+            self._run(goal, *goal.found)
             return
         goal.run, goal.slot = slot.run, slot
         replaced = slot.run.offer(goal, values)
@@ -273,10 +276,10 @@ class ExecuteServer:
             slot.feedback.cancel()
         slot.goal.end(outcome)
         offered = slot.run.take_offer()
-        if offered is not None and not offered.outcome.done():
-            # It came while the tree was ending: it gets a run of its own.
-            offered.run = offered.slot = None
-            self._guard(offered, lambda: self._start(offered))
+        if offered is not None and offered.found is not None and not offered.outcome.done():
+            # It came while the tree was ending. It gets a run of its own, and at once: before goals that came later.
+            found = offered.found
+            self._guard(offered, lambda: self._run(offered, *found))
 
     # -- the end of a goal -------------------------------------------------------------------------------------------
 

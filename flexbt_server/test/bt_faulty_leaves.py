@@ -157,9 +157,11 @@ class SlowToStop(CoroutineAction):
         try:
             await self.sleep(self.get_input('ms') / 1000.0)
         finally:
-            for _ in range(2):
-                await self.sleep(0.002)
-            Work.end(self)
+            try:
+                for _ in range(2):
+                    await self.sleep(0.002)
+            finally:  # a halt may come here as well
+                Work.end(self)
         return STATUSES[self.get_input('result')]
 
 
@@ -265,8 +267,7 @@ class RaisesWhileRunning(Runs):
     ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
 
     def on_running(self) -> NodeStatus:
-        if self.status is NodeStatus.RUNNING:
-            Work.end(self)
+        if self.status is NodeStatus.RUNNING:  # and stays so: the halt of the tree ends the work
             RAISERS[self.get_input('kind')]()
         self.wake()
         return NodeStatus.RUNNING

@@ -75,3 +75,13 @@ def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
     print(f'\n{CANCELS} cancels, none left a leaf running; slowest {slowest * 1000:.0f} ms; {dict(places)}')
     assert places['not accepted yet'] and places['accepted'], 'the cancels came at different moments'
     assert slowest < 2.0
+
+
+def test_no_goal_is_taken_over_by_an_older_one(world: World) -> None:
+    world.client.load_tree('<Sequence><Runs ms="1"/><Raises/></Sequence>')
+    until(world.client.executor.is_ready)
+    for _ in range(40):
+        goals = [world.client.execute() for _ in range(5)]
+        for goal in goals:
+            goal.wait()
+        assert goals[-1].result.code == BtExecute.Result.ERROR, goals[-1].result.message
