@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .node import TreeNode
     from .script import ScriptLibrary
     from .status import NodeStatus
+    from .transition_log import Log
 
 TransitionObserver = Callable[['TreeNode', 'NodeStatus', 'NodeStatus'], None]
 
@@ -39,6 +40,7 @@ class TreeContext:
     ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
     work that needs ticks. ``exchanged`` are nodes that have another ``execute`` now, which their parents may fetch.
+    ``log`` is where changes of statuses are written, while the tree is watched.
     """
 
     def __init__(self, clock: Clock, services: Any, scripts: ScriptLibrary) -> None:
@@ -47,7 +49,7 @@ class TreeContext:
         self.scripts = scripts
         self.woken = False
         self.on_wake: Callable[[], None] | None = None
-        self.on_transition: TransitionObserver | None = None
+        self.log: Log | None = None
         self.deadlines: dict[TreeNode, float] = {}
         self.halt_errors: list[NodeExecutionError] = []
         self.exchanged: list[TreeNode] = []

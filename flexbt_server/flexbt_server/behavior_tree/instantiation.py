@@ -13,6 +13,7 @@ from .definition import NodeDefinition, TreeDefinition
 from .errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
 from .library import TreeKey, TreeLibrary
 from .node import ControlNode, DecoratorNode, NodeConfig, TreeNode, node_path
+from .observation import make_observed
 from .port_types import STRING, is_fixed
 from .ports import PortValue, pointer_key
 
@@ -110,7 +111,10 @@ class _Builder:
             definition.values,
         )
         try:
-            node = manifest.node_class(config)
+            if self._context.log is None or definition.conditions:
+                node = manifest.node_class(config)
+            else:
+                node = make_observed(manifest.node_class, config)
         except PortError as error:
             self._errors.append(scope.tree.error(definition, f'port [{error.port}]: {error.reason}', error.port))
             return

@@ -64,6 +64,7 @@ class TreeNode(ABC):
         'blackboard',
         'context',
         'id',
+        'marks',
         'name',
         'status',
         'uid',
@@ -73,6 +74,9 @@ class TreeNode(ABC):
     kind: ClassVar[NodeKind]
     running_first: ClassVar[bool | None] = False
     """Whether a tick that completes the node has stored RUNNING before: always, never, or None when it depends."""
+
+    marks: tuple[int, ...]
+    """What is logged for each status, see ``transition_log``; only of observed nodes."""
 
     _conditions: Conditions
     """Only of nodes that have pre- or post-conditions."""
@@ -95,6 +99,11 @@ class TreeNode(ABC):
     def path(self) -> str:
         """Path within the tree: sub-tree instances, then the name; ``ID::uid`` for a node without a name."""
         return node_path(self._scope, self.id, self.name, self.uid)
+
+    @property
+    def attached(self) -> tuple[TreeNode, ...]:
+        """The children, in their order."""
+        return ()
 
     @property
     def clock(self) -> Clock:
@@ -372,11 +381,9 @@ class ControlNode(TreeNode):
     def reset_children(self) -> None:
         """Halts the children that are RUNNING, and sets all to IDLE, in their order."""
         for child in self.children:
-            status = child.status
-            if status is not IDLE:
-                if status is RUNNING:
-                    child.halt()
-                child.status = IDLE
+            if child.status is RUNNING:
+                child.halt()
+            child.status = IDLE
 
     def halt_children_except(self, index: int) -> None:
         """As :meth:`reset_children`, for all children but one."""

@@ -2,18 +2,23 @@
 """Watching the statuses of a tree at no cost to a tree that is not watched.
 
 A node keeps its status in a slot that every ``execute`` writes directly. To watch it, the class of the *instance* is
-exchanged for one that is derived from it and in which ``status`` is a property that tells the observer (its own
-``observed_status``, if it has one); nothing else differs, and the callables by which parents tick it stay valid.
+exchanged for one that is derived from it and in which ``status`` is a property that logs every change (its own
+``observed_status``, if it has one). The methods of the engine log without that property, see ``inlining``. Nothing else
+differs, and the callables by which parents tick the node stay valid.
 """
 
 from __future__ import annotations
 
 import functools
 import types
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from .node import TreeNode
-from .status import NodeStatus
+from .context import TransitionObserver
+from .inlining import inlined_methods
+from .node import NodeConfig, TreeNode
+from .status import IDLE, NodeStatus
+from .transition_log import Log, LogReader, TellingLog, Transition, marks_of
 
 # The slot itself, below any property.
 _SLOT: Any = vars(TreeNode)['status']
@@ -22,43 +27,74 @@ _set = _SLOT.__set__
 
 
 def set_and_tell(node: TreeNode, status: NodeStatus) -> None:
-    """Stores the status of a node, and tells the observer of the tree when it is another one than before."""
-    previous = get_status(node)
-    if previous is not status:
+    """Stores the status of a node, and logs it when the tree is watched and it is another one than before."""
+    if get_status(node) is not status:
         _set(node, status)
-        observer = node.context.on_transition
-        if observer is not None:
-            observer(node, previous, status)
+        log = node.context.log
+        if log is not None:
+            log.append(node.marks[status])
 
 
-_STATUS = property(get_status, set_and_tell, doc='The status; every change of it is told to the observer of the tree.')
+_STATUS = property(get_status, set_and_tell, doc='The status; every change of it is logged.')
 
 
 @functools.cache
 def _observed_class(node_class: type[TreeNode]) -> type[TreeNode]:
+    own_status = getattr(node_class, 'observed_status', None)
+
     def fill(namespace: dict[str, Any]) -> None:
+        if own_status is None:
+            namespace.update(inlined_methods(node_class))
         namespace.update(
             __slots__=(),
             __module__=node_class.__module__,
             __qualname__=node_class.__qualname__,
             __doc__=node_class.__doc__,
-            status=getattr(node_class, 'observed_status', _STATUS),
+            status=own_status or _STATUS,
+            stored=_SLOT,
         )
 
     return types.new_class(node_class.__name__, (node_class,), exec_body=fill)
 
 
-def observe(node: TreeNode) -> None:
-    """Tells every change of the node's status to ``context.on_transition`` from now on."""
-    if not _is_observed(node):
-        node.__class__ = _observed_class(type(node))
+def _plain_class(node_class: type[TreeNode]) -> type[TreeNode]:
+    return node_class.__bases__[0] if 'stored' in vars(node_class) else node_class
 
 
-def unobserve(node: TreeNode) -> None:
-    """Undoes :func:`observe`."""
-    if _is_observed(node):
-        node.__class__ = type(node).__bases__[0]
+def make_observed(node_class: type[TreeNode], config: NodeConfig) -> TreeNode:
+    """A node that is observed from the beginning.
+
+    If it has a ``__dict__``, its methods are faster than those of one whose class was exchanged (up to Python 3.12).
+    """
+    node: TreeNode = object.__new__(_observed_class(node_class))
+    _set(node, IDLE)
+    node.marks = marks_of(config.uid)
+    node_class.__init__(node, config)
+    return node
 
 
-def _is_observed(node: TreeNode) -> bool:
-    return isinstance(type(node).__dict__.get('status'), property)
+def watch(nodes: Sequence[TreeNode], log: Log | None, on_transition: TransitionObserver | None) -> None:
+    """Writes every change of the status of these nodes, those of a tree, to ``log``, and tells it to ``on_transition``.
+
+    Not while another thread ticks the tree. The tree has to fetch the callables anew by which the nodes are ticked.
+    """
+    context = nodes[0].context
+    if on_transition is not None:
+        log = TellingLog(LogReader(nodes), _teller(nodes, on_transition), log)
+    for node in nodes:
+        node_class = _plain_class(type(node))
+        if log is not None:
+            node.marks = marks_of(node.uid)
+            node_class = _observed_class(node_class)
+        if node_class is not type(node):
+            node.__class__ = node_class
+    context.log = log
+    context.exchanged += nodes
+
+
+def _teller(nodes: Sequence[TreeNode], on_transition: TransitionObserver) -> Callable[[Transition], None]:
+    def tell(transition: Transition) -> None:
+        uid, before, after = transition
+        on_transition(nodes[uid - 1], NodeStatus(before), NodeStatus(after))
+
+    return tell

@@ -16,9 +16,10 @@ from .definition import NodeDefinition
 from .errors import NodeExecutionError, PortError
 from .instantiation import Substitute, SubTreeInstance, instantiate
 from .library import TreeKey, TreeLibrary
-from .node import ControlNode, DecoratorNode, TreeNode, entry_point
-from .observation import observe, unobserve
+from .node import ControlNode, DecoratorNode, Execute, TreeNode, entry_point
+from .observation import watch
 from .status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
+from .transition_log import Log
 
 _logger = logging.getLogger(__name__)
 
@@ -35,9 +36,10 @@ class Tree:
     """A tree that can be ticked. One thread at a time may tick or halt it; ``wake`` may be called from any.
 
     ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``on_transition(node,
-    before, after)`` hears every change of a status, in order and at once, on the ticking thread. ``on_wake()``
-    is called, from any thread, when a leaf asks for a tick, and when unfinished work ends. ``substitute(definition,
-    path)`` may give another definition for a node, such as a leaf that stands for it in a test.
+    before, after)`` hears every change of a status, in order and at once, on the ticking thread; ``log`` and
+    ``after_round`` are those of :meth:`record`. ``on_wake()`` is called, from any thread, when a leaf asks for a tick,
+    and when unfinished work ends. ``substitute(definition, path)`` may give another definition for a node, such as a
+    leaf that stands for it in a test.
     """
 
     def __init__(
@@ -50,6 +52,8 @@ class Tree:
         clock: Clock | None = None,
         services: Any = None,
         on_transition: TransitionObserver | None = None,
+        log: Log | None = None,
+        after_round: Callable[[], None] | None = None,
         on_wake: Callable[[], None] | None = None,
         max_rounds: int = 10_000,
         substitute: Substitute | None = None,
@@ -65,19 +69,23 @@ class Tree:
         self.context = TreeContext(
             clock if clock is not None else SteadyClock(), services, library.documents[key.file].scripts
         )
+        self.context.log = log
         instance = instantiate(library, key, self.blackboard, self.context, substitute)
         self.nodes: tuple[TreeNode, ...] = instance.nodes
         self.definitions: tuple[NodeDefinition, ...] = instance.definitions
         self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
         self.root = self.nodes[0]
         self._depth = instance.depth
-        self._entry = with_room(entry_point(self.root), self._depth)
+        self._on_transition = on_transition
+        self._log = log
+        self._after_round = after_round
+        self._entry = self._fetch_entry()
         self._max_rounds = max_rounds
         self._failure: Failure | None = None
         self._status = IDLE
         self.context.on_wake = on_wake
-        if on_transition is not None:
-            self.observe(on_transition)
+        if on_transition is not None or log is not None:
+            watch(self.nodes, log, on_transition)
 
     # -- ticking -----------------------------------------------------------------------------------------------------
 
@@ -140,7 +148,21 @@ class Tree:
             if isinstance(node, ControlNode | DecoratorNode) and not exchanged.isdisjoint(node.attached):
                 node.fetch_ticks()
         if self.root in exchanged:
-            self._entry = with_room(entry_point(self.root), self._depth)
+            self._entry = self._fetch_entry()
+
+    def _fetch_entry(self) -> Execute:
+        entry = with_room(entry_point(self.root), self._depth)
+        after = self._after_round
+        if after is None:
+            return entry
+
+        def round_with_end() -> NodeStatus:
+            try:
+                return entry()
+            finally:
+                after()
+
+        return round_with_end
 
     def _settle(self, status: NodeStatus) -> NodeStatus:
         if status is not RUNNING:
@@ -234,11 +256,19 @@ class Tree:
         return [node.path for node in self.nodes if node.status is RUNNING and (not leaves_only or node.kind in leaves)]
 
     def observe(self, on_transition: TransitionObserver | None) -> None:
-        """Tells every change of a status from now on; None ends it. Not while another thread ticks the tree."""
-        self.context.on_transition = on_transition
-        change = unobserve if on_transition is None else observe
-        for node in self.nodes:
-            change(node)
+        """Tells every change of a status at once, from now on; None ends it. Not while another thread ticks."""
+        self._on_transition = on_transition
+        watch(self.nodes, self._log, on_transition)
+
+    def record(self, log: Log | None, after_round: Callable[[], None] | None = None) -> None:
+        """Writes every change of a status to ``log`` from now on, which costs far less than :meth:`observe`.
+
+        A LogReader says what it means. ``after_round()`` is called after each round of a tick, on its thread, also when
+        that raises. None ends it. Not while another thread ticks the tree.
+        """
+        self._log = log
+        self._after_round = after_round
+        watch(self.nodes, log, self._on_transition)
 
     def _find_failure(self) -> Failure:
         node = self.root
