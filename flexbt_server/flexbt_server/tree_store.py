@@ -32,6 +32,9 @@ from flexbt_server.errors import UnknownTreeError
 XML_TEXT: Final = '<xml>'
 """Name, in reports, of XML text that came with a goal."""
 
+_TEXT_PREFIX: Final = '<xml '
+"""How the names of such texts begin in the library."""
+
 
 @dataclass
 class FileReport:
@@ -84,7 +87,7 @@ class TreeStore:
             loaded: dict[str, _Loaded] = {}
             requests = [(file, file) for file in files]
             if xml:
-                requests.append((XML_TEXT, f'<xml {hashlib.sha256(xml.encode()).hexdigest()[:8]}>'))
+                requests.append((XML_TEXT, f'{_TEXT_PREFIX}{hashlib.sha256(xml.encode()).hexdigest()[:8]}>'))
             for done, (shown, name) in enumerate(requests):
                 report = FileReport(shown)
                 reports.append(report)
@@ -160,8 +163,11 @@ class TreeStore:
             known = self._loaded.get(name)
             if known is not None and known.digest == digest:
                 report.code = BtLoadReport.UNCHANGED
-                report.trees = tuple(self._library.documents[name].trees)
+                document = self._library.documents[name]
+                report.trees = tuple(document.trees)
                 loaded[name] = _Loaded(digest, stamp)
+                if any(self._library.find(id) != TreeKey(name, id) for id in document.trees):
+                    documents.append(document)  # its trees are the newest of their names again
                 return
             document = load_xml(
                 content,
@@ -187,22 +193,38 @@ class TreeStore:
         if any(report.code == BtLoadReport.REFUSED for report in reports):
             return
         try:
-            library = self._library.stage(documents)
+            forgotten = self._replaced_texts(documents)
+            library = self._library.stage(documents, without=forgotten)
         except TreeLoadError as error:
             self._blame(reports, error)
             return
         self._library = library
         self._loaded |= loaded
+        for name in forgotten:
+            del self._loaded[name]
         for report in reports:
             if report.code == BtLoadReport.VALID:
                 report.code = BtLoadReport.LOADED
+
+    def _replaced_texts(self, documents: Sequence[TreeDocument]) -> set[str]:
+        """XML texts of which no tree can be named any more, once ``documents`` are loaded: newer ones have taken the
+        names of all. They would be kept for ever."""
+        library = self._library
+        names = {document.file for document in documents}
+        taken = {id for document in documents for id in document.trees}
+        return {
+            name
+            for name, document in library.documents.items()
+            if name.startswith(_TEXT_PREFIX) and name not in names and not document.models
+            and all(id in taken or library.find(id) != TreeKey(name, id) for id in document.trees)
+        }
 
     def _blame(self, reports: list[FileReport], error: TreeLoadError) -> None:
         """Give errors between documents to the files that they are in, otherwise to the last one that is new."""
         by_file = {report.file: report for report in reports}
         new = [report for report in reports if report.code == BtLoadReport.VALID]
         for reason in error.errors:
-            name = XML_TEXT if reason.file.startswith('<xml ') else reason.file
+            name = XML_TEXT if reason.file.startswith(_TEXT_PREFIX) else reason.file
             report = by_file.get(name, new[-1] if new else reports[-1])
             report.code = BtLoadReport.REFUSED
             report.errors.append(reason)

@@ -162,6 +162,33 @@ def test_an_edited_file_is_loaded_again_and_a_running_tree_keeps_its_own(world: 
     assert running.result.code == BtExecute.Result.SUCCESS
 
 
+@pytest.mark.parametrize('shared', [False, True], ids=['alone', 'with a tree that stays'])
+def test_what_is_loaded_last_counts_also_when_it_was_loaded_before(world: World, tmp_path: Path, shared: bool) -> None:
+    good, bad = document('<AlwaysSuccess/>', 'Twice'), document('<AlwaysFailure/>', 'Twice')
+    if shared:
+        good = good.replace('</root>', '<BehaviorTree ID="Other"><AlwaysSuccess/></BehaviorTree></root>')
+    file = write(tmp_path / 'trees/good.xml', good)
+    for _ in range(2):
+        for load, code in (
+            ({'xml': good}, BtExecute.Result.SUCCESS),
+            ({'xml': bad}, BtExecute.Result.FAILURE),
+            ({'file': file}, BtExecute.Result.SUCCESS),
+            ({'xml': bad}, BtExecute.Result.FAILURE),
+        ):
+            files = [load.pop('file')] if 'file' in load else []
+            assert world.client.load(*files, **load).code == Result.SUCCESS
+            assert world.client.execute('Twice').result.code == code
+
+
+def test_texts_whose_trees_were_all_replaced_are_not_kept(world: World) -> None:
+    store = world.server.load._store
+    for number in range(30):
+        world.client.load_tree(f'<Sequence name="{number}"><AlwaysSuccess/></Sequence>', f'Text{number % 3}')
+    assert len(store.library.documents) == 3
+    assert set(store.library.documents) == set(store._loaded)
+    assert [world.client.execute(f'Text{index}').result.code for index in range(3)] == [BtExecute.Result.SUCCESS] * 3
+
+
 def test_loads_and_runs_at_the_same_time_do_not_disturb_each_other(world: World, tmp_path: Path) -> None:
     file = write(tmp_path / 'trees/busy.xml', document('<AlwaysSuccess/>', 'Busy'))
     assert world.client.load(file).code == Result.SUCCESS

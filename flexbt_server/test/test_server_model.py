@@ -52,12 +52,13 @@ class Walk:
         self.counts: collections.Counter[str] = collections.Counter()
         self.log: collections.deque[str] = collections.deque(maxlen=40)
         self._goals = 0
+        self._loaded: collections.deque[tuple[str, Plan]] = collections.deque(maxlen=12)
         self._files = {f'F{index}': directory / f'F{index}.xml' for index in range(2)}
         for tree in ('T0', 'T1', 'T2', *self._files):
             self._new_version(tree)
         self._steps = {
-            self.send: 40, self.cancel: 22, self.load: 8, self.load_broken: 3, self.data: 10, self.send_bad: 4,
-            self.burst: 4, self.nothing: 8, self.death_of_an_owner: 0.4,
+            self.send: 40, self.cancel: 22, self.load: 6, self.load_again: 3, self.load_broken: 3, self.data: 10,
+            self.send_bad: 4, self.burst: 4, self.nothing: 8, self.death_of_an_owner: 0.4,
         }  # fmt: skip
 
     def step(self) -> None:
@@ -102,6 +103,11 @@ class Walk:
 
     def load(self) -> None:
         self._new_version(self.chance.choice(list(self.model.trees)))
+
+    def load_again(self) -> None:
+        """A version that was loaded before."""
+        tree, plan = self.chance.choice(self._loaded)
+        self._load(tree, plan)
 
     def load_broken(self) -> None:
         result = self.client.load(xml=self.chance.choice(BROKEN))
@@ -163,6 +169,10 @@ class Walk:
 
     def _new_version(self, tree: str) -> None:
         plan = make_plan(self.chance)
+        self._loaded.append((tree, plan))
+        self._load(tree, plan)
+
+    def _load(self, tree: str, plan: Plan) -> None:
         self.log.append(f'load {tree}: {plan.xml}')
         # The model first: from now on goals that are under way may get it.
         self.model.load(tree, plan)

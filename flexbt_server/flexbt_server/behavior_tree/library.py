@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -41,9 +41,9 @@ class TreeLibrary:
         if errors:
             raise TreeLoadError(errors)
 
-    def stage(self, documents: Iterable[TreeDocument]) -> TreeLibrary:
-        """A library with these documents added; those of the same files are replaced."""
-        merged = dict(self._documents)
+    def stage(self, documents: Iterable[TreeDocument], *, without: Collection[str] = ()) -> TreeLibrary:
+        """A library with these documents added; replaces those of the same files, leaves out ``without``."""
+        merged = {file: document for file, document in self._documents.items() if file not in without}
         for document in documents:
             # Staged last, so that its trees are the newest.
             merged.pop(document.file, None)
