@@ -215,7 +215,9 @@ class TreeStore:
         return {
             name
             for name, document in library.documents.items()
-            if name.startswith(_TEXT_PREFIX) and name not in names and not document.models
+            if name.startswith(_TEXT_PREFIX)
+            and name not in names
+            and not document.models
             and all(id in taken or library.find(id) != TreeKey(name, id) for id in document.trees)
         }
 
