@@ -25,8 +25,10 @@ from .errors import (
     PortError,
     RegistrationError,
     ScriptError,
+    TickAbandoned,
     TreeLoadError,
 )
+from .hooks import AfterTick, BeforeTick, TickHooks
 from .instantiation import Substitute, SubTreeInstance
 from .leaves import Condition, Halted, StatefulAction, SyncAction
 from .library import TreeKey, TreeLibrary
@@ -45,6 +47,8 @@ from .xml_reader import IncludeResolver, load_xml
 
 __all__ = [
     'EMPTY',
+    'AfterTick',
+    'BeforeTick',
     'BehaviorTreeError',
     'Blackboard',
     'BlackboardError',
@@ -82,8 +86,10 @@ __all__ = [
     'Substitute',
     'SyncAction',
     'ThreadedAction',
+    'TickAbandoned',
     'TickCommand',
     'TickControl',
+    'TickHooks',
     'TransitionObserver',
     'Tree',
     'TreeContext',

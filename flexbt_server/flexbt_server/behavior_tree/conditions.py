@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from .errors import NodeExecutionError, ScriptError
+from .hooks import TickHooks
 from .node import Execute, TreeNode
 from .observation import get_status, set_and_tell
 from .script import BoundScript, CompiledScript, gate_factory, kinds_of
@@ -50,10 +51,12 @@ class Conditions:
     """The scripts of one node. ``execute`` ticks the node with them; what it is changes at times."""
 
     __slots__ = (
+        '_bare',
         '_completed',
         '_countdown',
         '_execute',
         '_halted',
+        '_hooks',
         '_node',
         '_pending',
         '_start',
@@ -83,10 +86,24 @@ class Conditions:
         self._halted = bound('_onHalted')
         # The pre-condition because of which the node failed; None when it failed by itself.
         self.decided: _Script | None = None
-        completing = self._completed is not _NOTHING
-        self._execute: Execute = self._execute_and_complete(node.execute) if completing else node.execute
+        self._bare: Execute = node.execute
+        self._hooks: TickHooks | None = None
+        self._surround()
+
+    def _surround(self) -> None:
+        """Puts the scripts around the tick of the node, and around the hook before it."""
+        tick = self._bare if self._hooks is None else self._hooks.before(self._node, self._bare)
+        self._execute: Execute = tick if self._completed is _NOTHING else self._execute_and_complete(tick)
         self._countdown = self._start[0].bound.script.warm_up if self._start else 0
         self.execute: Execute = self._decide_and_execute if self._start else self._execute
+
+    def entry_point(self) -> Execute:
+        """The callable by which the node is ticked, for its parent."""
+        hooks = self._node.context.hooks
+        if hooks is not self._hooks:
+            self._hooks = hooks
+            self._surround()
+        return self.execute
 
     # -- pre-conditions ----------------------------------------------------------------------------------------------
 
@@ -228,7 +245,7 @@ def _class_with_conditions(node_class: type[TreeNode], tells: bool, halting: boo
             __module__=node_class.__module__,
             __qualname__=node_class.__qualname__,
             __doc__=node_class.__doc__,
-            execute=property(lambda self: self._conditions.execute),
+            execute=property(lambda self: self._conditions.entry_point()),
             observed_status=_OBSERVED_STATUS,
             failure_cause=failure_cause,
             failure_reason=failure_reason,

@@ -11,6 +11,7 @@ from flexbt_common.clock import Clock
 
 if TYPE_CHECKING:
     from .errors import NodeExecutionError
+    from .hooks import TickHooks
     from .node import TreeNode
     from .script import ScriptLibrary
     from .status import NodeStatus
@@ -40,6 +41,7 @@ class TreeContext:
     ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
     work that needs ticks. ``exchanged`` are nodes that have another ``execute`` now, which their parents may fetch.
+    ``hooks`` are the hooks of the nodes, while there are any.
     ``log`` is where changes of statuses are written, while the tree is watched.
     """
 
@@ -53,6 +55,7 @@ class TreeContext:
         self.deadlines: dict[TreeNode, float] = {}
         self.halt_errors: list[NodeExecutionError] = []
         self.exchanged: list[TreeNode] = []
+        self.hooks: TickHooks | None = None
         self.advancing = False
         self._unfinished: list[UnfinishedWork] = []
         self._lock = threading.Lock()

@@ -305,7 +305,8 @@ def node_path(scope: str, id: str, name: str, uid: int) -> str:
 
 def entry_point(node: TreeNode) -> Execute:
     """The callable by which a parent, or the tree, ticks ``node``. It stays valid when there is a faster one."""
-    return node.execute
+    hooks = node.context.hooks
+    return node.execute if hooks is None else hooks.around(node, node.execute)
 
 
 def halt_child(child: TreeNode) -> None:

@@ -14,6 +14,7 @@ from .call_stack import with_room
 from .context import TransitionObserver, TreeContext
 from .definition import NodeDefinition
 from .errors import NodeExecutionError, PortError
+from .hooks import TickHooks
 from .instantiation import Substitute, SubTreeInstance, instantiate
 from .library import TreeKey, TreeLibrary
 from .node import ControlNode, DecoratorNode, Execute, TreeNode, entry_point
@@ -74,6 +75,7 @@ class Tree:
         self.nodes: tuple[TreeNode, ...] = instance.nodes
         self.definitions: tuple[NodeDefinition, ...] = instance.definitions
         self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
+        self.hooks = TickHooks(self.context, self.nodes)
         self.root = self.nodes[0]
         self._depth = instance.depth
         self._on_transition = on_transition
@@ -142,8 +144,9 @@ class Tree:
 
     def _fetch_ticks(self) -> None:
         """Has the parents of nodes fetch their callables anew, which were exchanged for faster ones."""
-        exchanged = set(self.context.exchanged)
-        self.context.exchanged.clear()
+        count = len(self.context.exchanged)  # other threads add to them when they set hooks
+        exchanged = set(self.context.exchanged[:count])
+        del self.context.exchanged[:count]
         for node in self.nodes:
             if isinstance(node, ControlNode | DecoratorNode) and not exchanged.isdisjoint(node.attached):
                 node.fetch_ticks()
@@ -151,7 +154,9 @@ class Tree:
             self._entry = self._fetch_entry()
 
     def _fetch_entry(self) -> Execute:
-        entry = with_room(entry_point(self.root), self._depth)
+        # A node with hooks has two more calls.
+        depth = self._depth if self.context.hooks is None else 2 * self._depth
+        entry = with_room(entry_point(self.root), depth)
         after = self._after_round
         if after is None:
             return entry
