@@ -22,6 +22,8 @@ setup(
     entry_points={
         'console_scripts': [
             'console = flexbt_console.console:main',
+            'recorder = flexbt_console.recording.recorder:main',
+            'replay = flexbt_console.recording.replay:main',
         ],
     },
 )

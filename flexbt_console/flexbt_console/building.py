@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Final
 
 from flexbt_console.command_line import CommandLine, autonomy_level
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import View
-from flexbt_console.mirror.records import AutonomyLevel, Command
+from flexbt_console.mirror.records import AutonomyLevel, Command, CommandKind
 from flexbt_console.operator_values import start_input
 from flexbt_console.requests import Requests
 
@@ -23,7 +24,7 @@ def check_command(line: CommandLine) -> None:
     assert line.spec is not None
     if line.spec.name == 'autonomy':
         autonomy_level(line.words[0])
-    if line.spec.name == 'start':
+    if line.spec.name in ('start', 'switch'):
         _arguments(line)
         _start_autonomy(line)
     if line.spec.name == 'input' and not line.has('--decline') and not line.words:
@@ -51,7 +52,8 @@ def _stop(line: CommandLine, view: View, requests: Requests) -> Command:
 
 
 def _autonomy(line: CommandLine, view: View, requests: Requests) -> Command:
-    return requests.autonomy(view, autonomy_level(line.words[0]))
+    path = line.words[1] if len(line.words) > 1 else ''
+    return requests.autonomy(view, autonomy_level(line.words[0]), path)
 
 
 def _confirm(line: CommandLine, view: View, requests: Requests) -> Command:
@@ -80,6 +82,30 @@ def _decline(line: CommandLine, view: View, requests: Requests) -> Command:
     return requests.decline(view, _first_word(line), _reason(line))
 
 
+def _pause(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.pause(view, _reason(line))
+
+
+def _resume(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.resume(view, _reason(line))
+
+
+def _abort(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.abort(view, _reason(line))
+
+
+def _repeat(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.repeat(view, _first_word(line), _reason(line))
+
+
+def _mark(kind: CommandKind, line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.mark(kind, view, line.words[0], _reason(line))
+
+
+def _switch(line: CommandLine, view: View, requests: Requests) -> Command:
+    return requests.switch(view, line.words[0], _arguments(line), _reason(line))
+
+
 def _claim(line: CommandLine, view: View, requests: Requests) -> Command:
     return requests.claim_authority(view, _reason(line))
 
@@ -100,6 +126,15 @@ BUILDERS: Final[Mapping[str, Callable[[CommandLine, View, Requests], Command]]] 
     'force': _force,
     'input': _input,
     'decline': _decline,
+    'pause': _pause,
+    'resume': _resume,
+    'abort': _abort,
+    'repeat': _repeat,
+    'lock': functools.partial(_mark, CommandKind.LOCK),
+    'unlock': functools.partial(_mark, CommandKind.UNLOCK),
+    'breakpoint': functools.partial(_mark, CommandKind.BREAKPOINT),
+    'clear': functools.partial(_mark, CommandKind.CLEAR_BREAKPOINT),
+    'switch': _switch,
     'claim': _claim,
     'release': _release,
     'handover': _handover,

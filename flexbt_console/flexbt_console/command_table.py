@@ -132,8 +132,9 @@ COMMANDS: Final = (
     CommandSpec(
         'autonomy',
         'set how much the robot decides alone',
-        (Argument('LEVEL'),),
+        (Argument('LEVEL'), Argument('PATH', required=False)),
         details=(
+            'PATH is a state or container: the level holds for it and what is in it. Without PATH: for everything.',
             'LEVEL is off, low, high, full or 0 to 3. A transition happens without the operator when it requires '
             'less than LEVEL.',
         ),
@@ -167,6 +168,55 @@ COMMANDS: Final = (
         'decline to answer a question for a value',
         (Argument('ID', required=False),),
         (_REASON,),
+    ),
+    CommandSpec(
+        'pause',
+        'let the run stand still',
+        options=(_REASON,),
+        details=(
+            'No state is executed or left, and time does not pass for them, until "resume". "stop" works as ever.',
+        ),
+    ),
+    CommandSpec(
+        'resume',
+        'go on with a paused run, or with one that the end of the executive interrupted',
+        options=(_REASON,),
+        details=(
+            'After a crash of the executive the states that were active are entered again. "abort" gives the run up.',
+        ),
+    ),
+    CommandSpec('abort', 'give up a run that the end of the executive interrupted', options=(_REASON,)),
+    CommandSpec(
+        'repeat',
+        'leave a state and enter it again',
+        (Argument('PATH', required=False),),
+        (_REASON,),
+        details=('Without PATH: the state that waits for the operator, or else the only active state.',),
+    ),
+    CommandSpec(
+        'lock',
+        'keep a state or container from being left',
+        (Argument('PATH'),),
+        (_REASON,),
+        details=('PATH is a state or container, in full or its last labels when they are unique.',),
+    ),
+    CommandSpec('unlock', 'undo lock', (Argument('PATH'),), (_REASON,)),
+    CommandSpec(
+        'breakpoint',
+        'let every transition out of a state wait for the operator, whatever the autonomy',
+        (Argument('PATH'),),
+        (_REASON,),
+        details=('PATH is a state or container, in full or its last labels when they are unique.',),
+    ),
+    CommandSpec('clear', 'clear a breakpoint', (Argument('PATH'),), (_REASON,)),
+    CommandSpec(
+        'switch',
+        'go on with another behavior, keeping the active states',
+        (Argument('NAME'), Argument('PARAMETER=VALUE', required=False, repeated=True)),
+        (_REASON,),
+        details=(
+            'The other behavior has to have the active states at the same paths; the refusal names those it lacks.',
+        ),
     ),
     CommandSpec(
         'claim',

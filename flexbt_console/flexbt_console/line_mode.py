@@ -177,9 +177,9 @@ SHOW: Final[Mapping[str, Callable[[Session], ExitCode]]] = {
 
 def _prepared(session: Session, view: View, name: str) -> View:
     """The view with what the command is checked against, as far as that arrives soon."""
-    if name == 'start':
+    if name in ('start', 'switch'):
         found = session.link.wait_for(lambda now: now if now.behaviors is not None else None, LATCHED_SECONDS)
-    elif name == 'force' and view.running:
+    elif name in ('force', 'lock', 'breakpoint', 'autonomy') and view.running:
         found = session.link.wait_for(lambda now: now if now.structure else None, LATCHED_SECONDS)
     else:
         found = None

@@ -37,7 +37,7 @@ def snapshot(message: ExecutiveStatus) -> records.Snapshot:
         message=message.message,
         autonomy=message.autonomy,
         active_states=tuple(
-            records.ActiveState(state.path, _seconds(state.entered), tuple(state.activity))
+            records.ActiveState(state.path, _seconds(state.entered), tuple(state.activity), state.paused)
             for state in message.active_states
         ),
         decisions=tuple(_decision(decision) for decision in message.decisions),
@@ -47,6 +47,9 @@ def snapshot(message: ExecutiveStatus) -> records.Snapshot:
         ),
         peers=tuple(records.Peer(peer.name, peer.alive, _seconds(peer.since)) for peer in message.peers),
         robot_pose=_pose(message.robot_pose),
+        locked=tuple(message.locked),
+        breakpoints=tuple(message.breakpoints),
+        autonomy_levels=tuple((entry.path, int(entry.level)) for entry in message.autonomy_levels),
         authority=message.authority,
         authority_requests=tuple(message.authority_requests),
         stamp=_seconds(message.stamp),

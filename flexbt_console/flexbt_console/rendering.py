@@ -12,6 +12,7 @@ from flexbt_console.mirror.records import (
     Behavior,
     Decision,
     DecisionKind,
+    ExecutiveState,
     LogLine,
     Peer,
     Pose,
@@ -71,7 +72,8 @@ def behavior_line(view: View) -> str:
         return ''
     name = one_line(snapshot.behavior) or 'no behavior'
     if view.running:
-        return f'{snapshot.state.name}  {name}'
+        hint = ': "resume" goes on with it, "abort" gives it up'
+        return f'{snapshot.state.name}  {name}{hint if snapshot.state is ExecutiveState.INTERRUPTED else ""}'
     if not snapshot.run_id:
         return f'{snapshot.state.name}  nothing has run yet'
     ended = f'{snapshot.state.name}  {name} ended: {one_line(snapshot.outcome) or "?"}'
@@ -122,9 +124,14 @@ def status(view: View) -> list[str]:
         return shown
     shown.append(f'behavior  {behavior_line(view)}')
     shown.append(f'autonomy  {autonomy(snapshot.autonomy)}')
+    shown += [f'autonomy  {one_line(path)}: {autonomy(level)}' for path, level in snapshot.autonomy_levels]
     shown.append(f'authority {authority(snapshot)}')
+    if snapshot.locked:
+        shown.append(f'locked    {", ".join(map(one_line, snapshot.locked))}')
+    if snapshot.breakpoints:
+        shown.append(f'breaks at {", ".join(map(one_line, snapshot.breakpoints))}')
     for state in snapshot.active_states:
-        shown.append(f'active    {one_line(state.path)}')
+        shown.append(f'active    {one_line(state.path)}{" (paused)" if state.paused else ""}')
         shown += [f'            {one_line(line)}' for line in state.activity]
     for pending in snapshot.decisions:
         shown.append(f'waiting   {decision(pending)}')

@@ -19,6 +19,7 @@ from flexbt_console.mirror.records import (
     CommandKind,
     Decision,
     DecisionKind,
+    ExecutiveState,
     InputValue,
 )
 from flexbt_console.mirror.view import View
@@ -59,9 +60,58 @@ class Requests:
         """Stop the run."""
         return self._command(CommandKind.STOP, run_id=_run(view), reason=reason)
 
-    def autonomy(self, view: View, level: AutonomyLevel) -> Command:
-        """Set the level of autonomy, of the run or for the next one."""
-        return self._command(CommandKind.AUTONOMY, run_id=_run(view) if view.running else '', autonomy=int(level))
+    def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> Command:
+        """Set the level of autonomy, of the run, of a sub-tree of it, or for the next run.
+
+        Raises:
+            RefusedError: there is no such state.
+        """
+        run_id = _run(view) if view.running else ''
+        path = _known_path(view, path) if path else ''
+        return self._command(CommandKind.AUTONOMY, run_id=run_id, autonomy=int(level), path=path)
+
+    def pause(self, view: View, reason: str = '') -> Command:
+        """Let the run stand still."""
+        return self._command(CommandKind.PAUSE, run_id=_run(view), reason=reason)
+
+    def resume(self, view: View, reason: str = '') -> Command:
+        """Go on with a paused run, or with one that the end of the executive interrupted."""
+        is_interrupted = view.snapshot is not None and view.snapshot.state is ExecutiveState.INTERRUPTED
+        kind = CommandKind.RESUME_RUN if is_interrupted else CommandKind.RESUME
+        return self._command(kind, run_id=_run(view), reason=reason)
+
+    def abort(self, view: View, reason: str = '') -> Command:
+        """Give up a run that the end of the executive interrupted."""
+        return self._command(CommandKind.ABORT_RUN, run_id=_run(view), reason=reason)
+
+    def repeat(self, view: View, path: str = '', reason: str = '') -> Command:
+        """Leave a state and enter it again. Without a path: the state that waits, or the only active one.
+
+        Raises:
+            RefusedError: which state is meant is not clear, or it is not active.
+        """
+        path = _active_path(view, path) if path else _waiting_path(view)
+        return self._command(CommandKind.REPEAT, run_id=_run(view), path=path, reason=reason)
+
+    def mark(self, kind: CommandKind, view: View, path: str, reason: str = '') -> Command:
+        """Lock or unlock a state, set or clear a breakpoint.
+
+        Raises:
+            RefusedError: there is no such state.
+        """
+        return self._command(kind, run_id=_run(view), path=_known_path(view, path), reason=reason)
+
+    def switch(self, view: View, name: str, arguments: Sequence[tuple[str, str]] = (), reason: str = '') -> Command:
+        """Go on with another behavior, keeping the active states.
+
+        Raises:
+            RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
+        """
+        if view.behaviors is not None:
+            _check_start(view.behaviors, name, arguments)
+        return self._command(
+            CommandKind.SWITCH, run_id=_run(view), behavior=name, arguments=tuple(arguments), reason=reason
+        )
 
     def confirm(self, view: View, decision_id: str = '', reason: str = '') -> Command:
         """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only question.
@@ -270,6 +320,22 @@ def _active_path(view: View, text: str) -> str:
     active = ', '.join(matches or view.active_paths) or 'none'
     what = 'is not unique' if matches else 'is not active'
     raise RefusedError(f'{text!r} {what}; active: {active}')
+
+
+def _known_path(view: View, text: str) -> str:
+    """The path of a state or container of the run, active or not, from the path or its last labels."""
+    known = [state.path for state in view.structure.states] if view.structure else list(view.active_levels)
+    if text in known or not known:
+        return text
+    suffix = '/' + text.strip('/')
+    matches = [path for path in known if path.endswith(suffix)]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise RefusedError(f'{text!r} is not unique: {", ".join(matches)}')
+    near = difflib.get_close_matches(suffix, known, n=1)
+    hint = f'; did you mean {near[0]!r}?' if near else '; see "structure"'
+    raise RefusedError(f'there is no state {text!r}{hint}')
 
 
 def _check_start(behaviors: Sequence[Behavior], name: str, arguments: Sequence[tuple[str, str]]) -> None:

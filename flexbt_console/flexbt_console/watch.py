@@ -83,6 +83,7 @@ def _essence(view: View) -> tuple[Any, ...]:
     return (
         s.executive_id, s.state, s.run_id, s.behavior, s.outcome, s.message, s.autonomy, s.active_states,
         s.decisions, s.peers, s.robot_pose, s.authority, s.authority_requests,
+        s.locked, s.breakpoints, s.autonomy_levels,
     )  # fmt: skip
 
 
@@ -103,6 +104,12 @@ def _changes(before: View | None, view: View) -> list[str]:
         text.append(f'behavior: {rendering.behavior_line(view)}')
     if old is None or old.autonomy != new.autonomy:
         text.append(f'autonomy: {rendering.autonomy(new.autonomy)}')
+    for word, before_, now in (
+        ('locked', old.locked if old else (), new.locked),
+        ('breakpoints', old.breakpoints if old else (), new.breakpoints),
+    ):
+        if before_ != now:
+            text.append(f'{word}: {", ".join(map(one_line, now)) or "none"}')
     known = (old.authority, old.authority_requests) if old else ('', ())
     if known != (new.authority, new.authority_requests):
         text.append(f'authority: {rendering.authority(new)}')

@@ -202,7 +202,7 @@ def test_completion() -> None:
     assert complete('force c', view(TRANSITION)) == ['canceled']
     assert complete('confirm ', view(TRANSITION)) == ['t1']
     hostile = dataclasses.replace(TRANSITION, outcomes=('a\rstop', 'a\x1b'))
-    assert complete('a', view(hostile)) == ['autonomy']
+    assert complete('a', view(hostile)) == ['autonomy', 'abort']
 
 
 class Loopback:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_console import rendering
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LinkState, View
 from flexbt_console.mirror.records import (
@@ -197,3 +198,34 @@ def test_places_file(tmp_path: Path) -> None:
             load_places(file)
     with pytest.raises(UsageError, match='No such file'):
         load_places(tmp_path / 'none.yaml')
+
+
+def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_state(
+    requests: Requests,
+) -> None:
+    states = tuple(StateStructure(path) for path in ('/', '/Do', '/Do/Plan', '/Else', '/Else/Plan'))
+    paused = Snapshot('e', 1, state=ExecutiveState.PAUSED, run_id='r1')
+    running = View(LinkState.LIVE, 0.1, '', paused, Structure('r1', 'B', states))
+    assert requests.mark(CommandKind.LOCK, running, 'Do/Plan').path == '/Do/Plan'
+    assert requests.autonomy(running, AutonomyLevel.HIGH, 'Else').path == '/Else'
+    with pytest.raises(RefusedError, match='not unique'):
+        requests.mark(CommandKind.BREAKPOINT, running, 'Plan')
+    with pytest.raises(RefusedError, match="did you mean '/Do/Plan'"):
+        requests.mark(CommandKind.UNLOCK, running, 'Do/Plam')
+    assert requests.resume(running).kind is CommandKind.RESUME
+    interrupted = View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, state=ExecutiveState.INTERRUPTED, run_id='r1'))
+    assert requests.resume(interrupted).kind is CommandKind.RESUME_RUN
+    assert requests.abort(interrupted).run_id == 'r1'
+    assert '"resume" goes on' in '\n'.join(rendering.status(interrupted))
+
+
+def test_the_authority_is_handed_to_the_one_who_asks(requests: Requests) -> None:
+    def asked_by(*operators: str) -> View:
+        return View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, authority='ann', authority_requests=operators))
+
+    assert requests.hand_over_authority(asked_by('bob')).grantee == 'bob'
+    assert requests.hand_over_authority(asked_by('bob', 'eve'), 'zoe').grantee == 'zoe'
+    with pytest.raises(RefusedError, match='bob, eve'):
+        requests.hand_over_authority(asked_by('bob', 'eve'))
+    with pytest.raises(RefusedError, match='nobody asks'):
+        requests.hand_over_authority(asked_by())

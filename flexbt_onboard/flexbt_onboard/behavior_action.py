@@ -116,6 +116,7 @@ class BehaviorActionServer:
             wanted.inputs,
             wanted.autonomy,
             f'action {names.EXECUTE_BEHAVIOR}',
+            is_durable=False,  # after a crash, the client does not wait for it any more
         )
 
         def built(reason: str | None) -> None:

@@ -9,37 +9,28 @@ from __future__ import annotations
 
 import threading
 import traceback
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, Protocol
 
 from flexbt_common.bell import Bell
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import from_entry
-from flexbt_msgs.msg import (
-    ActiveState,
-    BehaviorStructure,
-    BlackboardEntry,
-    ExecutiveLog,
-    PendingDecision,
-    StateStructure,
-)
-from flexbt_onboard.behavior_library import BehaviorEntry
+from flexbt_msgs.msg import ActiveState, BehaviorStructure, ExecutiveLog, PendingDecision
+from flexbt_onboard.command_answers import CommandAnswers, Decided
 from flexbt_onboard.errors import ParameterError
+from flexbt_onboard.run_building import RunRequest, checked_inputs, definition_of, structure_message
 from flexbt_onboard.run_context import RunContext
 from flexbt_onboard.run_view import RunView
 from flexbt_onboard.state_machine import (
     ERROR,
     Answer,
     ExitReason,
-    MachineDefinition,
     MachineError,
     MachineRun,
-    OperatableStateMachine,
     Severity,
-    define,
 )
+from flexbt_onboard.state_machine.restoring import reasons_against
 from flexbt_onboard.state_services import StateServices
 
 _ESCAPES: Final = 3
@@ -51,21 +42,8 @@ class RunPhase(Enum):
 
     STARTING = 'starting'
     RUNNING = 'running'
+    PAUSED = 'paused'
     STOPPING = 'stopping'
-
-
-@dataclass(frozen=True)
-class RunRequest:
-    """What to run: arguments are pairs of parameter name and text, inputs go to the userdata of the root machine.
-
-    ``by`` is who wants it: an operator, or a program.
-    """
-
-    entry: BehaviorEntry
-    arguments: Sequence[tuple[str, str]]
-    inputs: Sequence[BlackboardEntry]
-    autonomy: int
-    by: str = ''
 
 
 class RunObserver(Protocol):
@@ -85,6 +63,12 @@ class RunObserver(Protocol):
 
     def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
         """Something for the record (:mod:`flexbt_onboard.record`)."""
+
+    def run_moved(self, run: BehaviorRun, machine: MachineRun, decided: Sequence[Decided]) -> None:
+        """The machine is where it was not before, or commands were decided, which are told when this returns."""
+
+    def run_switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        """The run goes on with another behavior, whose structure that is; :meth:`run_moved` follows."""
 
     def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         """The run has ended. Nothing follows."""
@@ -106,10 +90,10 @@ class BehaviorRun:
         self._stop_reason: str | None = None
         self._is_announced = False
         self._has_changed = False
-        self._is_over = False
-        self._unanswered: list[Answer] = []
+        self._answers = CommandAnswers()
+        self._switches: deque[tuple[RunRequest, Answer]] = deque()
         self._machine: MachineRun | None = None
-        self._view = RunView(services.runtime.clock, run_id)
+        self.view = RunView(services.runtime.clock, run_id)
         self._thread = threading.Thread(target=self._main, name=f'run_{self.behavior}', daemon=True)
 
     def start(self) -> None:
@@ -126,7 +110,9 @@ class BehaviorRun:
         """What the run is at, as far as the operator was told."""
         if self._stop_reason is not None:
             return RunPhase.STOPPING
-        return RunPhase.RUNNING if self._is_announced else RunPhase.STARTING
+        if not self._is_announced:
+            return RunPhase.STARTING
+        return RunPhase.PAUSED if self.view.is_paused else RunPhase.RUNNING
 
     def announce(self) -> None:
         """The operator knows the structure of the run by now, so that the run may be shown as running."""
@@ -134,11 +120,11 @@ class BehaviorRun:
 
     def active_states(self) -> list[ActiveState]:
         """The active states, and what each of them is doing."""
-        return self._view.active_states()
+        return self.view.active_states()
 
     def decisions(self) -> list[PendingDecision]:
         """What waits for the operator."""
-        return self._view.decisions()
+        return self.view.decisions()
 
     def stop(self, reason: str) -> None:
         """Stop the run; :meth:`RunObserver.run_ended` follows when everything is at rest."""
@@ -146,63 +132,69 @@ class BehaviorRun:
             if self._stop_reason is None:
                 self._stop_reason = reason
             machine = self._machine
+        self._observer.run_event(self, 'stopping', {'why': reason})
         if machine is not None:
             machine.preempt(reason)
         self._observer.changed()
 
     def confirm(self, decision_id: str, answer: Answer) -> None:
-        """Let what a decision asks for happen. ``answer`` gets None or the reason why not, once, on any thread."""
-        own = self._view.own_decision(decision_id)
+        """Let what a decision asks for happen."""
+        own = self.view.own_decision(decision_id)
         if own is None:
             answer(f'decision {decision_id!r} does not belong to this run')
         else:
-            self._command(lambda machine, once: machine.confirm(own, once), answer)
+            self.command(lambda machine, once: machine.confirm(own, once), answer)
 
     def force(self, path: str, outcome: str, decision_id: str, answer: Answer) -> None:
         """Leave a state by an outcome; ``decision_id`` is the decision that this overrides, or ''."""
-        own = self._view.own_decision(decision_id) if decision_id else ''
+        own = self.view.own_decision(decision_id) if decision_id else ''
         if own is None:
             answer(f'decision {decision_id!r} does not belong to this run')
         else:
-            self._command(lambda machine, once: machine.force(path, outcome, own, once), answer)
+            self.command(lambda machine, once: machine.force(path, outcome, own, once), answer)
 
     def set_autonomy(self, level: int, path: str, answer: Answer) -> None:
         """Change the autonomy level of a sub-tree; '' for all."""
-        self._command(lambda machine, once: machine.set_autonomy(level, path, once), answer)
+        self.command(lambda machine, once: machine.set_autonomy(level, path, once), answer)
 
-    def _command(self, send: Callable[[MachineRun, Answer], None], answer: Answer) -> None:
-        with self._lock:
-            machine = self._machine
-            if machine is not None and not self._is_over:
-                self._unanswered.append(answer)
-        if machine is None or self._is_over:
+    def command(self, send: Callable[[MachineRun, Answer], None], answer: Answer) -> None:
+        """Give the machine a command; ``answer`` is told once, on any thread, when its effect can be seen."""
+        machine = self._machine
+        if machine is None or not self._answers.owe(answer):
             answer('the behavior is being built' if machine is None else 'the run has ended')
             return
+        send(machine, lambda reason: self._decide(answer, reason))
 
-        def once(reason: str | None) -> None:
-            with self._lock:
-                if answer not in self._unanswered:
-                    return
-                self._unanswered.remove(answer)
+    def switch(self, request: RunRequest, answer: Answer) -> None:
+        """Go on with another behavior, keeping the active states; it is built on the thread of the run."""
+
+        def ask(_machine: MachineRun, _once: Answer) -> None:
+            self._switches.append((request, answer))
+            self._bell.ring()
+
+        self.command(ask, answer)
+
+    def _decide(self, answer: Answer, reason: str | None) -> None:
+        self._answers.decide(answer, reason)
+        if threading.current_thread() is self._thread:
+            self._show()
+        else:  # the machine has ended
+            self._tell(self._answers.take_decided())
+
+    def _tell(self, decided: Sequence[Decided]) -> None:
+        for answer, reason in decided:
             answer(reason)
-
-        send(machine, once)
-
-    def _answer_the_rest(self) -> None:
-        """A command that came while the machine ended is answered as well."""
-        with self._lock:
-            self._is_over = True
-            rest, self._unanswered = self._unanswered, []
-        for answer in rest:
-            answer('the run has ended')
 
     # -- observer of the machine; on the thread of the run ----------------------------------------------------------
 
     def changed(self) -> None:
         """See :class:`flexbt_onboard.state_machine.RunObserver`."""
-        # At once, since the next callback of a state may take long; and again when the step is over.
+        # What is entered is shown at once, since on_enter may take long; all else when the step is over, so that what a
+        # command has done and the answer to it are written in one.
         self._has_changed = True
-        self._show()
+        machine = self._machine
+        if machine is not None and self.view.is_outdated(machine):
+            self._show()
 
     def log(self, severity: Severity, path: str, text: str) -> None:
         """See :class:`flexbt_onboard.state_machine.RunObserver`."""
@@ -215,7 +207,7 @@ class BehaviorRun:
 
     def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
         """See :class:`flexbt_onboard.state_machine.RunObserver`."""
-        self._view.left(path)
+        self.view.left(path)
         fields = {'path': path, 'outcome': outcome, 'target': target, 'reason': reason.name.lower()}
         self._observer.run_event(self, 'left', fields)
         if reason is ExitReason.FORCED:
@@ -230,16 +222,8 @@ class BehaviorRun:
     def _build_and_drive(self) -> None:
         try:
             machine = self._build()
-        except MachineError as error:
-            problems = ''.join(f'\n- {problem}' for problem in error.problems)
-            self._observer.run_refused(self, f'its state machine is wrong:{problems}')
-            return
-        except FlexbtError as error:
-            self._observer.run_refused(self, str(error))
-            return
-        except BaseException as error:  # code of the behavior; a thread must not end without saying so
-            self._observer.run_log(self, ExecutiveLog.ERROR, '', traceback.format_exc())
-            self._observer.run_refused(self, f'building it raised {type(error).__name__}: {error}')
+        except BaseException as error:
+            self._observer.run_refused(self, self._reason_of(error))
             return
         with self._lock:
             is_stopped = self._stop_reason is not None
@@ -247,43 +231,68 @@ class BehaviorRun:
         if is_stopped:
             self._observer.run_refused(self, f'stopped before it began: {self._stop_reason}')
             return
-        self._observer.run_built(self, _structure(machine.definition, self.run_id, self.behavior))
+        self._observer.run_built(self, structure_message(machine.definition, self.run_id, self.behavior))
         outcome, message = self._drive(machine)
-        self._answer_the_rest()
+        self._answers.close('the run has ended')
+        self._tell(self._answers.take_decided())
         values = machine.userdata()
         self.outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
         self._observer.run_ended(self, outcome, message)
 
     def _build(self) -> MachineRun:
-        behavior = self.request.entry.instantiate()
-        behavior.set_arguments(self.request.arguments)
-        machine: Any = behavior.create()
-        if not isinstance(machine, OperatableStateMachine):
-            raise ParameterError(f'create() has to return an OperatableStateMachine, not {machine!r:.60}')
-        definition = define(machine)
+        definition = definition_of(self.request)
+        at = self.request.at
+        if at is not None and (reasons := reasons_against(definition, at)):
+            raise ParameterError(f'it cannot go on where it was: {"; ".join(reasons)}')
         return MachineRun(
             definition,
             self._services.runtime.clock,
             self,
             autonomy=self.request.autonomy,
-            userdata=_checked_inputs(definition, self.request.inputs),
+            userdata=checked_inputs(definition, self.request.inputs) if at is None else None,
             services=self._services,
             steady=self._services.runtime.steady,
             on_wake=self._bell.ring,
         )
 
+    def _switch(self, machine: MachineRun, request: RunRequest, answer: Answer) -> None:
+        try:
+            definition = definition_of(request)
+        except BaseException as error:  # code of the behavior
+            self._decide(answer, self._reason_of(error))
+            return
+
+        def switched(reason: str | None) -> None:
+            if reason is None:
+                self.request, self.behavior = request, request.entry.name
+                self._observer.run_switched(self, structure_message(definition, self.run_id, self.behavior))
+            self._decide(answer, reason)
+
+        machine.switch(definition, switched)
+
+    def _reason_of(self, error: BaseException) -> str:
+        """Why a behavior could not be built, for the operator."""
+        if isinstance(error, MachineError):
+            return 'its state machine is wrong:' + ''.join(f'\n- {problem}' for problem in error.problems)
+        if isinstance(error, FlexbtError):
+            return str(error)
+        # Code of the behavior; a thread must not end without saying so.
+        self._observer.run_log(self, ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
+        return f'building it raised {type(error).__name__}: {error}'
+
     def _drive(self, machine: MachineRun) -> tuple[str, str]:
         """Step the machine to its end; gives the outcome and a message."""
         try:
-            machine.start()
+            machine.start(self.request.at)
         except BaseException as error:
             self._escaped(machine, error)
         for _ in range(_ESCAPES):
             try:
                 while machine.step():
-                    if self._has_changed:
-                        self._has_changed = False
+                    if self._has_changed or self._answers.has_decided:
                         self._show()
+                    while self._switches:
+                        self._switch(machine, *self._switches.popleft())
                     self._bell.wait(self._services.runtime.clock, machine.next_wake)
                 return machine.outcome or ERROR, machine.message
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
@@ -297,42 +306,10 @@ class BehaviorRun:
     def _show(self) -> None:
         machine = self._machine
         if machine is not None:
-            for event, fields in self._view.update(machine):
+            self._has_changed = False
+            for event, fields in self.view.update(machine):
                 self._observer.run_event(self, event, fields)
+            decided = self._answers.take_decided()
+            self._observer.run_moved(self, machine, decided)
+            self._tell(decided)
         self._observer.changed()
-
-
-def _structure(definition: MachineDefinition, run_id: str, behavior: str) -> BehaviorStructure:
-    return BehaviorStructure(
-        run_id=run_id,
-        behavior=behavior,
-        states=[
-            StateStructure(
-                path=entry.path,
-                kind=entry.kind.value,
-                type=entry.type_name,
-                children=list(entry.children),
-                outcomes=list(entry.outcomes),
-                targets=list(entry.targets),
-                autonomy=list(entry.autonomy),
-            )
-            for entry in definition.structure()
-        ],
-    )
-
-
-def _checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEntry]) -> dict[str, Any]:
-    """The values of the inputs by userdata key; all that are needed, and no others."""
-    accepted = {*definition.input_keys, *definition.defaults}
-    values: dict[str, Any] = {}
-    for entry in inputs:
-        if entry.key not in accepted:
-            known = ', '.join(sorted(accepted)) or 'none'
-            raise ParameterError(f'input {entry.key!r} is no userdata key of the behavior; it takes: {known}')
-        if entry.key in values:
-            raise ParameterError(f'input {entry.key!r} is given twice')
-        values[entry.key] = from_entry(entry)
-    for key in definition.input_keys:
-        if key not in values and key not in definition.defaults:
-            raise ParameterError(f'input {key!r} is needed and has no default; give it with the start')
-    return values

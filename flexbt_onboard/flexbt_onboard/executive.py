@@ -9,7 +9,7 @@ behavior does.
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from flexbt_common.action_call import ActionLinks
@@ -20,7 +20,8 @@ from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, E
 from flexbt_onboard.authority import Authority
 from flexbt_onboard.behavior_action import BehaviorActionServer
 from flexbt_onboard.behavior_library import BehaviorLibrary
-from flexbt_onboard.behavior_run import BehaviorRun, RunRequest
+from flexbt_onboard.behavior_run import BehaviorRun
+from flexbt_onboard.command_answers import CommandAnswer, Decided
 from flexbt_onboard.command_table import CommandTable
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.executive_commands import CommandHandlers, command_fields
@@ -31,8 +32,9 @@ from flexbt_onboard.operator_questions import OperatorQuestions
 from flexbt_onboard.peers import PeersWatch
 from flexbt_onboard.record import Record, record_file
 from flexbt_onboard.robot_pose import RobotPose
+from flexbt_onboard.run_building import RunRequest
 from flexbt_onboard.run_view import waiting_fields
-from flexbt_onboard.state_machine import Answer
+from flexbt_onboard.state_machine import ROOT_PATH, Answer, MachineRun
 from flexbt_onboard.state_services import StateServices
 from flexbt_onboard.status_publisher import StatusPublisher
 
@@ -51,7 +53,7 @@ class Executive:
     """The executive on one node. Made and closed by its host; see :func:`flexbt_onboard.onboard_executive.main`.
 
     ``run`` is the run that goes on, or None; ``last`` tells run_id, behavior, outcome and message of the one before;
-    ``autonomy`` is the operator's current level.
+    ``autonomy`` is the level that the run began with, or for the next one.
     """
 
     def __init__(self, runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary) -> None:
@@ -97,6 +99,11 @@ class Executive:
         self._announce()
 
     @property
+    def level(self) -> int:
+        """The operator's current level of autonomy: that of the run, or for the next one."""
+        return self.run.view.levels.get(ROOT_PATH, self.autonomy) if self.run is not None else self.autonomy
+
+    @property
     def shown_run_id(self) -> str:
         """The run that the status names: the one that goes on, or the last one."""
         return self.run.run_id if self.run is not None else str(self.last.run_id)
@@ -127,9 +134,10 @@ class Executive:
         self.changed()
         return self.run
 
-    def settle(self, command_id: str, reason: str | None) -> None:
-        """Answer a command: applied, or refused for ``reason``; from any thread."""
-        self.runtime.post(lambda: self._settle(command_id, reason))
+    def answer_of(self, command: ExecutiveCommand) -> CommandAnswer:
+        """What answers a command: applied, or refused for a reason; from any thread."""
+        command_id = str(command.id)
+        return CommandAnswer(command_id, lambda reason: self.runtime.post(lambda: self._settle(command_id, reason)))
 
     # What a run tells; on the thread of the run.
 
@@ -176,6 +184,17 @@ class Executive:
     def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
         """Something for the record."""
         self.record.note(event, run=run.run_id, **fields)
+
+    def run_moved(self, run: BehaviorRun, machine: MachineRun, decided: Sequence[Decided]) -> None:
+        """The machine is where it was not before, or commands were decided."""
+
+    def run_switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        """The run goes on with another behavior."""
+        request = run.request
+        self.record.note(
+            'switched', run=run.run_id, behavior=run.behavior, arguments=dict(request.arguments), by=request.by
+        )
+        self.runtime.post(lambda: self.link.publish_structure(structure))
 
     def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         """The run has ended and everything is at rest, or as far at rest as ``message`` says."""
@@ -255,6 +274,7 @@ class Executive:
         self.last = ExecutiveStatus(
             run_id=run.run_id, behavior=run.behavior, outcome=outcome, message=sendable(message)
         )
+        self.autonomy = run.view.levels.get(ROOT_PATH, self.autonomy)
         self.run = None
         self.changed()
 

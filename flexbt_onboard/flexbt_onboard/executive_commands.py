@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand
 from flexbt_onboard.behavior_library import BehaviorLibrary
-from flexbt_onboard.behavior_run import BehaviorRun, RunPhase, RunRequest
+from flexbt_onboard.behavior_run import BehaviorRun, RunPhase
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError
+from flexbt_onboard.run_building import RunRequest
+from flexbt_onboard.state_machine import Answer, MachineRun
 
 if TYPE_CHECKING:
     from flexbt_onboard.executive import Executive
@@ -52,6 +55,14 @@ class CommandHandlers:
             ExecutiveCommand.FORCE: self._force,
             ExecutiveCommand.ANSWER: self._answer,
             ExecutiveCommand.DECLINE: self._decline,
+            ExecutiveCommand.PAUSE: self._pause,
+            ExecutiveCommand.RESUME: self._resume,
+            ExecutiveCommand.REPEAT: functools.partial(self._at_path, MachineRun.repeat),
+            ExecutiveCommand.LOCK: functools.partial(self._at_path, MachineRun.lock),
+            ExecutiveCommand.UNLOCK: functools.partial(self._at_path, MachineRun.unlock),
+            ExecutiveCommand.BREAKPOINT: functools.partial(self._at_path, MachineRun.set_breakpoint),
+            ExecutiveCommand.CLEAR_BREAKPOINT: functools.partial(self._at_path, MachineRun.clear_breakpoint),
+            ExecutiveCommand.SWITCH: self._switch,
             ExecutiveCommand.CLAIM_AUTHORITY: self._claim_authority,
             ExecutiveCommand.RELEASE_AUTHORITY: self._release_authority,
             ExecutiveCommand.HAND_OVER_AUTHORITY: self._hand_over_authority,
@@ -79,7 +90,7 @@ class CommandHandlers:
             command.autonomy,
             command.operator_id,
         )
-        self._executive.start(request, lambda reason: self._executive.settle(command.id, reason))
+        self._executive.start(request, self._executive.answer_of(command))
         return _ANSWERED_LATER
 
     def _stop(self, command: ExecutiveCommand) -> bool:
@@ -96,16 +107,7 @@ class CommandHandlers:
             executive.autonomy = level
             return _APPLIED
         run = self._run_of(command)
-        if command.path:
-            run.set_autonomy(level, command.path, self._answer_of(command))
-            return _ANSWERED_LATER
-
-        def settle(reason: str | None) -> None:
-            if reason is None:
-                executive.autonomy = level
-            executive.settle(command.id, reason)
-
-        run.set_autonomy(level, '', lambda reason: executive.runtime.post(lambda: settle(reason)))
+        run.set_autonomy(level, command.path, self._executive.answer_of(command))
         return _ANSWERED_LATER
 
     def _confirm(self, command: ExecutiveCommand) -> bool:
@@ -114,14 +116,14 @@ class CommandHandlers:
         run = self._running(command)
         if self._executive.questions.is_open(command.decision_id):
             raise CommandRefusedError(f'decision {command.decision_id!r} asks for a value: answer it, or decline')
-        run.confirm(command.decision_id, self._answer_of(command))
+        run.confirm(command.decision_id, self._executive.answer_of(command))
         return _ANSWERED_LATER
 
     def _force(self, command: ExecutiveCommand) -> bool:
         if not command.path or not command.outcome:
             raise CommandRefusedError('FORCE must name path and outcome')
         run = self._running(command)
-        run.force(command.path, command.outcome, command.decision_id, self._answer_of(command))
+        run.force(command.path, command.outcome, command.decision_id, self._executive.answer_of(command))
         return _ANSWERED_LATER
 
     def _answer(self, command: ExecutiveCommand) -> bool:
@@ -148,9 +150,34 @@ class CommandHandlers:
         self._executive.authority.hand_over(command.operator_id, command.grantee)
         return _APPLIED
 
-    def _answer_of(self, command: ExecutiveCommand) -> Callable[[str | None], None]:
-        command_id = command.id
-        return lambda reason: self._executive.settle(command_id, reason)
+    def _pause(self, command: ExecutiveCommand) -> bool:
+        self._running(command).command(MachineRun.pause, self._executive.answer_of(command))
+        return _ANSWERED_LATER
+
+    def _resume(self, command: ExecutiveCommand) -> bool:
+        self._running(command).command(MachineRun.resume, self._executive.answer_of(command))
+        return _ANSWERED_LATER
+
+    def _at_path(self, apply: Callable[[MachineRun, str, Answer], None], command: ExecutiveCommand) -> bool:
+        if not command.path:
+            raise CommandRefusedError(f'{kind_name(command)} must name path')
+        run = self._running(command)
+        run.command(lambda machine, once: apply(machine, command.path, once), self._executive.answer_of(command))
+        return _ANSWERED_LATER
+
+    def _switch(self, command: ExecutiveCommand) -> bool:
+        run = self._running(command)
+        request = run_request(
+            self._executive.library,
+            command.behavior,
+            [(argument.name, argument.value) for argument in command.arguments],
+            (),
+            run.request.autonomy,
+            command.operator_id,
+            is_durable=run.request.is_durable,
+        )
+        run.switch(request, self._executive.answer_of(command))
+        return _ANSWERED_LATER
 
     def _run_of(self, command: ExecutiveCommand) -> BehaviorRun:
         """The run that the command is meant for, when it is the one that goes on."""
@@ -165,7 +192,7 @@ class CommandHandlers:
 
     def _running(self, command: ExecutiveCommand) -> BehaviorRun:
         run = self._run_of(command)
-        if run.phase is not RunPhase.RUNNING:
+        if run.phase not in (RunPhase.RUNNING, RunPhase.PAUSED):
             raise CommandRefusedError(f'behavior {run.behavior!r} is {run.phase.name.lower()}')
         return run
 
@@ -185,6 +212,8 @@ def run_request(
     inputs: Sequence[BlackboardEntry],
     autonomy: int,
     by: str,
+    *,
+    is_durable: bool = True,
 ) -> RunRequest:
     """What to run, from what somebody asks for.
 
@@ -197,7 +226,7 @@ def run_request(
         raise CommandRefusedError(str(error)) from error
     if entry.error:
         raise CommandRefusedError(f'behavior {entry.name!r} is broken: {entry.error}')
-    return RunRequest(entry, tuple(arguments), tuple(inputs), _checked_autonomy(autonomy), by)
+    return RunRequest(entry, tuple(arguments), tuple(inputs), _checked_autonomy(autonomy), by, is_durable=is_durable)
 
 
 def kind_name(command: ExecutiveCommand) -> str:

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_msgs.msg import AutonomyLevel, ExecutiveStatus
 from flexbt_onboard.behavior_run import RunPhase
+from flexbt_onboard.state_machine import ROOT_PATH
 
 if TYPE_CHECKING:
     from flexbt_onboard.executive import Executive
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 _STATE_OF_PHASE: Final = {
     RunPhase.STARTING: ExecutiveStatus.STARTING,
     RunPhase.RUNNING: ExecutiveStatus.RUNNING,
+    RunPhase.PAUSED: ExecutiveStatus.PAUSED,
     RunPhase.STOPPING: ExecutiveStatus.STOPPING,
 }
 
@@ -21,7 +23,7 @@ _STATE_OF_PHASE: Final = {
 def status_of(executive: Executive) -> ExecutiveStatus:
     """The present status; sender, number and time are for whoever sends it. On the executor thread."""
     status = ExecutiveStatus(
-        autonomy=executive.autonomy,
+        autonomy=executive.level,
         decisions=executive.questions.decisions(),
         results=executive.command_table.latest(),
         peers=executive.peers.statuses(),
@@ -38,7 +40,12 @@ def status_of(executive: Executive) -> ExecutiveStatus:
     else:
         status.state = _STATE_OF_PHASE[run.phase]
         status.run_id, status.behavior = run.run_id, run.behavior
+        view = run.view
         status.active_states = run.active_states()
+        status.locked, status.breakpoints = list(view.locked), list(view.breakpoints)
+        status.autonomy_levels = [
+            AutonomyLevel(path=path, level=level) for path, level in sorted(view.levels.items()) if path != ROOT_PATH
+        ]
         decisions = [*run.decisions(), *status.decisions]
         status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
     return status

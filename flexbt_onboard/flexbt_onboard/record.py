@@ -18,7 +18,9 @@ left            a state or machine: ``run``, ``path``, ``outcome``, ``target``, 
 waiting         for the operator: ``run``, ``decision``, ``path``, ``kind``, ``outcome``, ``outcomes``, ``required``,
                 ``prompt``
 decided         a decision waits no longer, whatever became of it: ``run``, ``decision``
+switched        the run goes on with another behavior: ``run``, ``behavior``, ``arguments``, ``by``
 fault           ``run``, ``path``, ``text``
+stopping        a run: ``run``, ``why``
 ended           a run: ``run``, ``behavior``, ``outcome``, ``message``
 command         of an operator: the fields of ExecutiveCommand that are set, ``effect`` 'applied', 'refused' or
                 'ignored', ``why``

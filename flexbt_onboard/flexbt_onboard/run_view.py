@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,16 @@ class RunView:
         self._leaves: tuple[_ActiveLeaf, ...] = ()
         self._decisions: tuple[PendingDecision, ...] = ()
         self._entered_at: dict[str, float] = {}
+        self._paused: frozenset[str] = frozenset()
+        self.is_paused = False
+        self.locked: Sequence[str] = ()
+        self.breakpoints: Sequence[str] = ()
+        self.levels: Mapping[str, int] = {}
+        """The level of the root, and of each sub-tree that has another one than what is around it, by path."""
+
+    def is_outdated(self, machine: MachineRun) -> bool:
+        """Whether a state is active that is not in the picture."""
+        return any(self._entered_at.get(leaf.path) != leaf.entered_at for leaf in machine.active_states())
 
     def left(self, path: str) -> None:
         """A state was left: when it is seen again it was entered anew, even if no time has passed."""
@@ -79,13 +90,23 @@ class RunView:
             decisions.append(message)
         events += [('decided', {'decision': own_id}) for own_id in shown]
         self._entered_at = times
+        self._paused = frozenset(active.path for active in machine.active_states() if active.is_paused)
+        self.is_paused = machine.is_paused
+        self.locked, self.breakpoints = machine.locked, machine.breakpoints
+        self.levels = machine.autonomy_levels
         self._leaves, self._decisions = tuple(leaves), tuple(decisions)
         return events
 
     def active_states(self) -> list[ActiveState]:
         """The active leaves with what they are doing now."""
         return [
-            ActiveState(path=leaf.path, entered=leaf.entered, activity=_activity(leaf.state)) for leaf in self._leaves
+            ActiveState(
+                path=leaf.path,
+                entered=leaf.entered,
+                paused=leaf.path in self._paused,
+                activity=_activity(leaf.state),
+            )
+            for leaf in self._leaves
         ]
 
     def decisions(self) -> list[PendingDecision]:

@@ -13,7 +13,7 @@ from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 from flexbt_common.values import to_entry
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_onboard.state_machine import Autonomy, EventState, MachineRun, OperatableStateMachine
 
 START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
 IDLE, STARTING, RUNNING, STOPPING = (
@@ -298,7 +298,7 @@ def test_a_command_that_comes_when_the_run_has_ended_is_answered(make_bench: Mak
     bench.wait_idle()
     answers: list[str | None] = []
     run.force('/Second', 'done', '', answers.append)
-    run.set_autonomy(1, '', answers.append)
+    run.command(MachineRun.pause, answers.append)
     assert answers == ['the run has ended'] * 2
 
 

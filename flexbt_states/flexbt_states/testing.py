@@ -19,8 +19,10 @@ from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.behavior_library import BehaviorEntry
-from flexbt_onboard.behavior_run import BehaviorRun, RunRequest
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.behavior_run import BehaviorRun
+from flexbt_onboard.command_answers import Decided
+from flexbt_onboard.run_building import RunRequest
+from flexbt_onboard.state_machine import EventState, MachineRun, OperatableStateMachine
 from flexbt_onboard.state_services import StateServices
 
 DEADLINE = 10.0

@@ -71,8 +71,18 @@ class CommandKind(IntEnum):
     FORCE = 5
     ANSWER = 6
     DECLINE = 7
+    PAUSE = 8
+    RESUME = 9
+    REPEAT = 10
+    LOCK = 11
+    UNLOCK = 12
+    SWITCH = 13
+    BREAKPOINT = 14
+    CLEAR_BREAKPOINT = 15
     CLAIM_AUTHORITY = 16
     RELEASE_AUTHORITY = 17
+    RESUME_RUN = 18
+    ABORT_RUN = 19
     HAND_OVER_AUTHORITY = 20
 
 
@@ -92,6 +102,7 @@ class ActiveState:
     path: str
     entered: float = 0.0
     activity: tuple[str, ...] = ()
+    paused: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +167,9 @@ class Snapshot:
     results: tuple[CommandAnswer, ...] = ()
     peers: tuple[Peer, ...] = ()
     robot_pose: Pose | None = None
+    locked: tuple[str, ...] = ()
+    breakpoints: tuple[str, ...] = ()
+    autonomy_levels: tuple[tuple[str, int], ...] = ()
     authority: str = ''
     authority_requests: tuple[str, ...] = ()
     stamp: float = 0.0

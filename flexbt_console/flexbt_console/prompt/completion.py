@@ -39,7 +39,7 @@ def _answers(view: View, places: Mapping[str, Place]) -> list[str]:
 def _arguments(before: list[str], view: View, places: Mapping[str, Place]) -> list[str]:
     name, *given = before
     behaviors = view.behaviors or ()
-    if name == 'start' and not given:
+    if name in ('start', 'switch') and not given:
         return [behavior.name for behavior in behaviors if not behavior.error]
     if name == 'start':
         chosen = next((behavior for behavior in behaviors if behavior.name == given[0]), None)
@@ -47,7 +47,7 @@ def _arguments(before: list[str], view: View, places: Mapping[str, Place]) -> li
             return [level.name.lower() for level in AutonomyLevel]
         parameters = chosen.parameters if chosen else ()
         return [*(f'{parameter.name}=' for parameter in parameters), '--autonomy', '--input']
-    if name == 'autonomy':
+    if name == 'autonomy' and not given:
         return [level.name.lower() for level in AutonomyLevel]
     if name == 'force' and not given:
         waiting = view.decision.outcomes if view.decision else ()
@@ -55,6 +55,12 @@ def _arguments(before: list[str], view: View, places: Mapping[str, Place]) -> li
         return [*waiting, *single, *view.active_levels]
     if name == 'force':
         return list(view.outcomes(given[0]))
+    if name in ('autonomy', 'lock', 'breakpoint'):
+        return [state.path for state in view.structure.states] if view.structure else list(view.active_levels)
+    if name in ('unlock', 'clear') and view.snapshot is not None:
+        return list(view.snapshot.locked if name == 'unlock' else view.snapshot.breakpoints)
+    if name == 'repeat':
+        return list(view.active_levels)
     if name == 'input':
         return _answers(view, places)
     if name in ('confirm', 'decline'):

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pause, locks, breakpoints, repeat, levels of sub-trees and switching, as operators see and do them over the link."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from executive_bench import ExecutiveBench, behavior_of
+
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+
+C = ExecutiveCommand
+
+
+class Step(EventState):
+    """Done when it is told so, and counts its entries."""
+
+    done = False
+
+    def __init__(self, entered: list[str]) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self._entered = entered
+
+    def on_enter(self, userdata: Any) -> None:
+        self._entered.append(self.path)
+
+    def execute(self, userdata: Any) -> str | None:
+        return 'done' if self.done else None
+
+
+class ControlBench(ExecutiveBench):
+    """Behaviors of a nested step and a last one; the second has another last one, the third lacks the first."""
+
+    def __init__(self) -> None:
+        self.entered: list[str] = []
+        self.inner: Step = Step(self.entered)
+        super().__init__(
+            behavior_of(lambda: self._machine('Last')),
+            behavior_of(lambda: self._machine('Other'), 'Changed'),
+            behavior_of(lambda: self._machine('Last', 'Else'), 'Unlike'),
+        )
+
+    def _machine(self, last: str, first: str = 'A') -> OperatableStateMachine:
+        self.inner = Step(self.entered)
+        inner = OperatableStateMachine(outcomes=['done'])
+        with inner:
+            OperatableStateMachine.add(first, self.inner, {'done': 'done'}, autonomy={'done': Autonomy.High})
+        machine = OperatableStateMachine(outcomes=['finished'])
+        with machine:
+            OperatableStateMachine.add('M', inner, {'done': last})
+            OperatableStateMachine.add(last, Step(self.entered), {'done': 'finished'})
+        return machine
+
+    def finish_inner(self, state: Step) -> None:
+        """The inner state wants to be left."""
+        state.done = True
+        state.wake()
+
+
+@pytest.fixture
+def bench() -> Iterator[ControlBench]:
+    bench = ControlBench()
+    yield bench
+    bench.close()
+
+
+def test_a_paused_run_stands_still_until_it_goes_on(bench: ControlBench) -> None:
+    bench.start()
+    bench.wait_active('/M/A')
+    bench.applied(C.PAUSE)
+    bench.wait_for(lambda s: s.state == ExecutiveStatus.PAUSED and s.active_states[0].paused, 'paused')
+    assert 'paused already' in bench.refused(C.PAUSE)
+    bench.finish_inner(bench.inner)
+    bench.wait_for_next_status()
+    assert [state.path for state in bench.status.active_states] == ['/M/A']
+    bench.applied(C.RESUME)
+    bench.wait_active('/Last')
+    assert bench.status.state == ExecutiveStatus.RUNNING
+    assert 'not paused' in bench.refused(C.RESUME)
+    bench.applied(C.PAUSE)
+    bench.applied(C.STOP)
+    assert bench.wait_idle() == 'preempted'
+
+
+def test_locks_and_breakpoints_are_shown_and_hold(bench: ControlBench) -> None:
+    bench.start()
+    bench.wait_active('/M/A')
+    for kind in (C.LOCK, C.UNLOCK, C.BREAKPOINT, C.CLEAR_BREAKPOINT, C.REPEAT):
+        assert 'path' in bench.refused(kind)
+        assert 'nowhere' in bench.refused(kind, path='/nowhere')
+    bench.applied(C.BREAKPOINT, path='/M/A')
+    bench.finish_inner(bench.inner)
+    (decision,) = bench.wait_for(lambda status: status.decisions, 'breakpoint')
+    assert (decision.path, decision.outcome) == ('/M/A', 'done')
+    bench.applied(C.LOCK, path='/M')
+    assert (list(bench.status.locked), list(bench.status.breakpoints)) == (['/M'], ['/M/A'])
+    bench.applied(C.CLEAR_BREAKPOINT, path='/M/A')
+    bench.wait_for(lambda s: not s.decisions and not s.breakpoints, 'breakpoint cleared')
+    assert '/Last' not in bench.entered
+    bench.applied(C.UNLOCK, path='/M')
+    bench.wait_active('/Last')
+    assert list(bench.status.locked) == []
+
+
+def test_a_state_is_repeated_and_a_sub_tree_has_its_own_level(bench: ControlBench) -> None:
+    bench.start(autonomy=3)
+    bench.wait_active('/M/A')
+    entered = bench.status.active_states[0].entered
+    bench.applied(C.REPEAT, path='/M/A')
+    bench.wait_for(lambda s: s.active_states and s.active_states[0].entered != entered, 'entered again')
+    assert bench.entered == ['/M/A', '/M/A']
+    bench.applied(C.AUTONOMY, autonomy=1, path='/M')
+    levels = [(entry.path, entry.level) for entry in bench.status.autonomy_levels]
+    assert (bench.status.autonomy, levels) == (3, [('/M', 1)])
+    bench.finish_inner(bench.inner)
+    bench.wait_for(lambda status: status.decisions, 'decision')
+    bench.applied(C.AUTONOMY, autonomy=3)
+    bench.wait_active('/Last')
+    assert list(bench.status.autonomy_levels) == []
+    bench.applied(C.AUTONOMY, autonomy=2)
+    bench.applied(C.STOP)
+    bench.wait_idle()
+    assert bench.status.autonomy == 2
+
+
+def test_a_run_goes_on_with_another_behavior_that_has_the_active_state(bench: ControlBench) -> None:
+    run_id = bench.start()
+    bench.wait_active('/M/A')
+    state = bench.inner
+    reason = bench.refused(C.SWITCH, behavior='Unlike')
+    assert '/M/A' in reason
+    assert 'Nothing' in bench.refused(C.SWITCH, behavior='Nothing')
+    assert bench.status.behavior == 'Test'
+    bench.applied(C.SWITCH, behavior='Changed')
+    assert (bench.status.behavior, bench.run_id) == ('Changed', run_id)
+    assert '/Other' in [one.path for one in bench.structures[-1].states]
+    assert bench.entered == ['/M/A']  # it was not left
+    bench.finish_inner(state)
+    bench.wait_active('/Other')
+    bench.applied(C.FORCE, path='/Other', outcome='done')
+    assert bench.wait_idle() == 'finished'
