@@ -30,7 +30,12 @@ class EventState(RosAccess, state_machine.EventState):
 
     It is executed at its rate (10 Hz, or ``desired_rate``), as in FlexBE, and besides whenever something arrives that
     it has asked a proxy about: a result, feedback, a message.
+
+    As in FlexBE it is executed on while its outcome waits for the operator: it may take the outcome back by giving
+    None, and may have to go on, for instance with commands that keep a robot where it is.
     """
+
+    runs_while_blocked = True
 
     _name = _Provided(lambda state: state.name)
     _outcomes = _Provided(lambda state: list(state.outcomes))

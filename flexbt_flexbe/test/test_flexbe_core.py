@@ -12,7 +12,16 @@ from typing import Any
 
 import pytest
 
-from flexbt_flexbe import Autonomy, EventState, Logger, OperatableStateMachine, UserData
+from flexbt_flexbe import (
+    Autonomy,
+    ConcurrencyContainer,
+    EventState,
+    Logger,
+    OperatableStateMachine,
+    PriorityContainer,
+    UserData,
+)
+from flexbt_flexbe.states import WaitState
 from flexbt_onboard.state_machine import Severity
 from flexbt_states.testing import Run, StateBench, wait_until
 
@@ -103,7 +112,144 @@ def test_an_outcome_passes_at_a_level_above_the_required_one(bench: StateBench, 
         assert (asked.outcome, asked.required_autonomy) == ('done', Autonomy.Low)
         going.behavior_run.set_autonomy(Autonomy.Full, '', lambda _: None)
     assert going.wait() == 'finished'
-    assert trace.count('subject.execute') == 1
+    assert trace.count('subject.exit') == 1
+
+
+def test_a_blocked_state_is_executed_on_and_may_change_its_mind(bench: StateBench) -> None:
+    wanted: list[str | None] = ['error']
+    going, trace = run(bench, lambda *_: wanted[0], autonomy=Autonomy.Low, desired_rate=100.0)
+    (asked,) = wait_until(going.behavior_run.decisions, 'decision')
+    executed = trace.count('subject.execute')
+    wait_until(lambda: trace.count('subject.execute') > executed + 2, 'executed while it is blocked')
+    wanted[0] = None
+    wait_until(lambda: not going.behavior_run.decisions(), 'withdrawn')
+    refused: list[str | None] = []
+    going.behavior_run.confirm(asked.id, refused.append)
+    wait_until(lambda: refused, 'answer')
+    assert refused[0] is not None, 'the answer to what was withdrawn has no effect'
+    wanted[0] = 'done'
+    (asked_again,) = wait_until(going.behavior_run.decisions, 'decision')
+    assert (asked_again.outcome, asked_again.id != asked.id) == ('done', True)
+    going.behavior_run.confirm(asked_again.id, lambda _: None)
+    assert going.wait() == 'finished'
+
+
+class TestContainers:
+    """The cases of FlexBE's test_concurrency_container."""
+
+    @staticmethod
+    def container(
+        children: dict[str, Callable[[], Any]], conditions: list[tuple[str, list[tuple[str, str]]]]
+    ) -> OperatableStateMachine:
+        container = ConcurrencyContainer(outcomes=['done', 'error'], conditions=conditions)
+        with container:
+            for label, make in children.items():
+                state = make()
+                OperatableStateMachine.add(label, state, transitions={name: name for name in state.outcomes})
+        root = OperatableStateMachine(outcomes=['finished', 'failed'])
+        with root:
+            OperatableStateMachine.add('Both', container, transitions={'done': 'finished', 'error': 'failed'})
+        return root
+
+    CONDITIONS = (
+        ('error', [('side', 'error')]),
+        ('error', [('main', 'error')]),
+        ('done', [('side', 'done'), ('main', 'done')]),
+    )
+
+    @pytest.mark.parametrize(
+        ('main', 'side', 'expected'),
+        [
+            ('done', 'done', 'finished'),
+            ('error', None, 'failed'),
+            (None, 'error', 'failed'),
+            ('done', 'error', 'failed'),
+        ],
+    )
+    def test_conditions_decide_and_each_child_is_left_once(
+        self, bench: StateBench, main: str | None, side: str | None, expected: str
+    ) -> None:
+        trace: list[str] = []
+        children: dict[str, Callable[[], Any]] = {
+            'main': lambda: Traced(trace, lambda *_: main),
+            'side': lambda: Traced(trace, lambda *_: side),
+        }
+        going = bench.run(lambda: self.container(children, list(self.CONDITIONS)))
+        assert going.wait() == expected
+        for label in children:
+            assert trace.count(f'{label}.enter') == trace.count(f'{label}.exit') <= 1
+
+    def test_each_child_runs_at_its_own_rate(self, bench: StateBench) -> None:
+        times: dict[str, list[float]] = {'main': [], 'side': []}
+
+        def counted(label: str) -> Work:
+            def work(state: Traced, userdata: Any) -> str | None:
+                times[label].append(state.clock.now())
+                return 'done' if len(times[label]) == 11 else None
+
+            return work
+
+        rates = {'main': 100.0, 'side': 40.0}
+        going = bench.run(
+            lambda: self.container(
+                {label: lambda label=label: Traced([], counted(label), desired_rate=rates[label]) for label in rates},
+                list(self.CONDITIONS),
+            )
+        )
+        assert going.wait() == 'finished'
+        for label, rate in rates.items():
+            assert 9.9 / rate <= times[label][-1] - times[label][0] < 30 / rate
+
+    def test_every_child_waits_for_the_operator_where_its_autonomy_says_so(self, bench: StateBench) -> None:
+        """In FlexBE 2.x only the first child does."""
+        root = OperatableStateMachine(outcomes=['finished'])
+        with root:
+            container = ConcurrencyContainer(outcomes=['done'], conditions=[('done', [('A', 'done'), ('B', 'done')])])
+            with container:
+                for label in ('A', 'B'):
+                    OperatableStateMachine.add(
+                        label, WaitState(0.0), transitions={'done': 'done'}, autonomy={'done': Autonomy.High}
+                    )
+            OperatableStateMachine.add('Both', container, transitions={'done': 'finished'})
+        going = bench.run(lambda: root, autonomy=Autonomy.Low)
+        asked = wait_until(lambda: len(found := going.behavior_run.decisions()) == 2 and found, 'two decisions')
+        assert {one.path for one in asked} == {'/Both/A', '/Both/B'}
+        for one in asked:
+            going.behavior_run.confirm(one.id, lambda _: None)
+        assert going.wait() == 'finished'
+
+    def test_a_priority_container_pauses_its_siblings(self, bench: StateBench) -> None:
+        trace: list[str] = []
+
+        class Pausable(Traced):
+            def on_pause(self) -> None:
+                trace.append('pause')
+
+            def on_resume(self, userdata: Any) -> None:
+                trace.append('resume')
+
+        def urgent() -> PriorityContainer:
+            container = PriorityContainer(outcomes=['done', 'error'])
+            with container:
+                OperatableStateMachine.add('Now', WaitState(0.1), transitions={'done': 'done'})
+            return container
+
+        children: dict[str, Callable[[], Any]] = {
+            'main': lambda: Pausable([], lambda *_: 'done' if 'resume' in trace else None),
+            'side': urgent,
+        }
+        going = bench.run(
+            lambda: self.container(
+                children,
+                [
+                    ('done', [('main', 'done'), ('side', 'done')]),
+                    ('error', [('main', 'error')]),
+                    ('error', [('side', 'error')]),
+                ],
+            )
+        )
+        assert going.wait() == 'finished'
+        assert trace == ['pause', 'resume']
 
 
 @pytest.mark.parametrize('rate', [40.0, 100.0])
