@@ -8,6 +8,7 @@ EventState.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -192,7 +193,7 @@ class TestContainers:
         rates = {'main': 100.0, 'side': 40.0}
         going = bench.run(
             lambda: self.container(
-                {label: lambda label=label: Traced([], counted(label), desired_rate=rates[label]) for label in rates},
+                {label: partial(Traced, [], counted(label), desired_rate=rate) for label, rate in rates.items()},
                 list(self.CONDITIONS),
             )
         )
