@@ -27,8 +27,8 @@ from flexbt_server.behavior_tree import (
     Tree,
     TreeKey,
     TreeLibrary,
-    TreeNode,
 )
+from flexbt_server.behavior_tree.transition_log import Log
 from flexbt_server.blackboards import NO_RECOVERIES, Value, write_all
 from flexbt_server.thread_place import node_on_stack
 
@@ -54,11 +54,12 @@ class TreeObserver(Protocol):
     def started(self, tree: Tree) -> None:
         """The nodes exist; the first tick is next."""
 
-    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        """A node has another status."""
+    @property
+    def log(self) -> Log:
+        """Where the tree is to log changes of statuses."""
 
     def ticked(self) -> None:
-        """A tick is over."""
+        """A round of a tick is over."""
 
     def paused(self, is_paused: bool) -> None:
         """The tree is not ticked from now on, or is again."""
@@ -221,8 +222,9 @@ class TreeRun(Generic[Client]):
             clock=self._clock,
             services=self._services,
             on_wake=self.wake,
+            log=self._observer.log,
+            after_round=self._tell_of_round,
         )
-        tree.observe(self._observer.changed)
         self._observer.started(tree)
         due = -math.inf
         while True:
@@ -234,10 +236,8 @@ class TreeRun(Generic[Client]):
             began = self._steady.now()
             status = self._control.tick(tree)
             self._overruns.note(began, self._steady.now())
-            if status is not None:
-                self._tell_of_tick()
-                if status is not NodeStatus.RUNNING:
-                    return self._outcome(tree, status)
+            if status is not None and status is not NodeStatus.RUNNING:
+                return self._outcome(tree, status)
             if not self._control.pending:
                 self._wait(tree, due)
 
@@ -247,7 +247,7 @@ class TreeRun(Generic[Client]):
         period = self._tick_period
         return due + period if due <= now < due + period else now + period
 
-    def _tell_of_tick(self) -> None:
+    def _tell_of_round(self) -> None:
         if not self._ended:  # it may have been given up during the tick
             self._observer.ticked()
 

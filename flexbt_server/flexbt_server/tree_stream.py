@@ -1,148 +1,244 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Publishes what happens in running trees: the structure once per run, then every status transition in order.
+"""Publishes what happens in running trees: the structure of each run, then every transition of a status, in order.
 
-Transitions are collected and sent in batches, the first of a quiet time at once; the last ones are sent before the
-result of the run. Each batch has the status of every node as well, so that a subscriber may join at any time.
+Nodes log marks while the tree is ticked. Between two ticks, at most each BATCH_SECONDS, or sooner when there are many,
+they are read and sent. Nothing is sent while nothing happens; the last transitions are sent before the result of the
+run. A message has at most MAX_CHANGES transitions, and the status of every node after them: a subscriber may join at
+any time, and whoever has lost messages, which the sequence number shows, has the whole picture again with the next.
+
+What waits to be sent is bounded: the thread that ticks the tree sends it itself, so that a tree which changes faster
+than messages can be made is slowed down. A slow subscriber slows nobody down; it loses messages.
 """
 
 from __future__ import annotations
 
+import itertools
 import threading
-from collections.abc import Sequence
+import time
+from array import array
+from collections.abc import Iterator
 from typing import Any, Final
+
+from rclpy.time import Time
 
 from flexbt_common import names
 from flexbt_common.clock import Clock, Timer
+from flexbt_common.latched_topic import LatchedTopic
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs import msg
-from flexbt_server.behavior_tree import NodeStatus, Tree, TreeNode
-from flexbt_server.behavior_tree.node import ControlNode, DecoratorNode
+from flexbt_server.behavior_tree import Tree
+from flexbt_server.behavior_tree.transition_log import LogReader
+from flexbt_server.status_encoding import encoded_change, serialized
 
 BATCH_SECONDS: Final = 0.05
-"""Least time between two messages of a run, wall time."""
+"""Least time between two messages of a run, wall time, unless more than MAX_MARKS wait."""
 
-RUNS_KEPT: Final = 16
-"""Messages that a late subscriber gets; one run has one structure and its newest statuses."""
+MAX_MARKS: Final = 8192
+"""Marks that wait at most, at the end of a round."""
+
+MAX_CHANGES: Final = 4096
+"""Transitions of one message, which has 48 kB then."""
+
+MAX_NODES: Final = 0xFFFF
+"""Greatest uid of a message."""
+
+STRUCTURES_KEPT: Final = 16
+STATUSES_KEPT: Final = 64
+"""Messages that the middleware keeps for late subscribers. What it keeps no more of open runs is sent to them anew."""
+
+_BATCH_NS: Final = round(BATCH_SECONDS * 1e9)
 
 
 class TreeStream:
-    """The two publishers, shared by all runs of a server."""
+    """The two topics, shared by all runs of a server."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
         node = runtime.node
-        qos = names.latched(RUNS_KEPT)
-        self._structure = node.create_publisher(msg.TreeStructure, names.TREE_STRUCTURE, qos)
-        self._status = node.create_publisher(msg.TreeStatus, names.TREE_STATUS, qos)
+        self._open: set[RunStream] = set()
+        self._lock = threading.Lock()
+        self.structures = LatchedTopic(
+            node,
+            msg.TreeStructure,
+            names.TREE_STRUCTURE,
+            STRUCTURES_KEPT,
+            lambda: self._for_all(RunStream.show_structure),
+        )
+        self.statuses = LatchedTopic(
+            node, msg.TreeStatus, names.TREE_STATUS, STATUSES_KEPT, lambda: self._for_all(RunStream.show_statuses)
+        )
 
     def open(self, run_id: str, blackboard: str) -> RunStream:
         """The stream of one run."""
         return RunStream(self, self._runtime.steady, run_id, blackboard)
 
-    def now(self) -> Any:
-        """Stamp of a message."""
-        return self._runtime.node.get_clock().now().to_msg()
+    def now(self) -> Time:
+        """Time of the node."""
+        return self._runtime.node.get_clock().now()
 
-    def publish_structure(self, message: msg.TreeStructure) -> None:
-        """Send the structure of a run."""
-        self._structure.publish(message)
+    def add(self, run: RunStream) -> None:
+        """A run begins."""
+        with self._lock:
+            self._open.add(run)
 
-    def publish_status(self, message: msg.TreeStatus) -> None:
-        """Send a batch of a run."""
-        self._status.publish(message)
+    def remove(self, run: RunStream) -> None:
+        """A run has ended."""
+        with self._lock:
+            self._open.discard(run)
+
+    def report(self, error: Exception) -> None:
+        """A message could not be sent."""
+        self._runtime.report_fault(error, 'the monitoring of a tree')
+
+    def warn(self, text: str) -> None:
+        """Tell the user."""
+        self._runtime.node.get_logger().warning(text)
+
+    def _for_all(self, show: Any) -> None:
+        with self._lock:
+            runs = tuple(self._open)
+        for run in runs:
+            show(run)
 
 
 class RunStream:
-    """Observes one run (:class:`flexbt_server.tree_run.TreeObserver`)."""
+    """Observes one run (:class:`flexbt_server.tree_run.TreeObserver`).
+
+    A tree of more than MAX_NODES nodes is not published, since messages cannot number them; a warning says so.
+    """
 
     def __init__(self, stream: TreeStream, clock: Clock, run_id: str, blackboard: str) -> None:
+        self.log: list[int] = []
         self._stream = stream
         self._clock = clock
         self._run_id = run_id
         self._blackboard = blackboard
-        self._statuses: list[int] = []
-        self._changes: list[msg.TreeStatusChange] = []
+        self._statuses = array('B')
         self._sequence = 0
-        self._next = 0.0
+        self._next = 0
         self._timer: Timer | None = None
         self._paused = False
+        self._open = False
         self._lock = threading.Lock()
 
     def started(self, tree: Tree) -> None:
-        self._statuses = [int(node.status) for node in tree.nodes]
-        parents = _parents(tree.nodes)
-        self._stream.publish_structure(
-            msg.TreeStructure(
-                stamp=self._stream.now(),
-                run_id=self._run_id,
-                behavior_tree=tree.key.id,
-                blackboard=self._blackboard,
-                nodes=[
-                    msg.TreeNode(
-                        uid=node.uid,
-                        parent=parents.get(node.uid, 0),
-                        name=node.name,
-                        registration=node.id,
-                        path=node.path,
-                    )
-                    for node in tree.nodes
-                ],
+        if len(tree.nodes) > MAX_NODES:
+            tree.record(None)
+            self._stream.warn(
+                f'tree [{tree.key.id}] has {len(tree.nodes)} nodes, more than the {MAX_NODES} that messages can number: '
+                f'its runs are not published on {names.TREE_STRUCTURE} and {names.TREE_STATUS}'
             )
-        )
-
-    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        change = msg.TreeStatusChange(
-            stamp=self._stream.now(), uid=node.uid, previous_status=int(before), status=int(after)
-        )
+            return
+        self._reader = LogReader(tree.nodes)
+        self._statuses = array('B', self._reader.statuses)
+        self._structure = _structure(tree, self._run_id, self._blackboard, self._stream.now())
         with self._lock:
-            self._changes.append(change)
-            self._statuses[node.uid - 1] = int(after)
+            self._open = True
+            self._structure_number = self._stream.structures.publish(self._structure)
+            self._status_number = 0
+        self._stream.add(self)
 
     def ticked(self) -> None:
-        with self._lock:
-            if not self._changes or self._timer is not None:
-                return
-            now = self._clock.now()
-            if now < self._next:
-                self._timer = self._clock.call_at(self._next, self._flush)
-                return
-        self._flush()
+        log = self.log
+        last = log[-1:]
+        if not last or last[0] < 0:  # nothing has changed since the last stamp
+            return
+        now = time.monotonic_ns()
+        log.append(-now)
+        if now >= self._next or len(log) >= MAX_MARKS:
+            self._flush()
+        elif self._timer is None:
+            self._timer = self._clock.call_at(self._next / 1e9, self._flush)
 
     def paused(self, is_paused: bool) -> None:
         self._paused = is_paused
         self._flush(always=True)
 
     def ended(self) -> None:
+        self._stream.remove(self)
         self._flush(always=True, finished=True)
+
+    def show_structure(self) -> None:
+        """Send the structure again, if the middleware does not keep it any more for those who come late."""
+        with self._lock:
+            if self._open and not self._stream.structures.keeps(self._structure_number):
+                self._structure_number = self._stream.structures.publish(self._structure)
+
+    def show_statuses(self) -> None:
+        """Send the statuses again, if the middleware does not keep them any more for those who come late."""
+        if not self._stream.statuses.keeps(self._status_number):
+            self._flush(always=True)
 
     def _flush(self, always: bool = False, finished: bool = False) -> None:
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()
                 self._timer = None
-            changes, self._changes = self._changes, []
-            if not changes and not always:
+            if not self._open:
                 return
-            self._sequence += 1
-            self._next = self._clock.now() + BATCH_SECONDS
-            self._stream.publish_status(
-                msg.TreeStatus(
-                    stamp=self._stream.now(),
-                    run_id=self._run_id,
-                    sequence=self._sequence,
-                    finished=finished,
-                    paused=self._paused and not finished,
-                    statuses=list(self._statuses),
-                    changes=changes,
-                )
+            self._open = not finished
+            self._next = time.monotonic_ns() + _BATCH_NS
+            try:
+                for changes, is_last in self._batches():
+                    if changes or always:
+                        self._send(changes, finished and is_last)
+            except Exception as error:  # a tree runs on, watched or not
+                self._open = False
+                self._stream.report(error)
+
+    def _batches(self) -> Iterator[tuple[list[bytes], bool]]:
+        """What was logged, as encoded changes; the last batch, which may be empty, is marked. Follows the statuses."""
+        count = len(self.log)  # the tree may go on meanwhile
+        marks = self.log[:count]
+        del self.log[:count]
+        now = self._stream.now().nanoseconds
+        to_node_time = now - time.monotonic_ns()
+        statuses = self._statuses
+        changes: list[bytes] = []
+        for stamp, part in _parts(marks):
+            seconds, nanoseconds = divmod(now if stamp is None else max(0, stamp + to_node_time), 1_000_000_000)
+            for uid, before, after in self._reader.read(part):
+                if len(changes) == MAX_CHANGES:
+                    yield changes, False
+                    changes = []
+                statuses[uid - 1] = after
+                changes.append(encoded_change(seconds, nanoseconds, uid, before, after))
+        yield changes, True
+
+    def _send(self, changes: list[bytes], finished: bool) -> None:
+        self._sequence += 1
+        message = msg.TreeStatus(
+            stamp=self._stream.now().to_msg(),
+            run_id=self._run_id,
+            sequence=self._sequence,
+            finished=finished,
+            paused=self._paused and not finished,
+            statuses=self._statuses,
+        )
+        self._status_number = self._stream.statuses.publish(serialized(message, changes))
+
+
+def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:
+    """The marks of each round, with the stamp that follows them; None when the round is not over."""
+    begin = 0
+    for end in itertools.compress(itertools.count(), map((0).__gt__, marks)):
+        yield -marks[end], marks[begin:end]
+        begin = end + 1
+    if begin < len(marks):
+        yield None, marks[begin:]
+
+
+def _structure(tree: Tree, run_id: str, blackboard: str, now: Time) -> msg.TreeStructure:
+    parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
+    return msg.TreeStructure(
+        stamp=now.to_msg(),
+        run_id=run_id,
+        behavior_tree=tree.key.id,
+        blackboard=blackboard,
+        nodes=[
+            msg.TreeNode(
+                uid=node.uid, parent=parents.get(node.uid, 0), name=node.name, registration=node.id, path=node.path
             )
-
-
-def _parents(nodes: Sequence[TreeNode]) -> dict[int, int]:
-    parents: dict[int, int] = {}
-    for node in nodes:
-        if isinstance(node, ControlNode):
-            parents.update((child.uid, node.uid) for child in node.children)
-        elif isinstance(node, DecoratorNode):
-            parents[node.child.uid] = node.uid
-    return parents
+            for node in tree.nodes
+        ],
+    )

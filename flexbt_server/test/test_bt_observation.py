@@ -30,7 +30,7 @@ from flexbt_server.behavior_tree import (
 )
 from flexbt_server.behavior_tree.inlining import inlined_methods
 from flexbt_server.behavior_tree.node import ControlNode
-from flexbt_server.behavior_tree.transition_log import LogReader, Transition
+from flexbt_server.behavior_tree.transition_log import LogReader
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 
@@ -168,7 +168,7 @@ def test_children_that_are_set_to_idle_are_one_entry() -> None:
     assert len(log) == 50 + 4
     transitions = reader.read(log)
     assert len(transitions) == 2 * 50 + 3
-    assert transitions[51:53] == [Transition(2, SUCCESS, IDLE), Transition(3, SUCCESS, IDLE)]
+    assert transitions[51:53] == [(2, SUCCESS, IDLE), (3, SUCCESS, IDLE)]
 
 
 def test_each_round_of_a_tick_ends_with_a_call_also_when_it_raises() -> None:

@@ -9,9 +9,9 @@ had, makes of them every change, in the order in which the statuses were stored.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 
-from .status import IDLE, RUNNING, NodeStatus
+from .status import NodeStatus
 
 if TYPE_CHECKING:
     from .node import TreeNode
@@ -26,16 +26,13 @@ EARLIER_CHILDREN_IDLE: Final = 6
 FIRST_CHILDREN_IDLE: Final = 8
 """To be added to the number of a status: all children of the node are IDLE now, and then it has the status."""
 
+_RUNNING: Final = NodeStatus.RUNNING.value
 _SHIFT: Final = 4
 _PLACES: Final = (1 << _SHIFT) - 1
 
 
-class Transition(NamedTuple):
-    """A change of the status of a node: its uid, and the numbers of the statuses before and after."""
-
-    uid: int
-    before: int
-    after: int
+Transition: TypeAlias = tuple[int, int, int]
+"""A change of the status of a node: its uid, and the numbers of the statuses before and after."""
 
 
 class Log(Protocol):
@@ -66,18 +63,18 @@ class LogReader:
             if place >= CHILDREN_IDLE:
                 for child in self._children[uid]:
                     before = statuses[child - 1]
-                    if before == RUNNING and place == EARLIER_CHILDREN_IDLE:
+                    if before == _RUNNING and place == EARLIER_CHILDREN_IDLE:
                         break
-                    if before != IDLE:
-                        statuses[child - 1] = IDLE
-                        transitions.append(Transition(child, before, IDLE))
+                    if before:
+                        statuses[child - 1] = 0
+                        transitions.append((child, before, 0))
                 place -= FIRST_CHILDREN_IDLE
                 if place < 0:
                     continue
             before = statuses[uid - 1]
             if before != place:
                 statuses[uid - 1] = place
-                transitions.append(Transition(uid, before, place))
+                transitions.append((uid, before, place))
         return transitions
 
 
