@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``replay``: publishes a recorded run, so that the console shows it without a robot.
+
+Commands are not published again, and those of a console find nobody.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_common.streams import make_streams_safe
+from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
+
+DISCOVERY_SECONDS: Final = 1.0
+"""How long is listened for a real executive before anything is published."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Replay a file and give the exit code."""
+    make_streams_safe()
+    options = _parser().parse_args(arguments)
+    try:
+        replay(options.file, rate=options.rate, namespace=options.namespace, start=options.start)
+    except ConsoleError as error:
+        print(f'replay: {error}', file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return ExitCode.INTERRUPTED
+    return ExitCode.OK
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='replay', description='Publish a recorded run for the console.')
+    parser.add_argument('file', metavar='FILE', type=Path, help='MCAP file of the recorder')
+    parser.add_argument('--rate', type=_rate, default=1.0, help='times as fast as it was (default: 1)')
+    parser.add_argument('--start', metavar='SECONDS', type=float, default=0.0, help='what was before is shown at once')
+    parser.add_argument('--namespace', metavar='NAME', default='', help='namespace in which it is published')
+    return parser
+
+
+def _rate(text: str) -> float:
+    rate = float(text)
+    if not (rate > 0.0 and math.isfinite(rate)):
+        raise argparse.ArgumentTypeError(f'{text} is no factor above 0')
+    return rate
+
+
+def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float = 0.0) -> int:
+    """Publish a run, and give the number of messages.
+
+    Raises:
+        UsageError: the file cannot be used.
+        NoLinkError: a real executive is there, which must not be mixed up with a recorded one.
+    """
+    from flexbt_common.node_runtime import NodeRuntime
+    from flexbt_console.recording.run_file import read_run
+    from flexbt_console.recording.topics import NOT_REPLAYED
+
+    messages = (one for one in read_run(file) if one.topic not in NOT_REPLAYED)
+    first = next(messages, None)
+    if first is None:
+        raise UsageError(f'{file}: has no messages of a run')
+    with NodeRuntime.open('replay', namespace=namespace) as runtime:
+        stage = _Stage(runtime)
+        stage.refuse_executives()
+        begin = runtime.steady.now() - start / rate
+        count = 0
+        for one in _chained(first, messages):
+            stage.wait_until(begin + (one.time - first.time) * 1e-9 / rate)
+            stage.publish(one)
+            count += 1
+        stage.flush()
+    return count
+
+
+def _chained(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
+    yield first
+    yield from rest
+
+
+class _Stage:
+    """The publishers of a replay, made as they are needed."""
+
+    def __init__(self, runtime: Any) -> None:
+        from flexbt_common.bell import Bell
+
+        self._runtime = runtime
+        self._bell = Bell()
+        self._publishers: dict[str, Any] = {}
+
+    def refuse_executives(self) -> None:
+        """Raises NoLinkError when somebody publishes a status here."""
+        from flexbt_common import names
+
+        node = self._runtime.node
+        topic = node.resolve_topic_name(names.EXECUTIVE_STATUS)
+        self.wait_until(self._runtime.steady.now() + DISCOVERY_SECONDS)
+        if node.count_publishers(topic):
+            raise NoLinkError(f'an executive publishes {topic} already; choose another --namespace or ROS_DOMAIN_ID')
+
+    def wait_until(self, time: float) -> None:
+        """Sleep until a time of the steady clock."""
+        while self._runtime.steady.now() < time:
+            self._bell.wait(self._runtime.steady, time)
+
+    def publish(self, message: Any) -> None:
+        """Publish the bytes of a message; raises UsageError when its type is not what is installed."""
+        publisher = self._publishers.get(message.topic)
+        if publisher is None:
+            publisher = self._publishers[message.topic] = self._publisher(message)
+        self._runtime.call(lambda: publisher.publish(message.data))
+
+    def flush(self) -> None:
+        """Wait until the subscribers have got everything."""
+        from rclpy.duration import Duration
+
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=1))
+
+    def _publisher(self, message: Any) -> Any:
+        from flexbt_common.value_types import resolve_type
+        from flexbt_console.recording.definitions import full_definition
+        from flexbt_console.recording.topics import TOPICS
+
+        topic = TOPICS.get(message.topic)
+        if topic is None or topic.type != message.type:
+            raise UsageError(f'{message.topic} has the type {message.type}, which is not known here')
+        if full_definition(message.type) != message.definition:
+            raise UsageError(
+                f'{message.type} has another definition than when this was recorded; replay it with the version of '
+                'FlexBT that recorded it'
+            )
+        node = self._runtime.node
+        type = resolve_type(message.type).message
+        return self._runtime.call(lambda: node.create_publisher(type, message.topic, topic.qos))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

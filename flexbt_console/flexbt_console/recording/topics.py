@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is recorded: the operator link, the trees, and where the robot is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+
+from flexbt_common import names
+
+
+class Topic(NamedTuple):
+    """A topic by its type and the quality of service on both sides."""
+
+    type: str
+    qos: QoSProfile
+
+
+TOPICS: Final[Mapping[str, Topic]] = {
+    names.EXECUTIVE_STATUS: Topic('flexbt_msgs/msg/ExecutiveStatus', names.latched()),
+    names.EXECUTIVE_STRUCTURE: Topic('flexbt_msgs/msg/BehaviorStructure', names.latched()),
+    names.EXECUTIVE_BEHAVIORS: Topic('flexbt_msgs/msg/BehaviorList', names.latched()),
+    names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.latched(names.LOG_DEPTH)),
+    names.EXECUTIVE_COMMAND: Topic('flexbt_msgs/msg/ExecutiveCommand', names.command()),
+    names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.latched(16)),
+    names.TREE_STATUS: Topic('flexbt_msgs/msg/TreeStatus', names.latched(16)),
+    names.MAP: Topic('nav_msgs/msg/OccupancyGrid', names.latched()),
+    names.POSE: Topic('geometry_msgs/msg/PoseStamped', qos_profile_sensor_data),
+    names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
+    names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
+}
+"""By relative name. A late subscriber gets what is latched, so that a recording that begins in a run is complete."""
+
+NOT_REPLAYED: Final = frozenset({names.EXECUTIVE_COMMAND, names.CMD_VEL})
+"""Commands: shown in the file, and never given to anybody again."""
