@@ -6,9 +6,12 @@ remapped ports that are written and read, (e) scripts and pre-conditions, and (f
 for this engine and for the wheel. The engines take turns within each round, so that the noise of the machine meets
 them alike; what counts is the median of the ratios of the rounds.
 
-A second table has the loading of a file, again and for the first time, and the memory of a node.
+A second table has other nodes, each of them many times below one ParallelAll, which ticks them all.
 
-Usage: bt_tick.py [--rounds N] [--sizes 100,1000,10000] [--shapes a,b,...] [--output FILE.json]
+A third table has the loading of a file through the store of the BT server, for the first time and again, and the memory
+of a node.
+
+Usage: bt_tick.py [--rounds N] [--sizes 100,1000] [--shapes a,b,...] [--others loop,switch,...] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -39,6 +42,8 @@ from flexbt_server.behavior_tree import (
 TARGET_NATIVE: Final = 0.7
 TARGET_PYTHON: Final = 0.5
 TARGET_PY_TREES: Final = 30.0
+OTHER_NODES: Final = 1000
+"""Nodes of a tree of the second table."""
 NODES_PER_SAMPLE: Final = 60_000
 """Nodes ticked for one sample of an engine."""
 
@@ -104,6 +109,115 @@ SHAPES: Final[dict[str, tuple[str, Callable[[int], str]]]] = {
 }
 
 
+def many(element: str, nodes: int, first: str = '', *trees: str) -> Callable[[int], str]:
+    """As many copies of ``element``, which is so many ``nodes``, as make up a tree; after what is ``first``."""
+
+    def make(count: int) -> str:
+        return document(f'<ParallelAll>{first}{element * max(1, (count - 1) // nodes)}</ParallelAll>', *trees)
+
+    return make
+
+
+def pointers(text: str) -> Callable[[int], str]:
+    return many(text, 2, '<Script code="n := 1"/>')
+
+
+_LONG: Final = ';'.join(['1'] * 500)
+
+OTHERS: Final[dict[str, tuple[str, Callable[[int], str]]]] = {
+    'fallback': ('Fallback over failures', many('<Fallback><AlwaysFailure/><AlwaysFailure/></Fallback>', 3)),
+    'memory': ('SequenceWithMemory of one', many('<SequenceWithMemory><AlwaysSuccess/></SequenceWithMemory>', 2)),
+    'parallel': (
+        'Parallel of four',
+        many(f'<Parallel>{"<AlwaysSuccess/>" * 4}</Parallel>', 5),
+    ),
+    'parallelall': ('ParallelAll of four', many(f'<ParallelAll>{"<AlwaysSuccess/>" * 4}</ParallelAll>', 5)),
+    'wide': ('Parallel of all', lambda count: document(f'<Parallel>{"<AlwaysSuccess/>" * (count - 1)}</Parallel>')),
+    'ifthenelse': (
+        'IfThenElse',
+        many('<IfThenElse><AlwaysFailure/><AlwaysSuccess/><AlwaysSuccess/></IfThenElse>', 4),
+    ),
+    'whiledoelse': (
+        'WhileDoElse',
+        many('<WhileDoElse><AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/></WhileDoElse>', 4),
+    ),
+    'switch': (
+        'Switch3 on an entry',
+        many(
+            '<Switch3 variable="{s}" case_1="a" case_2="b" case_3="c">' + '<AlwaysSuccess/>' * 4 + '</Switch3>',
+            5,
+            '<SetBlackboard value="b" output_key="s"/>',
+        ),
+    ),
+    'repeat': ('Repeat, one cycle', many('<Repeat num_cycles="1"><AlwaysSuccess/></Repeat>', 2)),
+    'retry': (
+        'RetryUntilSuccessful',
+        many('<RetryUntilSuccessful num_attempts="1"><AlwaysFailure/></RetryUntilSuccessful>', 2),
+    ),
+    'force': ('ForceFailure', many('<ForceFailure><AlwaysSuccess/></ForceFailure>', 2)),
+    'keeprunning': (
+        'KeepRunningUntilFailure',
+        many('<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>', 2),
+    ),
+    'runonce': ('RunOnce, done', many('<RunOnce><AlwaysSuccess/></RunOnce>', 2)),
+    'timeout': ('Timeout', many('<Timeout msec="100000"><AlwaysSuccess/></Timeout>', 2)),
+    'delay': ('Delay, waiting', many('<Delay delay_msec="100000000"><AlwaysSuccess/></Delay>', 2)),
+    'precondition': ('Precondition', many('<Precondition if="true"><AlwaysSuccess/></Precondition>', 2)),
+    'loop': ('LoopInt with value', many(f'<LoopInt queue="{_LONG}" value="{{n}}"><AlwaysSuccess/></LoopInt>', 2)),
+    'loopstring': (
+        'LoopString with value',
+        many(f'<LoopString queue="{_LONG}" value="{{s}}"><AlwaysSuccess/></LoopString>', 2),
+    ),
+    'loopbare': ('LoopDouble without value', many(f'<LoopDouble queue="{_LONG}"><AlwaysSuccess/></LoopDouble>', 2)),
+    'skipunless': (
+        'SkipUnlessUpdated, written',
+        pointers('<SkipUnlessUpdated entry="{n}"><AlwaysSuccess/></SkipUnlessUpdated>'),
+    ),
+    'skipidle': (
+        'SkipUnlessUpdated, not written',
+        many('<SkipUnlessUpdated entry="{n}"><AlwaysSuccess/></SkipUnlessUpdated>', 2),
+    ),
+    'waitvalue': (
+        'WaitValueUpdate, written',
+        pointers('<WaitValueUpdate entry="{n}"><AlwaysSuccess/></WaitValueUpdate>'),
+    ),
+    'waitidle': (
+        'WaitValueUpdate, not written',
+        many('<WaitValueUpdate entry="{n}"><AlwaysSuccess/></WaitValueUpdate>', 2),
+    ),
+    'wasupdated': (
+        'WasEntryUpdated, written',
+        many('<WasEntryUpdated entry="{n}"/>', 1, '<Script code="n := 1"/>'),
+    ),
+    'set': ('SetBlackboard of a literal', many('<SetBlackboard value="1" output_key="n"/>', 1)),
+    'copy': (
+        'SetBlackboard of an entry',
+        many('<SetBlackboard value="{n}" output_key="m"/>', 1, '<Script code="n := 1"/>'),
+    ),
+    'unset': ('UnsetBlackboard', many('<UnsetBlackboard key="n"/>', 1)),
+    'post': (
+        '_post',
+        many('<AlwaysSuccess _post="n := n + 1"/>', 1, '<Script code="n := 0"/>'),
+    ),
+    'onsuccess': (
+        '_onSuccess of a decorator',
+        many('<Inverter _onFailure="n := 1"><AlwaysSuccess/></Inverter>', 2, '<Script code="n := 0"/>'),
+    ),
+    'skipif': ('_skipIf', many('<AlwaysSuccess _skipIf="n &lt; 0"/>', 1, '<Script code="n := 0"/>')),
+    'subtree': ('SubTree', many('<SubTree ID="T1"/>', 2, '', '<AlwaysSuccess/>')),
+    'autoremap': (
+        'SubTree, _autoremap, entry read',
+        many(
+            '<SubTree ID="T1" _autoremap="true"/>',
+            3,
+            '<SetBlackboard value="1" output_key="n"/>',
+            '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>',
+        ),
+    ),
+}
+"""Nodes that the shapes do not have, and how many of them make up a tree."""
+
+
 class PythonCondition(Condition):
     """A leaf of a user."""
 
@@ -164,14 +278,13 @@ def sample(tick: Tick, nodes: int, repetitions: int) -> float:
     return (time.perf_counter_ns() - began) / repetitions / nodes
 
 
-def compare(shape: str, count: int, rounds: int, wheel: Wheel) -> dict[str, Any]:
+def compare(shape: str, xml: str, rounds: int, wheel: Wheel) -> dict[str, Any]:
     """Medians (ns for a node and tick) and medians of ratios of one shape."""
-    xml = SHAPES[shape][1](count)
     ours = our_tree(xml, registry())
     nodes = len(ours.nodes)
     factory, theirs = wheel.tree(xml)
     engines: dict[str, Tick] = {'flexbt': ours.tick_exactly_once, 'btcpp': theirs.tick_exactly_once}
-    slow = py_trees_tick(shape, count)
+    slow = py_trees_tick(shape, nodes)
     if slow is not None:
         engines['py_trees'] = slow
     samples: dict[str, list[float]] = {name: [] for name in engines}
@@ -242,15 +355,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--rounds', type=int, default=15)
     parser.add_argument('--sizes', default='100,1000,10000')
-    parser.add_argument('--shapes', default=','.join(SHAPES))
+    parser.add_argument('--shapes', default=','.join(SHAPES), help='of the first table')
+    parser.add_argument('--others', default=','.join(OTHERS), help='of the second table')
     parser.add_argument('--output', type=Path, default=Path('out/bt_tick.json'))
     arguments = parser.parse_args()
     wheel = Wheel()
     print(f'{"ns for a node and tick":36}{"nodes":>7}{"FlexBT":>9}{"BT.CPP":>9}{"py_trees":>10}{"ratio":>8}{"x":>7}')
+    sizes = [int(size) for size in arguments.sizes.split(',')]
     rows = []
-    for shape in arguments.shapes.split(','):
-        for count in map(int, arguments.sizes.split(',')):
-            row = compare(shape, count, arguments.rounds, wheel)
+    for shape in filter(None, arguments.shapes.split(',')):
+        for count in sizes:
+            row = compare(shape, SHAPES[shape][1](count), arguments.rounds, wheel)
             rows.append(row)
             slow = f'{row["py_trees"]:10.0f}' if 'py_trees' in row else f'{"":10}'
             times = f'{row["times faster than py_trees"]:7.0f}' if 'py_trees' in row else ''
@@ -263,11 +378,18 @@ def main() -> int:
         f'targets: ratio to BT.CPP at most {TARGET_NATIVE} for native leaves, {TARGET_PYTHON} for those in Python (f); '
         f'{TARGET_PY_TREES:.0f} times faster than py_trees'
     )
+    others = []
+    print(f'{"other nodes, ns for a node and tick":36}{"nodes":>7}{"FlexBT":>9}{"BT.CPP":>9}{"ratio":>18}')
+    for name in filter(None, arguments.others.split(',')):
+        what, make = OTHERS[name]
+        row = compare(name, make(OTHER_NODES), arguments.rounds, wheel)
+        others.append(row | {'what': what})
+        print(f'{what:36}{row["nodes"]:7}{row["flexbt"]:9.1f}{row["btcpp"]:9.1f}{row["ratio"]:18.2f}', flush=True)
     loaded = loading(10_000, arguments.rounds, wheel)
     for what, value in loaded.items():
         print(f'{what:36}{value:12.4g}')
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps({'tick': rows, 'loading': loaded}, indent=2) + '\n')
+    arguments.output.write_text(json.dumps({'tick': rows, 'other nodes': others, 'loading': loaded}, indent=2) + '\n')
     return 0
 
 

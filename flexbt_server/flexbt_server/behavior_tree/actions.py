@@ -49,7 +49,7 @@ class SetBlackboard(SyncAction):
     time.
     """
 
-    __slots__ = ('_entry', '_source', '_text', '_value')
+    __slots__ = ('_class', '_copied', '_entry', '_source', '_text', '_type', '_value')
 
     ports = {
         'value': input_port(description='text, or {key} of the entry to be copied'),
@@ -61,15 +61,25 @@ class SetBlackboard(SyncAction):
         value = config.values.get('value')
         self._source = None if value is None else value.key
         self._text = '' if value is None else value.text
-        # For constant text and key: the entry, and what the text means in its type, when that is fixed.
+        # For a constant key, once it is known what is written there: the entry, and what constant text means in its
+        # type, when that is fixed; or the entry that is copied, when it has the same type, and the class of its value.
         self._entry = MISSING
         self._value: Any = None
+        self._copied = MISSING
+        self._type: PortType | None = None
+        self._class: type[Any] | None = None
 
     def execute(self) -> NodeStatus:
         entry = self._entry
         if entry.present:
+            if self._source is None:
+                value = self._value
+            else:
+                value = self._copied.value
+                if value.__class__ is not self._class or entry.type is not self._type:
+                    return super().execute()
             # As entry.write does.
-            entry.value = self._value
+            entry.value = value
             entry.sequence += 1
             self.status = SUCCESS
             return SUCCESS
@@ -77,28 +87,40 @@ class SetBlackboard(SyncAction):
 
     def tick(self) -> NodeStatus:
         key: str = self.get_input('output_key')
+        with self.blackboard.lock:
+            if self._source is None:
+                return self._write_text(key)
+            return self._copy(key, self._source)
+
+    def _write_text(self, key: str) -> NodeStatus:
         board = self.blackboard
-        source = self._source
-        with board.lock:
-            if source is None:
-                value, kind = self._converted(key, self._text)
-            else:
-                copied = board.entry(source)
-                if copied is None:
-                    raise self._port_error('value', 'the blackboard has no such entry')
-                if board.entry(key) is None:
-                    board.declare(key, copied.type)
-                value, kind = copied.value, copied.type
-                if value is EMPTY:
-                    return self.fail(f'the entry [{source}] that is to be copied was never written')
-                if isinstance(value, str):
-                    value, kind = self._converted(key, value)
-            board.put(key, value, kind)
-            if source is None and self.port_key('output_key') is None:
-                entry = board.entry(key)
-                assert entry is not None
-                if is_fixed(entry.type) and entry.type.immutable:
-                    self._entry, self._value = entry, value
+        value, kind = self._converted(key, self._text)
+        board.put(key, value, kind)
+        if is_fixed(kind) and kind.immutable and self.port_key('output_key') is None:
+            self._entry = board.entry(key) or MISSING
+            self._value = value
+        return SUCCESS
+
+    def _copy(self, key: str, source: str) -> NodeStatus:
+        board = self.blackboard
+        copied = board.entry(source)
+        if copied is None:
+            raise self._port_error('value', 'the blackboard has no such entry')
+        if board.entry(key) is None:
+            board.declare(key, copied.type)
+        value = copied.value
+        if value is EMPTY:
+            return self.fail(f'the entry [{source}] that is to be copied was never written')
+        if isinstance(value, str):
+            board.put(key, *self._converted(key, value))
+            return SUCCESS
+        board.put(key, value, copied.type)
+        entry = board.entry(key)
+        assert entry is not None
+        # The types of both are the same, or that of the one that is written is not fixed.
+        if self.port_key('output_key') is None and (is_fixed(copied.type) or not is_fixed(entry.type)):
+            self._entry, self._type = entry, entry.type
+            self._copied, self._class = copied, value.__class__
         return SUCCESS
 
     def _converted(self, key: str, text: str) -> tuple[Any, PortType | None]:
@@ -121,9 +143,22 @@ class SetBlackboard(SyncAction):
 class UnsetBlackboard(SyncAction):
     """Removes the entry ``key`` from the scope of the node itself. SUCCESS also when there was none."""
 
-    __slots__ = ()
+    __slots__ = ('_key',)
 
     ports = {'key': input_port(STRING, description='key of the entry to be removed')}
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        given = config.values['key']
+        self._key: str | None = None if given.key is not None else given.text
+
+    def execute(self) -> NodeStatus:
+        key = self._key
+        if key is None:
+            return super().execute()
+        self.blackboard.unset(key)
+        self.status = SUCCESS
+        return SUCCESS
 
     def tick(self) -> NodeStatus:
         self.blackboard.unset(self.get_input('key'))

@@ -29,7 +29,8 @@ EMPTY: Final = _Empty.EMPTY
 
 class Entry:
     """One entry: ``value`` (EMPTY until written), ``type`` (None or ANY: not fixed yet), and the number of writes.
-    Once the entry was removed from its blackboard, ``present`` is False and it is empty."""
+    Once the entry was removed from its blackboard, ``present`` is False, it is empty, and there is no such number of
+    writes."""
 
     __slots__ = ('present', 'sequence', 'type', 'value')
 
@@ -59,6 +60,7 @@ class Entry:
 MISSING: Final = Entry(None)
 """Takes the place of an entry that is not there, for those who keep an entry and look whether it is present."""
 MISSING.present = False
+MISSING.sequence = -1
 
 
 class Blackboard:
@@ -198,11 +200,14 @@ class Blackboard:
 
     def unset(self, key: str) -> None:
         """Removes the entry from this scope; neither remapping nor ``@`` apply. Harmless when there is none."""
+        if key not in self._entries:
+            return
         with self.lock:
             entry = self._entries.pop(key, None)
             if entry is not None:
                 entry.present = False
                 entry.value = EMPTY
+                entry.sequence = -1
 
     def keys(self) -> list[str]:
         """The keys of the entries of this scope itself."""
@@ -251,9 +256,10 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
             # As in BehaviorTree.CPP: the first number that a declared entry gets keeps its kind, if it fits.
             value = value if entry.value is EMPTY and kind.category == 'real' else exact
     present = entry.value
-    if present.__class__ is str and declared.category in _NUMBERS:
+    if present is not EMPTY and isinstance(present, str) is not isinstance(value, str):
+        # It got there through the port of a sub-tree, or by a script when the entry was only declared.
         raise BlackboardError(
-            f"entry [{key}] of type {declared.name} holds the text '{present[:40]}', which got there through the port "
-            'of a sub-tree; it takes no number before it is removed, or written through such a port'
+            f'entry [{key}] of type {declared.name} holds {present!r:.40}, and so does not take {value!r:.40}; '
+            'it has to be removed first'
         )
     return float(value) if present.__class__ is float and kind.category != 'text' else value

@@ -29,18 +29,6 @@ class _Conditional(ControlNode):
     def _undecided(self) -> NodeExecutionError:
         return self.fault(f'the condition [{self.children[0].path}] was skipped, and so says neither yes nor no')
 
-    def _finish(self, index: int, status: NodeStatus) -> NodeStatus:
-        """Child ``index`` has decided the result."""
-        for child in self.children:
-            if child.status is RUNNING:
-                child.halt()
-            child.status = IDLE
-        if status is SKIPPED:
-            return SKIPPED
-        self._failed = index
-        self.status = status
-        return status
-
 
 class IfThenElse(_Conditional):
     """Asks the condition once, then ticks the branch that it chose until that completes; its result is the node's.
@@ -79,9 +67,18 @@ class IfThenElse(_Conditional):
             self._chosen = chosen
         status = ticks[chosen]()
         if status is RUNNING:
+            self._chosen = chosen
             return RUNNING
         self._chosen = 0
-        return self._finish(chosen, status)
+        # As reset_children does; a call would be much of the time that this takes.
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt()
+            child.status = IDLE
+        if status is not SKIPPED:
+            self._failed = chosen
+            self.status = status
+        return status
 
     def halt(self) -> None:
         self._chosen = 0
@@ -121,4 +118,12 @@ class WhileDoElse(_Conditional):
             raise self._undecided()
         if status is RUNNING:
             return RUNNING
-        return self._finish(chosen, status)
+        # As reset_children does; a call would be much of the time that this takes.
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt()
+            child.status = IDLE
+        if status is not SKIPPED:
+            self._failed = chosen
+            self.status = status
+        return status

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -53,6 +54,8 @@ class TreeContext:
         self.on_wake: Callable[[], None] | None = None
         self.log: Log | None = None
         self.deadlines: dict[TreeNode, float] = {}
+        # No deadline is earlier.
+        self.earliest = math.inf
         self.halt_errors: list[NodeExecutionError] = []
         self.exchanged: list[TreeNode] = []
         self.hooks: TickHooks | None = None

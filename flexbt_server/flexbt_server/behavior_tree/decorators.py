@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-import contextlib
+from typing import ClassVar
 
+from .blackboard import MISSING
 from .errors import PortError
 from .node import DecoratorNode, NodeConfig, TreeNode, halt_child
 from .port_types import BOOL, INT
@@ -73,22 +74,44 @@ class ForceFailure(DecoratorNode):
         return f'{self.id}: the child [{self.child.path}] completed'
 
 
-class Repeat(DecoratorNode):
+class _Repeating(DecoratorNode):
+    """Counts the runs of the child. The limit is read at each tick; -1 is none."""
+
+    __slots__ = ('_count', '_limit')
+
+    limit: ClassVar[str]
+    """The port of the limit."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._count = 0
+        self._limit = MISSING
+
+    def _read_limit(self) -> int:
+        value: int = self.get_input(self.limit)
+        self._limit = self.ready_entry(self.limit)
+        return value
+
+    def halt(self) -> None:
+        self._count = 0
+        super().halt()
+
+
+class Repeat(_Repeating):
     """Runs the child ``num_cycles`` times as long as it succeeds (-1: without end); FAILURE when it fails.
 
     Between two cycles it yields: RUNNING, to be ticked again at once, when the child began and completed in one tick.
     """
 
-    __slots__ = ('_count',)
+    __slots__ = ()
 
     ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
-        self._count = 0
+    limit = 'num_cycles'
 
     def execute(self) -> NodeStatus:
-        cycles: int = self.get_input('num_cycles')
+        cycles = self._limit.value
+        if cycles.__class__ is not int:
+            cycles = self._read_limit()
         count = self._count
         child = self.child
         self.status = RUNNING
@@ -115,38 +138,35 @@ class Repeat(DecoratorNode):
         self.status = SUCCESS
         return SUCCESS
 
-    def halt(self) -> None:
-        self._count = 0
-        super().halt()
 
-
-class RetryUntilSuccessful(DecoratorNode):
+class RetryUntilSuccessful(_Repeating):
     """Runs the child up to ``num_attempts`` times until it succeeds (-1: without end). It yields as Repeat does."""
 
-    __slots__ = ('_count', '_tried')
+    __slots__ = ('_tried',)
 
     ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}
+    limit = 'num_attempts'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._count = 0
         self._tried = False
 
     def execute(self) -> NodeStatus:
-        attempts: int = self.get_input('num_attempts')
-        again = self._count < attempts or attempts == -1
-        self._tried = again
+        attempts = self._limit.value
+        if attempts.__class__ is not int:
+            attempts = self._read_limit()
+        child = self.child
+        self._tried = again = self._count < attempts or attempts == -1
         self.status = RUNNING
         while again:
-            child = self.child
             was_idle = child.status is IDLE
             status = self._tick()
             if status is FAILURE:
-                self._count += 1
-                # The child may have changed the number on the blackboard. If it has removed it, the old one stands.
-                with contextlib.suppress(PortError):
-                    attempts = self.get_input('num_attempts')
-                again = self._count < attempts or attempts == -1
+                self._count = count = self._count + 1
+                # The child may have changed the number on the blackboard.
+                if self._limit.value is not attempts:
+                    attempts = self._changed_limit(attempts)
+                again = count < attempts or attempts == -1
                 child.status = IDLE
                 if again and was_idle:
                     self.context.woken = True
@@ -165,9 +185,12 @@ class RetryUntilSuccessful(DecoratorNode):
         self.status = FAILURE
         return FAILURE
 
-    def halt(self) -> None:
-        self._count = 0
-        super().halt()
+    def _changed_limit(self, attempts: int) -> int:
+        """The number of attempts now; the old one if it has been removed."""
+        try:
+            return self._read_limit()
+        except PortError:
+            return attempts
 
     def failure_cause(self) -> TreeNode | None:
         return self.child if self._tried else None

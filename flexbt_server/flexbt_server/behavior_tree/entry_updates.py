@@ -9,7 +9,7 @@ its writes from the beginning; as many as before go unnoticed, as in BehaviorTre
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import Final
 
 from .blackboard import MISSING
 from .leaves import LeafNode
@@ -34,16 +34,15 @@ class _Watch:
         self.seen = 0
 
     def updated(self) -> bool:
-        """Whether the entry was written since the last call. An entry that is missing was not."""
+        """Whether the entry was written since the last call. One that is missing was not."""
         entry = self.entry
         if not entry.present:
             self.entry = entry = self._board.entry(self.key) or MISSING
-            if entry is MISSING:
-                return False
         writes = entry.sequence
-        updated = writes != self.seen
+        if writes == self.seen or entry is MISSING:
+            return False
         self.seen = writes
-        return updated
+        return True
 
 
 class _UpdateDecorator(DecoratorNode):
@@ -53,24 +52,13 @@ class _UpdateDecorator(DecoratorNode):
 
     running_first = None
     ports = _PORTS
-    otherwise: ClassVar[NodeStatus]
-    """The result when the entry was not written."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._watch = _Watch(config)
         self._child_running = False
 
-    def execute(self) -> NodeStatus:
-        if not self._child_running:
-            watch = self._watch
-            entry = watch.entry
-            # Nothing new is what most ticks find; a call would take longer than that.
-            if (entry.present and entry.sequence == watch.seen) or not watch.updated():
-                status = self.otherwise
-                if status is RUNNING:
-                    self.status = RUNNING
-                return status
+    def _run(self) -> NodeStatus:
         status = self._tick()
         self._child_running = status is RUNNING
         if status is not SKIPPED:
@@ -89,7 +77,13 @@ class SkipUnlessUpdated(_UpdateDecorator):
 
     __slots__ = ()
 
-    otherwise = SKIPPED
+    def execute(self) -> NodeStatus:
+        if not self._child_running:
+            watch = self._watch
+            # Nothing new is what most ticks find; a call would take longer than that.
+            if watch.entry.sequence == watch.seen or not watch.updated():
+                return SKIPPED
+        return self._run()
 
 
 class WaitValueUpdate(_UpdateDecorator):
@@ -100,7 +94,13 @@ class WaitValueUpdate(_UpdateDecorator):
 
     __slots__ = ()
 
-    otherwise = RUNNING
+    def execute(self) -> NodeStatus:
+        if not self._child_running:
+            watch = self._watch
+            if watch.entry.sequence == watch.seen or not watch.updated():
+                self.status = RUNNING
+                return RUNNING
+        return self._run()
 
 
 class WasEntryUpdated(LeafNode):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from flexbt_common.clock import Clock
 
-from .blackboard import EMPTY, Blackboard, Entry
+from .blackboard import EMPTY, MISSING, Blackboard, Entry
 from .context import TreeContext
 from .errors import BlackboardError, ConversionError, NodeExecutionError, PortError
 from .port_types import cast
@@ -138,7 +138,10 @@ class TreeNode(ABC):
 
     def wake_at(self, when: float) -> None:
         """Asks for a tick at the time ``when`` of the clock; replaces an earlier one. Only within a tick."""
-        self.context.deadlines[self] = when
+        context = self.context
+        context.deadlines[self] = when
+        if when < context.earliest:
+            context.earliest = when
 
     def cancel_wake(self) -> None:
         """Takes back :meth:`wake_at`."""
@@ -195,6 +198,15 @@ class TreeNode(ABC):
         if self._entries is NOTHING_READ:
             self._entries = {}
         self._entries[port] = entry, ready
+
+    def ready_entry(self, port: str) -> Entry:
+        """Where the last :meth:`get_input` of the port has found a value that it need not convert.
+
+        As long as the value there is of the Python class of the port's type, it is the one that ``get_input`` gives; so
+        who reads a port in each tick looks there first. MISSING when it had to be converted.
+        """
+        known = self._entries.get(port)
+        return MISSING if known is None else known[0]
 
     def get_input_or(self, port: str, default: Any) -> Any:
         """The value of an input port; ``default`` when it is not given, or its entry is missing or was never written.

@@ -24,11 +24,10 @@ class _ParallelControl(ControlNode):
     Thresholds are ports, and may change from tick to tick; those that cannot, because they are literals, are kept.
     """
 
-    __slots__ = ('_failures', '_limits', '_row')
+    __slots__ = ('_limits', '_row')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._failures = 0
         self._limits: tuple[int, ...] | None = None
 
     def fetch_ticks(self) -> None:
@@ -62,7 +61,7 @@ class _ParallelControl(ControlNode):
         return limit
 
     def _finish(self, status: NodeStatus) -> NodeStatus:
-        self._forget()
+        self._row = self._ticks
         for child in self.children:
             if child.status is RUNNING:
                 child.halt()
@@ -70,12 +69,8 @@ class _ParallelControl(ControlNode):
         self.status = status
         return status
 
-    def _forget(self) -> None:
-        self._row = self._ticks
-        self._failures = 0
-
     def halt(self) -> None:
-        self._forget()
+        self._row = self._ticks
         super().halt()
 
 
@@ -87,7 +82,7 @@ class Parallel(_ParallelControl):
     is not ticked again until the node is done; a skipped one is.
     """
 
-    __slots__ = ('_successes',)
+    __slots__ = ('_failures', '_successes')
 
     ports = {
         'success_count': input_port(INT, default='-1', description='successes needed; negative: from the end'),
@@ -96,7 +91,7 @@ class Parallel(_ParallelControl):
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._successes = 0
+        self._successes = self._failures = 0
 
     def execute(self) -> NodeStatus:
         needed, too_many, tolerant = self._limits or self._current_limits()
@@ -108,14 +103,18 @@ class Parallel(_ParallelControl):
         failures = self._failures
         spare = len(row) - needed
         skipped = 0
-        # Whether the counts decide already: after the first child, as they are looked at after each.
+        # The counts are looked at after each child. Most have no need of it: only when the counts decide already, which
+        # shows after the first child, is there something to be seen after a child that has changed none.
         due = passed >= needed or failures == too_many or failures > spare
+        enough = 0 if due else needed
         remaining = iter(row)
         try:
             for tick in remaining:
                 status = tick()
                 if status is SUCCESS:
                     passed += 1
+                    if passed < enough:
+                        continue
                 elif status is FAILURE:
                     failures += 1
                     self._failed = len(row) - length_hint(remaining) - 1
@@ -123,17 +122,16 @@ class Parallel(_ParallelControl):
                     skipped += 1
                     passed += tolerant
                 elif not due:
-                    # RUNNING, or completed before: what was found after the child before it still holds.
+                    # RUNNING, or completed before.
                     continue
                 if passed >= needed:
                     result = SUCCESS
                     break
-                if status is SUCCESS and not due:
-                    continue
                 if failures == too_many or failures > spare:
                     result = FAILURE
                     break
                 due = False
+                enough = needed
             else:
                 result = SKIPPED if skipped == len(row) else RUNNING
         except BaseException:
@@ -141,6 +139,7 @@ class Parallel(_ParallelControl):
             self._keep(passed - skipped if tolerant else passed, failures)
             raise
         if result is SUCCESS or result is FAILURE:
+            self._successes = self._failures = 0
             return self._finish(result)
         if skipped and tolerant:
             passed -= skipped
@@ -157,9 +156,9 @@ class Parallel(_ParallelControl):
         tolerant: bool = self.get_input('success_count') < 0
         return self._limit('success_count', 'succeed'), self._limit('failure_count', 'fail'), tolerant
 
-    def _forget(self) -> None:
-        self._row = self._ticks
-        self._failures = self._successes = 0
+    def halt(self) -> None:
+        self._successes = self._failures = 0
+        super().halt()
 
     def failure_reason(self) -> str:
         return f'{self.id}: no failure is one too many (failure_count="{self.port_text("failure_count")}")'
@@ -185,31 +184,25 @@ class ParallelAll(_ParallelControl):
             self.status = RUNNING
             self._failed = None
         row = self._row
-        running = skipped = completed = 0
-        remaining = iter(row)
         try:
-            for tick in remaining:
-                status = tick()
-                if status is SUCCESS:
-                    completed += 1
-                elif status is FAILURE:
-                    completed += 1
-                    self._failures += 1
-                    self._failed = len(row) - length_hint(remaining) - 1
-                elif status is RUNNING:
-                    running += 1
-                elif status is SKIPPED:
-                    skipped += 1
+            results = [tick() for tick in row]
         except BaseException:
             self._strike_out()
             raise
-        if running:
-            if completed:
-                self._strike_out()
-            return RUNNING
-        if skipped == len(row):
-            return SKIPPED
-        return self._finish(FAILURE if self._failures >= too_many else SUCCESS)
+        completed = results.count(SUCCESS)
+        failures = 0
+        if completed != len(results):
+            if FAILURE in results:
+                self._failed = len(results) - 1 - results[::-1].index(FAILURE)
+                completed += results.count(FAILURE)
+            if RUNNING in results:
+                if completed:
+                    self._strike_out()
+                return RUNNING
+            if results.count(SKIPPED) == len(results):
+                return SKIPPED
+            failures = sum(child.status is FAILURE for child in self.children)
+        return self._finish(FAILURE if failures >= too_many else SUCCESS)
 
     def _read_limits(self) -> tuple[int, ...]:
         return (self._limit('max_failures', 'fail'),)

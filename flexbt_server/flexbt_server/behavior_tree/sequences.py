@@ -31,11 +31,7 @@ class _OrderedControl(ControlNode):
     def _finish(self, status: NodeStatus) -> NodeStatus:
         """All children were passed: rewinds, and gives ``status`` unless they were all skipped."""
         all_skipped = self._skipped == len(self.children)
-        # As reset_children does; a call would be much of the time that a short sequence takes.
-        for child in self.children:
-            if child.status is RUNNING:
-                child.halt()
-            child.status = IDLE
+        self.reset_children()
         self._index = self._skipped = 0
         if all_skipped:
             return SKIPPED
@@ -72,7 +68,16 @@ class Sequence(_OrderedControl):
             self._index = len(ticks) - length_hint(remaining) - 1
             raise
         if status is not FAILURE:
-            return self._finish(SUCCESS)
+            if self._skipped:
+                return self._finish(SUCCESS)
+            # As reset_children does; a call would be much of the time that a short sequence takes.
+            for child in self.children:
+                if child.status is RUNNING:
+                    child.halt()
+                child.status = IDLE
+            self._index = 0
+            self.status = SUCCESS
+            return SUCCESS
         self._failed = index
         self._index = 0
         self.reset_children()
@@ -108,7 +113,15 @@ class Fallback(_OrderedControl):
             raise
         if status is not SUCCESS:
             self._failed = len(ticks) - 1
-            return self._finish(FAILURE)
+            if self._skipped:
+                return self._finish(FAILURE)
+            for child in self.children:
+                if child.status is RUNNING:
+                    child.halt()
+                child.status = IDLE
+            self._index = 0
+            self.status = FAILURE
+            return FAILURE
         self._index = 0
         self.reset_children()
         self.status = SUCCESS
@@ -133,22 +146,24 @@ class _YieldingControl(_OrderedControl):
         children = self.children
         ticks = self._ticks
         passing = self._passing
-        while self._index < len(ticks):
-            child = children[self._index]
-            was_idle = child.status is IDLE
-            status = ticks[self._index]()
-            if status is RUNNING:
+        index = self._index
+        for tick in ticks[index:] if index else ticks:
+            was_idle = children[index].status is IDLE
+            status = tick()
+            if status is passing:
+                if status is FAILURE:
+                    self._failed = index
+                self._index = index = index + 1
+                if was_idle and index < len(ticks):
+                    self.context.woken = True
+                    return RUNNING
+            elif status is RUNNING:
                 return RUNNING
-            if status is SKIPPED:
+            elif status is SKIPPED:
                 self._skipped += 1
-            elif status is not passing:
+                self._index = index = index + 1
+            else:
                 return self._stop(status)
-            elif status is FAILURE:
-                self._failed = self._index
-            self._index += 1
-            if was_idle and status is passing and self._index < len(ticks):
-                self.context.woken = True
-                return RUNNING
         return self._finish(passing)
 
     def _stop(self, status: NodeStatus) -> NodeStatus:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 
+from .blackboard import MISSING
 from .leaves import StatefulAction
 from .node import DecoratorNode, NodeConfig, TreeNode, halt_child
 from .port_types import UNSIGNED
@@ -73,30 +74,34 @@ class Timeout(DecoratorNode):
 class Delay(DecoratorNode):
     """Waits ``delay_msec`` milliseconds, once, before the child is ticked. RUNNING meanwhile, for one tick at least."""
 
-    __slots__ = ('_deadline',)
+    __slots__ = ('_begun', '_delay')
 
     running_first = False
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._deadline: float | None = None
+        self._begun = False
+        self._delay = MISSING
 
     def execute(self) -> NodeStatus:
-        delay: int = self.get_input('delay_msec')
-        if self._deadline is None:
-            self._deadline = self.clock.now() + delay / 1000.0
-            self.wake_at(self._deadline)
+        delay = self._delay.value
+        if delay.__class__ is not int:
+            delay = self.get_input('delay_msec')
+            self._delay = self.ready_entry('delay_msec')
+        if not self._begun:
+            self._begun = True
+            self.wake_at(self.clock.now() + delay / 1000.0)
             self.status = RUNNING
             return RUNNING
-        if self.clock.now() < self._deadline:
+        if self in self.context.deadlines:
+            # The time was not up when this tick began.
             self.status = RUNNING
             return RUNNING
         # While the child runs, the time stays over.
-        self._deadline = -math.inf
         status = self._tick()
         if status is SUCCESS or status is FAILURE:
-            self._deadline = None
+            self._begun = False
             self.child.status = IDLE
             self.status = status
         elif status is RUNNING:
@@ -105,7 +110,7 @@ class Delay(DecoratorNode):
 
     def halt(self) -> None:
         self.cancel_wake()
-        self._deadline = None
+        self._begun = False
         super().halt()
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -83,7 +84,7 @@ class Tree:
         self._after_round = after_round
         self._entry = self._fetch_entry()
         self._max_rounds = max_rounds
-        self._failure: Failure | None = None
+        self._has_failed = False
         self._status = IDLE
         self.context.on_wake = on_wake
         if on_transition is not None or log is not None:
@@ -128,8 +129,10 @@ class Tree:
         if deadlines:
             # This tick serves those that are due. Who is not satisfied by it asks again.
             now = self.context.clock.now()
-            for node in [node for node, when in deadlines.items() if when <= now]:
-                del deadlines[node]
+            if now >= self.context.earliest:
+                for node in [node for node, when in deadlines.items() if when <= now]:
+                    del deadlines[node]
+                self.context.earliest = min(deadlines.values(), default=math.inf)
         if self.context.advancing:
             self.context.advance_unfinished()
         if self.context.exchanged:
@@ -171,7 +174,7 @@ class Tree:
 
     def _settle(self, status: NodeStatus) -> NodeStatus:
         if status is not RUNNING:
-            self._failure = self._find_failure() if status is FAILURE else None
+            self._has_failed = status is FAILURE
             if self.root.status is status:
                 self.root.status = IDLE
         self._status = status
@@ -252,8 +255,9 @@ class Tree:
 
     @property
     def failure(self) -> Failure | None:
-        """Why the tree failed, when the last tick that was not RUNNING gave FAILURE."""
-        return self._failure
+        """Why the tree failed, when the last tick that was not RUNNING gave FAILURE. Ask before the next tick: it is
+        found by asking the nodes."""
+        return self._find_failure() if self._has_failed else None
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
         """Paths of the nodes that are RUNNING, in the order of their uid."""
