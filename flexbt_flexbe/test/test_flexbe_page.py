@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page for people who come from FlexBE: its table of differences and the tests are about the same things."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / 'docs' / 'coming_from_flexbe.md').read_text(encoding='utf-8')
+TESTS = [
+    *sorted((ROOT / 'flexbt_flexbe' / 'test').glob('test_*.py')),
+    *sorted((ROOT / 'flexbt_onboard' / 'test').glob('test_*.py')),
+]
+
+
+def test_each_difference_is_a_row_and_each_row_has_its_test() -> None:
+    section = PAGE[PAGE.index('## What differs on purpose') : PAGE.index('## What is not here')]
+    rows = [line for line in section.splitlines() if line.startswith('| ') and not line.startswith('| What |')]
+    named = {name for row in rows for name in re.findall(r'`(test_\w+)`', row.rpartition(' | ')[2])}
+    written = {name for file in TESTS for name in re.findall(r'def (test_\w+)', file.read_text(encoding='utf-8'))}
+    assert named - written == set(), 'rows whose test there is not'
+    assert {name for name in written if name.startswith('test_differs_')} - named == set(), 'tests without a row'
+    assert all('`test_' in row for row in rows if not row.startswith('|---')), 'rows without a test'
+
+
+def test_the_commands_are_the_consoles() -> None:
+    source = (ROOT / 'flexbt_console' / 'flexbt_console' / 'command_table.py').read_text(encoding='utf-8')
+    known = set(re.findall(r"CommandSpec\(\s*'(\w+)'", source))
+    section = PAGE[PAGE.index('### Commands of the operator') : PAGE.index('## What is the same')]
+    used = {word for row in section.splitlines() for word in re.findall(r'`(\w+)[^`]*`', row.rpartition(' | ')[2])}
+    assert used and used - known == {'console'} & used
