@@ -10,6 +10,7 @@ itself: colcon's ``--symlink-install`` links single files to their sources.)
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
@@ -53,7 +54,7 @@ def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
 
 
 def _inside_allowed(name: str, allowed: Sequence[Path]) -> Path:
-    path = Path(name).resolve()
+    path = Path(os.path.realpath(name))  # Path.resolve would raise where links go round in circles
     if any(path.is_relative_to(directory.resolve()) for directory in allowed):
         return path
     places = ', '.join(str(directory) for directory in allowed) or 'none'
@@ -70,8 +71,8 @@ def _refuse_linked_directories(name: str, share: Path, path: Path) -> None:
         if parent.is_symlink():
             raise ResourceError(name, f'{parent} is a symbolic link to a directory; such paths are not followed')
         parent = parent.parent
-    if path.is_symlink() and path.resolve().name != path.name:
-        raise ResourceError(name, f'is a symbolic link to {path.resolve()}; such links are not followed')
+    if path.is_symlink() and Path(os.path.realpath(path)).name != path.name:
+        raise ResourceError(name, f'is a symbolic link to {os.path.realpath(path)}; such links are not followed')
 
 
 def _existing(name: str, path: Path) -> Path:

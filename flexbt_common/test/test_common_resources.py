@@ -79,3 +79,12 @@ def test_the_choice_of_navigation_interfaces() -> None:
         navigation_interfaces.load('nav3_msgs')
     with pytest.raises(AttributeError, match='FollowMe'):
         _ = interfaces.FollowMe
+
+
+def test_links_that_go_round_in_circles_are_no_files(tmp_path: Path) -> None:
+    (tmp_path / 'a.xml').symlink_to(tmp_path / 'b.xml')
+    (tmp_path / 'b.xml').symlink_to(tmp_path / 'a.xml')
+    (tmp_path / 'directory').symlink_to(tmp_path / 'directory')
+    for name in ('a.xml', 'directory/a.xml'):
+        with pytest.raises(ResourceError, match='no such file'):
+            resolve_file(str(tmp_path / name), [tmp_path])
