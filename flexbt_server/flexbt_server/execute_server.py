@@ -42,6 +42,7 @@ RESULT_TIMEOUT = 15.0
 """How long the result of a finished goal can be asked for again, s."""
 
 MESSAGE_LIMIT = 10_000
+REASON_LIMIT = 1000
 """Characters of a message for people: a leaf may give any text as its reason."""
 
 STOP_SECONDS = 1.0
@@ -313,6 +314,7 @@ class ExecuteServer:
             code=code,
             message=sendable(message, MESSAGE_LIMIT),
             failed_node=sendable(outcome.failed_node, MESSAGE_LIMIT),
+            reasons=[sendable(reason, REASON_LIMIT) for reason in outcome.reasons],
             error_code=self._take_error_code(board) if goal.slot is not None else 0,
             outputs=entries,
             missing_outputs=missing,

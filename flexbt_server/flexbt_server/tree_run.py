@@ -11,7 +11,7 @@ import math
 import threading
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from flexbt_common.bell import Bell
@@ -46,6 +46,7 @@ class RunOutcome:
     code: int
     message: str = ''
     failed_node: str = ''
+    reasons: tuple[str, ...] = ()
 
 
 class TreeObserver(Protocol):
@@ -280,7 +281,7 @@ class TreeRun(Generic[Client]):
             return RunOutcome(BtExecute.Result.FAILURE, 'the tree was skipped: no node had anything to do')
         failure = tree.failure
         assert failure is not None  # the engine gives one for every FAILURE
-        return RunOutcome(BtExecute.Result.FAILURE, f'{failure.path}: {failure.reason}', failure.path)
+        return RunOutcome(BtExecute.Result.FAILURE, str(failure.steps[0]), failure.path, tuple(failure.lines()))
 
     def _come_to_rest(self, outcome: RunOutcome) -> RunOutcome:
         """Halt everything and wait until the leaves have confirmed it."""
@@ -295,10 +296,10 @@ class TreeRun(Generic[Client]):
             outcome = _halting(tree.advance_unfinished, outcome)
         if tree.unfinished:
             message = f'{_NOT_AT_REST}: {", ".join(tree.unfinished)}'
-            outcome = RunOutcome(
-                BtExecute.Result.ERROR,
-                f'{outcome.message}; {message}' if outcome.message else message,
-                outcome.failed_node,
+            outcome = replace(
+                outcome,
+                code=BtExecute.Result.ERROR,
+                message=f'{outcome.message}; {message}' if outcome.message else message,
             )
         return outcome
 
@@ -308,18 +309,22 @@ def _halting(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
     try:
         step()
     except NodeExecutionError as error:
-        return RunOutcome(BtExecute.Result.ERROR, f'{outcome.message}; while halting: {error}', error.node_path)
+        return _error(error, f'{outcome.message}; while halting: {error}')
     return outcome
+
+
+def _error(error: NodeExecutionError, message: str) -> RunOutcome:
+    return RunOutcome(BtExecute.Result.ERROR, message, error.node_path, tuple(error.trace.lines()))
 
 
 def _outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
     """What a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
     try:
         return step()
+    except NodeExecutionError as error:
+        return _error(error, str(error))
     except BehaviorTreeError as error:
-        return RunOutcome(
-            BtExecute.Result.ERROR, str(error), error.node_path if isinstance(error, NodeExecutionError) else ''
-        )
+        return RunOutcome(BtExecute.Result.ERROR, str(error))
     except BaseException:  # a fault of ours
         return RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
 

@@ -304,7 +304,8 @@ def test_what_is_printed(tmp_path: Path) -> None:
         '     0.500  FAILURE -> IDLE     all\n'
         'FAILURE after 0.500 s and 6 ticks\n'
         '  reason: [s/g] no way\n'
-        '  on the way: all > s > s/g\n'
+        '  so s: the tree [S] failed\n'
+        '  so all: Sequence: child 1 of 1 failed\n'
         'blackboard:\n'
         '  k = inf\n'
         'blackboard of s:\n'
@@ -321,7 +322,7 @@ def test_what_is_printed(tmp_path: Path) -> None:
         'time': 0.5,
         'ticks': 6,
         'reason': '[s/g] no way',
-        'chain': ['all', 's', 's/g'],
+        'reasons': ['s/g: no way', 's: the tree [S] failed', 'all: Sequence: child 1 of 1 failed'],
         'blackboard': {'': {'k': 'inf'}, 's': {'c': '3'}},
     }
     quiet = run(tmp_path, text, '--mock', 'g=SUCCESS', '--quiet')

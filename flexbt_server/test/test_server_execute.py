@@ -406,3 +406,28 @@ def test_an_edited_file_is_used_by_the_next_goal(tmp_path: Path) -> None:
         file.write_text('<root BTCPP_format="4">')
         result = world.client.execute(str(file)).result
         assert result.code == Result.ERROR and str(file) in result.message
+
+
+def test_a_failure_and_an_error_carry_the_reasons_up_to_the_root(world: World) -> None:
+    world.navigation.fail[names.SPIN] = (2, 0)
+    inner = document(
+        '<RetryUntilSuccessful num_attempts="2" name="again"><Spin name="turn"/></RetryUntilSuccessful>', 'Inner'
+    )
+    assert world.client.load(xml=inner).code == 1
+    world.client.load_tree('<Sequence name="all"><AlwaysSuccess/><SubTree ID="Inner" name="in"/></Sequence>')
+    result = world.client.execute().result
+    assert result.code == Result.FAILURE
+    turn, *above = result.reasons
+    assert turn == result.message
+    assert turn.startswith('in/turn: ') and 'scripted failure 1' in turn
+    assert above == [
+        'in/again: RetryUntilSuccessful: all 2 attempts failed (num_attempts="2")',
+        'in: the tree [Inner] failed',
+        'all: Sequence: child 2 of 2 failed',
+    ]
+    world.client.load_tree('<Fallback name="all"><AlwaysFailure/><Raises name="bad"/></Fallback>')
+    result = world.client.execute().result
+    assert result.code == Result.ERROR
+    assert list(result.reasons) == ['bad: RuntimeError: scripted fault', 'all: Fallback: in child 2 of 2']
+    world.client.load_tree('<AlwaysSuccess/>')
+    assert not world.client.execute().result.reasons

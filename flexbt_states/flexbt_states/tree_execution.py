@@ -92,6 +92,7 @@ class TreeExecution:
         if answer != 'done':
             if result is not None and result.failed_node:
                 reason += f' (node {result.failed_node})'
+                reason += ''.join(f'; so {step}' for step in result.reasons[1:])
             self._state.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
             return answer
         assert result is not None

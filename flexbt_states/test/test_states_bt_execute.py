@@ -69,6 +69,12 @@ def test_a_tree_that_succeeds_gives_done_and_its_outputs(bench: StateBench) -> N
         (RESULT(), 'abort', 'failed', 'navigate'),
         (RESULT(code=RESULT.SUCCESS), 'abort', 'failed', 'although its result says success'),
         (RESULT(code=RESULT.FAILURE, message='no', failed_node='R/Plan'), 'abort', 'failed', 'no (node R/Plan)'),
+        (
+            RESULT(code=RESULT.FAILURE, message='a: no', failed_node='a', reasons=['a: no', 's: child 2 failed', 'r: so']),
+            'abort',
+            'failed',
+            'a: no (node a); so s: child 2 failed; so r: so',
+        ),
         (RESULT(code=RESULT.FAILURE, message='no way'), 'succeed', 'failed', 'no way'),
         (RESULT(code=RESULT.ERROR, message='node raised'), 'abort', 'failed', 'node raised'),
         (RESULT(code=RESULT.ERROR, message='node raised'), 'succeed', 'failed', 'node raised'),

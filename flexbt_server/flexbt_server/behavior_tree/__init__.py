@@ -36,13 +36,14 @@ from .loops import Loop
 from .node import Control, Decorator, NodeConfig, TreeNode
 from .port_types import PortType
 from .ports import Port, PortDirection, inout_port, input_port, output_port
+from .reasons import Reason, Reasons
 from .registry import NodeManifest, NodeRegistry, builtin_registry
 from .script import ScriptLibrary
 from .simple import SimpleAction, SimpleDecorator, simple_action, simple_condition, simple_decorator
 from .status import NodeKind, NodeStatus
 from .threaded import ThreadedAction
 from .tick_control import TickCommand, TickControl
-from .tree import Failure, Tree
+from .tree import Tree
 from .xml_reader import IncludeResolver, load_xml
 
 __all__ = [
@@ -58,7 +59,6 @@ __all__ = [
     'CoroutineAction',
     'Decorator',
     'Entry',
-    'Failure',
     'Halted',
     'IncludeResolver',
     'JsonObject',
@@ -76,6 +76,8 @@ __all__ = [
     'PortDirection',
     'PortError',
     'PortType',
+    'Reason',
+    'Reasons',
     'RegistrationError',
     'ScriptError',
     'ScriptLibrary',

@@ -103,7 +103,7 @@ class Repeat(_Repeating):
     Between two cycles it yields: RUNNING, to be ticked again at once, when the child began and completed in one tick.
     """
 
-    __slots__ = ()
+    __slots__ = ('_failed_cycle',)
 
     ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}
     limit = 'num_cycles'
@@ -125,6 +125,7 @@ class Repeat(_Repeating):
                     self.context.woken = True
                     return RUNNING
             elif status is FAILURE:
+                self._failed_cycle = count + 1
                 self._count = 0
                 child.status = IDLE
                 self.status = FAILURE
@@ -138,25 +139,29 @@ class Repeat(_Repeating):
         self.status = SUCCESS
         return SUCCESS
 
+    def failure_reason(self) -> str:
+        return f'{self.id}: cycle {self._failed_cycle} failed (num_cycles="{self.port_text("num_cycles")}")'
+
 
 class RetryUntilSuccessful(_Repeating):
     """Runs the child up to ``num_attempts`` times until it succeeds (-1: without end). It yields as Repeat does."""
 
-    __slots__ = ('_tried',)
+    __slots__ = ('_used',)
 
     ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}
     limit = 'num_attempts'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._tried = False
+        # How many attempts there were when it failed.
+        self._used = 0
 
     def execute(self) -> NodeStatus:
         attempts = self._limit.value
         if attempts.__class__ is not int:
             attempts = self._read_limit()
         child = self.child
-        self._tried = again = self._count < attempts or attempts == -1
+        again = self._count < attempts or attempts == -1
         self.status = RUNNING
         while again:
             was_idle = child.status is IDLE
@@ -181,6 +186,7 @@ class RetryUntilSuccessful(_Repeating):
             else:
                 halt_child(child)
                 return SKIPPED
+        self._used = self._count
         self._count = 0
         self.status = FAILURE
         return FAILURE
@@ -193,10 +199,13 @@ class RetryUntilSuccessful(_Repeating):
             return attempts
 
     def failure_cause(self) -> TreeNode | None:
-        return self.child if self._tried else None
+        return self.child if self._used else None
 
     def failure_reason(self) -> str:
-        return f'{self.id}: no attempt is allowed (num_attempts)'
+        limit = f'(num_attempts="{self.port_text("num_attempts")}")'
+        if not self._used:
+            return f'{self.id}: no attempt is allowed {limit}'
+        return f'{self.id}: {"the attempt" if self._used == 1 else f"all {self._used} attempts"} failed {limit}'
 
 
 class KeepRunningUntilFailure(DecoratorNode):
@@ -254,6 +263,9 @@ class RunOnce(DecoratorNode):
             self.status = status
         return status
 
+    def failure_reason(self) -> str:
+        return f'{self.id}: the child failed in its one run'
+
 
 class SubTree(DecoratorNode):
     """The border of a sub-tree: the child is the root of another tree, which has a blackboard scope of its own."""
@@ -272,3 +284,6 @@ class SubTree(DecoratorNode):
         elif status is RUNNING:
             self.status = RUNNING
         return status
+
+    def failure_reason(self) -> str:
+        return f'the tree [{self.id}] failed'

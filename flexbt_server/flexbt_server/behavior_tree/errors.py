@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from .reasons import Reason, Reasons
+
 
 class BehaviorTreeError(Exception):
     """Base of all errors of the engine."""
@@ -69,9 +71,10 @@ class PortError(BehaviorTreeError):
     ``key`` is the blackboard key that the port points to, or None when it holds a literal or is not given.
     """
 
-    def __init__(self, node_path: str, node_id: str, port: str, key: str | None, reason: str) -> None:
+    def __init__(self, node_path: str, node_id: str, port: str, key: str | None, reason: str, uid: int = 0) -> None:
         self.node_path = node_path
         self.node_id = node_id
+        self.uid = uid
         self.port = port
         self.key = key
         self.reason = reason
@@ -100,14 +103,20 @@ class ScriptError(BehaviorTreeError):
 class NodeExecutionError(BehaviorTreeError):
     """A node raised, or broke the rules of ticking. The cause is in ``__cause__`` and ``cause``.
 
+    ``uid`` is that of the node, 0 when it is not known. ``trace`` has the nodes from there up to the root, once the
+    error has left the tree.
+
     The tree is left as it was at that moment, as in BehaviorTree.CPP: halt it before anything else is done with it.
     """
 
-    def __init__(self, node_path: str, node_id: str, cause: BaseException | str) -> None:
+    def __init__(self, node_path: str, node_id: str, cause: BaseException | str, uid: int = 0) -> None:
         self.node_path = node_path
         self.node_id = node_id
+        self.uid = uid
         self.cause: BaseException | None = cause if isinstance(cause, BaseException) else None
-        super().__init__(f'exception in node [{node_path}] ({node_id}): {_text_of(cause)}')
+        self.reason = _text_of(cause)
+        self.trace = Reasons((Reason(node_path, self.reason),))
+        super().__init__(f'exception in node [{node_path}] ({node_id}): {self.reason}')
 
 
 class TickAbandoned(NodeExecutionError):

@@ -150,6 +150,8 @@ class Loop(DecoratorNode):
         return self.child if self._child_failed else None
 
     def failure_reason(self) -> str:
+        if self._child_failed:
+            return super().failure_reason()
         return f'{self.id}: the queue is empty (if_empty="{self.port_text("if_empty")}")'
 
 

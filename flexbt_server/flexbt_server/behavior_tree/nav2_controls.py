@@ -62,7 +62,13 @@ class RecoveryNode(Control):
 
     def failure_cause(self) -> TreeNode | None:
         # What could not be recovered says more than the recovery that could not help.
-        return self.children[0]
+        return None if self._failed is None else self.children[0]
+
+    def failure_reason(self) -> str:
+        limit = f'(number_of_retries="{self.port_text("number_of_retries")}")'
+        if self._failed is None:
+            return f'{self.id}: no attempt is allowed {limit}'
+        return f'{self.id}: {"no recovery was left" if self._failed == 0 else "the recovery failed"} {limit}'
 
 
 class PipelineSequence(Control):
@@ -111,6 +117,8 @@ class RoundRobin(Control):
 
     __slots__ = ('_current', '_failures')
 
+    tries_all = True
+
     ports = {'wrap_around': input_port(BOOL, default='true', description='whether the first child follows the last')}
 
     def __init__(self, config: NodeConfig) -> None:
@@ -150,7 +158,9 @@ class RoundRobin(Control):
         self._current = self._failures = 0
 
     def failure_reason(self) -> str:
-        return f'{self.id}: the last child has had its turn, and wrap_around is false'
+        if self._failed is None:
+            return f'{self.id}: the last child has had its turn, and wrap_around is false'
+        return super().failure_reason()
 
 
 class RoundRobinOfMain(RoundRobin):

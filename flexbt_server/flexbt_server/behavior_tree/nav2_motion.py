@@ -8,7 +8,7 @@ from abc import abstractmethod
 from typing import Any
 
 from .nav2_goals import GOAL_PORTS, read_goals
-from .node import Decorator, NodeConfig, TreeNode
+from .node import Decorator, NodeConfig
 from .port_types import DOUBLE, STRING
 from .ports import input_port
 from .status import FAILURE, RUNNING, SUCCESS, NodeStatus
@@ -59,11 +59,8 @@ class DistanceController(Decorator):
             self._start = here
         return status
 
-    def failure_cause(self) -> TreeNode | None:
-        return None if self._lost else self.child
-
     def failure_reason(self) -> str:
-        return f'{self.id}: it is not known where the robot is'
+        return f'{self.id}: it is not known where the robot is' if self._lost else super().failure_reason()
 
 
 class SpeedController(Decorator):

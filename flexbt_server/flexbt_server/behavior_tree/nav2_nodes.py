@@ -79,11 +79,10 @@ class SingleTrigger(Decorator):
             self._armed = False
         return status
 
-    def failure_cause(self) -> TreeNode | None:
-        return None
-
     def failure_reason(self) -> str:
-        return f'{self.id}: the child [{self.child.path}] failed, or had its one run before'
+        if self._child_failed:
+            return super().failure_reason()
+        return f'{self.id}: the child [{self.child.path}] had its one run before'
 
 
 class AreErrorCodesPresent(Condition):

@@ -127,7 +127,7 @@ class TreeNode(ABC):
         return None
 
     def failure_reason(self) -> str:
-        """Why this node failed just now, when no child is to blame."""
+        """Why this node failed just now: when a child is to blame, what made the failure of that its own."""
         return f'{self.id} returned FAILURE'
 
     # -- wake-ups ----------------------------------------------------------------------------------------------------
@@ -275,7 +275,7 @@ class TreeNode(ABC):
 
     def _port_error(self, port: str, reason: str) -> PortError:
         value = self._values.get(port)
-        return PortError(self.path, self.id, port, None if value is None else value.key, reason)
+        return PortError(self.path, self.id, port, None if value is None else value.key, reason, self.uid)
 
     # -- errors ------------------------------------------------------------------------------------------------------
 
@@ -287,7 +287,7 @@ class TreeNode(ABC):
         """
         if isinstance(cause, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
             raise cause
-        return NodeExecutionError(self.path, self.id, cause)
+        return NodeExecutionError(self.path, self.id, cause, self.uid)
 
     def stop_by(self, callback: Callable[[], None]) -> None:
         """Calls what stops the work of a node. Others have to be halted even if it raises; the tree raises it then."""
@@ -361,6 +361,9 @@ class DecoratorNode(TreeNode):
     def failure_cause(self) -> TreeNode | None:
         return self.child
 
+    def failure_reason(self) -> str:
+        return super().failure_reason() if self.failure_cause() is None else f'{self.id}: the child failed'
+
 
 class ControlNode(TreeNode):
     """A node with children. The nodes of the engine derive from it; others from :class:`Control`."""
@@ -371,6 +374,8 @@ class ControlNode(TreeNode):
     running_first: ClassVar[bool | None] = True
     children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
     """Least and greatest number of children."""
+    tries_all: ClassVar[bool] = False
+    """Whether it fails because no child succeeds, not because one fails."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -411,13 +416,30 @@ class ControlNode(TreeNode):
     def failure_cause(self) -> TreeNode | None:
         return None if self._failed is None else self.children[self._failed]
 
+    def failure_reason(self) -> str:
+        if self._failed is None:
+            return super().failure_reason()
+        total = len(self.children)
+        if self.tries_all:
+            return f'{self.id}: none of {total} children succeeded'
+        return f'{self.id}: child {self._failed + 1} of {total} failed'
+
+    def last_failed(self) -> int | None:
+        """The last child that has FAILURE still."""
+        failed = [index for index, child in enumerate(self.children) if child.status is FAILURE]
+        return failed[-1] if failed else None
+
 
 class Decorator(DecoratorNode):
     """Base of decorators of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
 
-    __slots__ = ()
+    __slots__ = ('_child_failed',)
 
     running_first = None
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._child_failed = False
 
     @abstractmethod
     def tick(self) -> NodeStatus:
@@ -427,7 +449,9 @@ class Decorator(DecoratorNode):
         """Called when the node is halted, before its child is."""
 
     def tick_child(self) -> NodeStatus:
-        return self._tick()
+        status = self._tick()
+        self._child_failed = status is FAILURE
+        return status
 
     def halt_child(self) -> None:
         halt_child(self.child)
@@ -437,7 +461,11 @@ class Decorator(DecoratorNode):
         """Whether the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
         return self.status is not IDLE
 
+    def failure_cause(self) -> TreeNode | None:
+        return self.child if self._child_failed else None
+
     def execute(self) -> NodeStatus:
+        self._child_failed = False
         try:
             status = self.tick()
         except NodeExecutionError:

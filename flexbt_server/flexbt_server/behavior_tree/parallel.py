@@ -24,10 +24,12 @@ class _ParallelControl(ControlNode):
     Thresholds are ports, and may change from tick to tick; those that cannot, because they are literals, are kept.
     """
 
-    __slots__ = ('_limits', '_row')
+    __slots__ = ('_counted', '_limits', '_row')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
+        # How many failures there were when it failed.
+        self._counted = 0
         self._limits: tuple[int, ...] | None = None
 
     def fetch_ticks(self) -> None:
@@ -40,6 +42,12 @@ class _ParallelControl(ControlNode):
         self._row: Sequence[Execute] = [
             _completed if child.status is SUCCESS or child.status is FAILURE else tick for tick, child in pairs
         ]
+
+    def failure_reason(self) -> str:
+        limits = ', '.join(f'{port}="{self.port_text(port)}"' for port in self.ports)
+        if self._failed is None:
+            return f'{self.id}: no failure is one too many ({limits})'
+        return f'{self.id}: {self._counted} of {len(self.children)} children failed ({limits})'
 
     @abstractmethod
     def _read_limits(self) -> tuple[int, ...]:
@@ -139,6 +147,7 @@ class Parallel(_ParallelControl):
             self._keep(passed - skipped if tolerant else passed, failures)
             raise
         if result is SUCCESS or result is FAILURE:
+            self._counted = failures
             self._successes = self._failures = 0
             return self._finish(result)
         if skipped and tolerant:
@@ -159,9 +168,6 @@ class Parallel(_ParallelControl):
     def halt(self) -> None:
         self._successes = self._failures = 0
         super().halt()
-
-    def failure_reason(self) -> str:
-        return f'{self.id}: no failure is one too many (failure_count="{self.port_text("failure_count")}")'
 
 
 class ParallelAll(_ParallelControl):
@@ -202,10 +208,8 @@ class ParallelAll(_ParallelControl):
             if results.count(SKIPPED) == len(results):
                 return SKIPPED
             failures = sum(child.status is FAILURE for child in self.children)
+        self._counted = failures
         return self._finish(FAILURE if failures >= too_many else SUCCESS)
 
     def _read_limits(self) -> tuple[int, ...]:
         return (self._limit('max_failures', 'fail'),)
-
-    def failure_reason(self) -> str:
-        return f'{self.id}: no failure is one too many (max_failures="{self.port_text("max_failures")}")'

@@ -38,11 +38,11 @@ class _ReactiveControl(ControlNode):
                 self.reset_children()
                 self.status = status
                 return status
+        if passing is FAILURE:
+            self._failed = self.last_failed() if skipped else len(ticks) - 1
         self.reset_children()
         if skipped == len(ticks):
             return SKIPPED
-        if passing is FAILURE:
-            self._failed = len(ticks) - 1
         self.status = passing
         return passing
 
@@ -60,4 +60,5 @@ class ReactiveFallback(_ReactiveControl):
 
     __slots__ = ()
 
+    tries_all = True
     _passing = FAILURE

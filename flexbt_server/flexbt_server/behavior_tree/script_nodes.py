@@ -144,4 +144,4 @@ class Precondition(DecoratorNode):
         return None if self._blocked else self.child
 
     def failure_reason(self) -> str:
-        return f'{self.id}: [{self.port_text("if")}] does not hold'
+        return f'{self.id}: [{self.port_text("if")}] does not hold' if self._blocked else super().failure_reason()

@@ -90,6 +90,8 @@ class Fallback(_OrderedControl):
 
     __slots__ = ()
 
+    tries_all = True
+
     def execute(self) -> NodeStatus:
         if self.status is IDLE:
             self._skipped = 0
@@ -114,6 +116,7 @@ class Fallback(_OrderedControl):
         if status is not SUCCESS:
             self._failed = len(ticks) - 1
             if self._skipped:
+                self._failed = self.last_failed()
                 return self._finish(FAILURE)
             for child in self.children:
                 if child.status is RUNNING:
@@ -188,6 +191,7 @@ class AsyncFallback(_YieldingControl):
 
     __slots__ = ()
 
+    tries_all = True
     _passing = FAILURE
 
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from .leaves import Condition, SyncAction
-from .node import NO_PORTS, Decorator, NodeConfig, TreeNode
+from .node import NO_PORTS, Decorator
 from .observation import set_and_tell
 from .ports import Port
 from .status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
@@ -58,26 +58,17 @@ class SimpleDecorator(Decorator):
     When it completes the node although the child is RUNNING, the child is halted.
     """
 
-    __slots__ = ('_child_failed',)
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
-        self._child_failed = False
+    __slots__ = ()
 
     @abstractmethod
     def decorate(self, status: NodeStatus) -> NodeStatus:
         """What ``status`` of the child means."""
 
     def tick(self) -> NodeStatus:
-        given = self.tick_child()
-        self._child_failed = given is FAILURE
-        status = self.decorate(given)
+        status = self.decorate(self.tick_child())
         if (status is SUCCESS or status is FAILURE) and self.child.status is RUNNING:
             self.halt_child()
         return status
-
-    def failure_cause(self) -> TreeNode | None:
-        return self.child if self._child_failed else None
 
 
 def simple_action(function: ActionFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[SimpleAction]:

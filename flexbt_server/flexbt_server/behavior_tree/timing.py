@@ -68,6 +68,8 @@ class Timeout(DecoratorNode):
         return None if self._expired else self.child
 
     def failure_reason(self) -> str:
+        if not self._expired:
+            return super().failure_reason()
         return f'{self.id}: the time is up for the child [{self.child.path}] (msec="{self.port_text("msec")}")'
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from flexbt_common.clock import Clock, SteadyClock
 
@@ -20,18 +20,11 @@ from .instantiation import Substitute, SubTreeInstance, instantiate
 from .library import TreeKey, TreeLibrary
 from .node import ControlNode, DecoratorNode, Execute, TreeNode, entry_point
 from .observation import watch
+from .reasons import Reasons, failure_of, trace_of
 from .status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
 from .transition_log import Log
 
 _logger = logging.getLogger(__name__)
-
-
-class Failure(NamedTuple):
-    """Why a tree failed: the path of the node responsible, its reason, and the nodes from the root to it."""
-
-    path: str
-    reason: str
-    chain: tuple[str, ...]
 
 
 class Tree:
@@ -84,7 +77,7 @@ class Tree:
         self._after_round = after_round
         self._entry = self._fetch_entry()
         self._max_rounds = max_rounds
-        self._has_failed = False
+        self._failure: Reasons | None = None
         self._status = IDLE
         self.context.on_wake = on_wake
         if on_transition is not None or log is not None:
@@ -140,7 +133,10 @@ class Tree:
         try:
             status = self._entry()
         except PortError as error:
-            raise NodeExecutionError(error.node_path, error.node_id, error) from error
+            raise self._traced(NodeExecutionError(error.node_path, error.node_id, error, error.uid)) from error
+        except NodeExecutionError as error:
+            self._traced(error)
+            raise
         if self.context.halt_errors:
             self._raise_halt_errors()
         return status
@@ -174,7 +170,7 @@ class Tree:
 
     def _settle(self, status: NodeStatus) -> NodeStatus:
         if status is not RUNNING:
-            self._has_failed = status is FAILURE
+            self._failure = None
             if self.root.status is status:
                 self.root.status = IDLE
         self._status = status
@@ -208,7 +204,13 @@ class Tree:
             errors.clear()
             for other in others:
                 first.add_note(f'another leaf raised while being halted: {other}')
-            raise first
+            raise self._traced(first)
+
+    def _traced(self, error: NodeExecutionError) -> NodeExecutionError:
+        self._status = RUNNING  # it has not completed
+        if error.uid:
+            error.trace = trace_of(self.nodes, error.uid, error.reason)
+        return error
 
     # -- waking ------------------------------------------------------------------------------------------------------
 
@@ -254,10 +256,12 @@ class Tree:
         return self._status
 
     @property
-    def failure(self) -> Failure | None:
-        """Why the tree failed, when the last tick that was not RUNNING gave FAILURE. Ask before the next tick: it is
-        found by asking the nodes."""
-        return self._find_failure() if self._has_failed else None
+    def failure(self) -> Reasons | None:
+        """Why the last tick gave FAILURE, if it did. The nodes know until the next tick; nothing is put together before
+        somebody asks."""
+        if self._status is FAILURE and self._failure is None:
+            self._failure = failure_of(self.root)
+        return self._failure if self._status is FAILURE else None
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
         """Paths of the nodes that are RUNNING, in the order of their uid."""
@@ -278,13 +282,3 @@ class Tree:
         self._log = log
         self._after_round = after_round
         watch(self.nodes, log, self._on_transition)
-
-    def _find_failure(self) -> Failure:
-        node = self.root
-        chain = [node.path]
-        cause = node.failure_cause()
-        while cause is not None:
-            node = cause
-            chain.append(node.path)
-            cause = node.failure_cause()
-        return Failure(node.path, node.failure_reason(), tuple(chain))

@@ -74,6 +74,9 @@ class TryCatch(ControlNode):
         self.status = SUCCESS
         return SUCCESS
 
+    def failure_reason(self) -> str:
+        return f'{super().failure_reason()}; [{self.children[-1].path}] has cleaned up'
+
     def halt(self) -> None:
         if self.status is RUNNING and not self._catching:
             self.stop_by(self._catch_the_halt)

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any, Final
 
 from flexbt_common.escaping import one_line
-from flexbt_server.behavior_tree import NodeExecutionError, NodeStatus, TreeKey, TreeLibrary, TreeNode
+from flexbt_server.behavior_tree import NodeExecutionError, NodeStatus, Reasons, TreeKey, TreeLibrary, TreeNode
 from flexbt_server.desk import arguments
 from flexbt_server.desk.errors import ExitCode, UsageError
 from flexbt_server.desk.files import read_library
@@ -77,8 +77,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         read_inputs=options.read_inputs,
         on_transition=None if options.quiet else printer.transition,
     )
-    result, reason = _outcome(trial, options.timeout)
-    printer.result(_report(trial, result, reason))
+    result, reason, reasons = _outcome(trial, options.timeout)
+    printer.result(_report(trial, result, reason, reasons))
     trial.close()
     return _EXIT_CODES.get(result, ExitCode.NEGATIVE)
 
@@ -91,32 +91,32 @@ def _main_tree(library: TreeLibrary) -> TreeKey:
     return TreeKey(document.file, document.main)
 
 
-def _outcome(trial: Trial, timeout: float) -> tuple[str, str]:
-    """How the run has ended, and why where the tree does not know it."""
+def _outcome(trial: Trial, timeout: float) -> tuple[str, str, Reasons | None]:
+    """How the run has ended; why; and the nodes that had a part in that."""
     tree = trial.tree
     try:
         status = trial.run(timeout)
     except NodeExecutionError as error:
-        return 'ERROR', str(error)
+        return 'ERROR', str(error), error.trace
     if status is not NodeStatus.RUNNING:
-        return status.name, ''
+        failure = tree.failure
+        return status.name, '' if failure is None else f'[{failure.path}] {failure.reason}', failure
     if tree.wake_pending:
-        return 'TIMEOUT', 'the tree wakes itself without end'
+        return 'TIMEOUT', 'the tree wakes itself without end', None
     active = ', '.join(tree.active_nodes(leaves_only=True)) or 'no leaf'
-    return 'TIMEOUT', f'still RUNNING: {active}'
+    return 'TIMEOUT', f'still RUNNING: {active}', None
 
 
-def _report(trial: Trial, result: str, reason: str) -> dict[str, Any]:
-    """Result, reason, the nodes from the root to the one that is the cause, and the blackboards by the paths of their
+def _report(trial: Trial, result: str, reason: str, reasons: Reasons | None) -> dict[str, Any]:
+    """Result, reason, what led to it from the node at fault up to the root, and the blackboards by the paths of their
     sub-trees."""
-    failure = trial.tree.failure if not reason else None
     boards = {sub_tree.path: sub_tree.blackboard.snapshot() for sub_tree in trial.tree.subtrees}
     return {
         'result': result,
         'time': round(trial.time, 6),
         'ticks': trial.ticks,
-        'reason': reason if failure is None else f'[{failure.path}] {failure.reason}',
-        'chain': [] if failure is None else list(failure.chain),
+        'reason': reason,
+        'reasons': [] if reasons is None else reasons.lines(),
         'blackboard': {path: entries for path, entries in boards.items() if entries},
     }
 
@@ -132,8 +132,8 @@ class _Text:
         print(f'{report["result"]} after {report["time"]:.3f} s and {ticks} tick{"" if ticks == 1 else "s"}')
         if report['reason']:
             print(one_line(f'  reason: {report["reason"]}'))
-        if report['chain']:
-            print(one_line(f'  on the way: {" > ".join(report["chain"])}'))
+        for reason in report['reasons'][1:]:
+            print(one_line(f'  so {reason}'))
         for path, entries in report['blackboard'].items():
             print(one_line(f'blackboard{f" of {path}" if path else ""}:'))
             for key, value in entries.items():
