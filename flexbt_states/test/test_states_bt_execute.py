@@ -70,10 +70,10 @@ def test_a_tree_that_succeeds_gives_done_and_its_outputs(bench: StateBench) -> N
         (RESULT(code=RESULT.SUCCESS), 'abort', 'failed', 'although its result says success'),
         (RESULT(code=RESULT.FAILURE, message='no', failed_node='R/Plan'), 'abort', 'failed', 'no (node R/Plan)'),
         (
-            RESULT(code=RESULT.FAILURE, message='a: no', failed_node='a', reasons=['a: no', 's: child 2 failed', 'r: so']),
+            RESULT(code=RESULT.FAILURE, message='a: no', failed_node='a', reasons=['a: no', 's: x', 'r: y']),
             'abort',
             'failed',
-            'a: no (node a); so s: child 2 failed; so r: so',
+            'a: no (node a); so s: x; so r: y',
         ),
         (RESULT(code=RESULT.FAILURE, message='no way'), 'succeed', 'failed', 'no way'),
         (RESULT(code=RESULT.ERROR, message='node raised'), 'abort', 'failed', 'node raised'),
