@@ -348,6 +348,8 @@ def _check_start(behaviors: Sequence[Behavior], name: str, arguments: Sequence[t
         raise RefusedError(f'behavior {name!r} cannot be used: {behavior.error}')
     parameters = {parameter.name: parameter for parameter in behavior.parameters}
     for key, value in arguments:
+        if '/' in key:  # of an embedded behavior, as in /Inner/speed: the executive knows
+            continue
         parameter = parameters.get(key)
         if parameter is None:
             known = ', '.join(parameters) or 'none'

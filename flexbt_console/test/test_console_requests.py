@@ -129,6 +129,11 @@ def test_start_is_checked_against_the_list_of_behaviors(requests: Requests) -> N
             requests.start(view(), name, arguments)
 
 
+def test_parameters_of_embedded_behaviors_are_the_executives_to_judge(requests: Requests) -> None:
+    command = requests.start(view(), 'Drive', [('/Inner/speed', 'any')])
+    assert list(command.arguments) == [('/Inner/speed', 'any')]
+
+
 def test_answers(requests: Requests) -> None:
     value = requests.answer(view(INPUT), '', 'kitchen').inputs[0]
     assert value.type == POSE
