@@ -16,11 +16,14 @@ from flexbt_common.clock import ManualClock
 from flexbt_onboard.state_machine import (
     Answer,
     Autonomy,
+    ConcurrencyContainer,
     Decision,
     EventState,
     ExitReason,
     MachineRun,
     OperatableStateMachine,
+    Position,
+    PriorityContainer,
     Severity,
     define,
 )
@@ -68,7 +71,7 @@ class Scripted(EventState):
         self._called('on_start')
 
     def on_enter(self, userdata: Any) -> None:
-        self._called('on_enter', userdata)
+        self._called('on_enter', userdata, ' again' if self.is_resumed else '')
 
     def execute(self, userdata: Any) -> str | None:
         own = self._called('execute', userdata)
@@ -77,6 +80,12 @@ class Scripted(EventState):
     def on_exit(self, userdata: Any) -> None:
         assert self.exit_reason is not None
         self._called('on_exit', userdata, f' {self.exit_reason.name}')
+
+    def on_pause(self) -> None:
+        self._called('on_pause')
+
+    def on_resume(self, userdata: Any) -> None:
+        self._called('on_resume', userdata)
 
     def on_stop(self) -> None:
         self._called('on_stop')
@@ -103,7 +112,7 @@ class Place:
 
     label: str
     state: EventState | OperatableStateMachine
-    transitions: Mapping[str, str]
+    transitions: Mapping[str, str] = field(default_factory=dict)
     autonomy: Mapping[str, int] = field(default_factory=dict)
     remapping: Mapping[str, str] = field(default_factory=dict)
 
@@ -115,9 +124,16 @@ def machine(
     output_keys: Iterable[str] = (),
     io_keys: Iterable[str] = (),
     defaults: Mapping[str, Any] | None = None,
+    conditions: Iterable[tuple[str, Iterable[tuple[str, str]]]] = (),
+    priority: bool = False,
 ) -> OperatableStateMachine:
-    """A machine of states."""
-    made = OperatableStateMachine(outcomes, input_keys, output_keys, io_keys)
+    """A machine of states; with ``conditions`` a concurrency container."""
+    made: OperatableStateMachine
+    keys = outcomes, input_keys, output_keys, io_keys
+    if conditions:
+        made = ConcurrencyContainer(*keys, conditions)
+    else:
+        made = PriorityContainer(*keys) if priority else OperatableStateMachine(*keys)
     for key, value in (defaults or {}).items():
         made.userdata[key] = value
     with made:
@@ -140,6 +156,8 @@ class Picture:
 
     active: tuple[str, ...]
     decisions: tuple[Decision, ...]
+    paused: tuple[str, ...]
+    controls: tuple[bool | str, ...]
 
 
 class Bench:
@@ -153,6 +171,7 @@ class Bench:
         userdata: Mapping[str, Any] | None = None,
         steady: ManualClock | None = None,
         start: bool = True,
+        at: Position | None = None,
         max_transitions: int = MAX_TRANSITIONS,
     ) -> None:
         self.clock = ManualClock()
@@ -177,7 +196,7 @@ class Bench:
             on_wake=self._ring,
         )
         if start:
-            self.run.start()
+            self.run.start(at)
             self.settle()
 
     # -- the observer ------------------------------------------------------------------------------------------------
@@ -185,9 +204,12 @@ class Bench:
     def changed(self) -> None:
         active = self.active
         decisions = tuple(self.run.decisions)
-        for decision in decisions:
-            assert not active or f'{active[0]}/'.startswith(f'{decision.path}/'), (decision, active)
-        self.pictures.append(Picture(active, decisions))
+        if decisions:
+            known = {region.child.path for region in self.run.regions() if region.child is not None}
+            assert known.issuperset(decision.path for decision in decisions), (decisions, known)
+        paused = tuple(leaf.path for leaf in self.run.active_states() if leaf.is_paused)
+        controls: tuple[bool | str, ...] = (self.run.is_paused, *self.run.locked, '', *self.run.breakpoints)
+        self.pictures.append(Picture(active, decisions, paused, controls))
 
     def log(self, severity: Severity, path: str, text: str) -> None:
         self.lines.append((severity, path, text))
@@ -261,6 +283,38 @@ class Bench:
     def set_autonomy(self, level: int, path: str = '') -> str | None:
         """Change the autonomy; gives the refusal."""
         return self.answer_to(lambda answer: self.run.set_autonomy(level, path, answer))
+
+    def repeat(self, path: str) -> str | None:
+        """Repeat a state or machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.repeat(path, answer))
+
+    def lock(self, path: str) -> str | None:
+        """Lock a state or machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.lock(path, answer))
+
+    def unlock(self, path: str) -> str | None:
+        """Unlock a state or machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.unlock(path, answer))
+
+    def set_breakpoint(self, path: str) -> str | None:
+        """Set a breakpoint; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.set_breakpoint(path, answer))
+
+    def clear_breakpoint(self, path: str) -> str | None:
+        """Clear a breakpoint; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.clear_breakpoint(path, answer))
+
+    def pause(self) -> str | None:
+        """Pause the run; gives the refusal."""
+        return self.answer_to(self.run.pause)
+
+    def resume(self) -> str | None:
+        """Resume the run; gives the refusal."""
+        return self.answer_to(self.run.resume)
+
+    def switch(self, made: OperatableStateMachine) -> str | None:
+        """Go on with another machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.switch(define(made), answer))
 
     def stop(self, reason: str = 'test') -> None:
         """Preempt the run."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from random import Random
@@ -10,12 +11,12 @@ from typing import Any, Final
 
 from hfsm_bench import Place, Scripted, machine
 
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine, StateKind
 
 DEPTH: Final = 4
 """Most machines around a state, the root not counted."""
 
-STATES: Final = 40
+STATES: Final = int(os.environ.get('HFSM_STATES', '40'))
 """About as many states a machine may have."""
 
 UNDECLARED: Final = -1
@@ -37,7 +38,10 @@ class Visit:
 
 @dataclass(eq=False)
 class Node:
-    """A state or machine of a random machine. ``ways`` leads an outcome to a sibling, or to an outcome around it."""
+    """A state or machine of a random machine. ``ways`` leads an outcome to a sibling, or to an outcome around it.
+
+    The children of a concurrency container have no ways: its ``conditions`` are tried in their order.
+    """
 
     path: str
     outcomes: list[str]
@@ -46,6 +50,10 @@ class Node:
     visits: list[Visit] = field(default_factory=list)
     ways: dict[str, Node | str] = field(default_factory=dict)
     required: dict[str, int] = field(default_factory=dict)
+    kind: StateKind = StateKind.STATE
+    conditions: list[tuple[str, list[tuple[Node, str]]]] = field(default_factory=list)
+    runs_on: bool = False
+    """Whether it is executed while it is blocked."""
 
     def all(self) -> Iterator[Node]:
         """This node and everything in it."""
@@ -66,7 +74,10 @@ def _outcomes(random: Random, names: list[str]) -> list[str]:
 
 
 def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
-    for label in _LABELS[: random.randint(1, len(_LABELS))]:
+    kinds = [StateKind.MACHINE] * 4 + [StateKind.CONCURRENCY] * 3 + [StateKind.PRIORITY] * 2
+    node.kind = random.choice(kinds)
+    most = 3 if node.kind is StateKind.CONCURRENCY else len(_LABELS)
+    for label in _LABELS[: random.randint(1, most)]:
         path = f'{node.path.rstrip("/")}/{label}'
         is_machine = depth > 0 and left[0] > 0 and random.random() < 0.4
         names = ['x', 'y', 'z'] if is_machine else ['done', 'other', 'failed']
@@ -76,6 +87,7 @@ def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
         else:
             left[0] -= 1
             child.visits = [_visit(random, child.outcomes) for _ in range(random.randint(1, 3))]
+            child.runs_on = random.random() < 0.2
         node.children.append(child)
     for number, child in enumerate(node.children):
         # By the first outcome the next sibling can be reached, the others lead anywhere.
@@ -83,8 +95,20 @@ def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
         for outcome in child.outcomes:
             outwards = node.outcomes if node.parent is not None or random.random() < 0.1 else []
             anywhere: list[Node | str] = [*node.children, *outwards]
-            child.ways[outcome] = following.pop() if following else random.choice(anywhere)
+            if node.kind is not StateKind.CONCURRENCY:
+                child.ways[outcome] = following.pop() if following else random.choice(anywhere)
             child.required[outcome] = random.choice([UNDECLARED, 0, 0, 1, 1, 2, 3])
+    if node.kind is StateKind.CONCURRENCY:
+        node.conditions = list(_conditions(random, node))
+
+
+def _conditions(random: Random, node: Node) -> Iterator[tuple[str, list[tuple[Node, str]]]]:
+    for _ in range(random.randint(0, 3)):
+        children = random.sample(node.children, random.randint(1, len(node.children)))
+        yield random.choice(node.outcomes), [(child, random.choice(child.outcomes)) for child in children]
+    last = random.choice(node.children)  # so that some condition holds when all have ended
+    for outcome in last.outcomes:
+        yield random.choice(node.outcomes), [(last, outcome)]
 
 
 def _visit(random: Random, outcomes: list[str]) -> Visit:
@@ -100,6 +124,7 @@ class Puppet(Scripted):
     def __init__(self, node: Node) -> None:
         super().__init__(*node.outcomes)
         self.node = node
+        self.runs_while_blocked = node.runs_on  # type: ignore[misc]
         self.at_rest = True
         self._visit = node.visits[-1]
 
@@ -154,4 +179,9 @@ def build(node: Node) -> tuple[OperatableStateMachine, list[Puppet]]:
         ways = {name: way if isinstance(way, str) else way.path.rpartition('/')[2] for name, way in child.ways.items()}
         levels = {name: level for name, level in child.required.items() if level != UNDECLARED}
         places.append(Place(child.path.rpartition('/')[2], state, ways, levels))
-    return machine(*places, outcomes=node.outcomes), puppets
+    conditions = [
+        (outcome, [(child.path.rpartition('/')[2], wanted) for child, wanted in children])
+        for outcome, children in node.conditions
+    ]
+    made = machine(*places, outcomes=node.outcomes, conditions=conditions, priority=node.kind is StateKind.PRIORITY)
+    return made, puppets

@@ -165,6 +165,7 @@ class ContainerRun:
         """A child was left with nothing to follow it; by that the container ends by ``ends``, if that is an outcome."""
         if self.definition.kind is not StateKind.CONCURRENCY:
             self.outcome = ends
+            self._engine.changed()
             return
         self.ended[child.definition.label] = outcome
         if ends is None and len(self.ended) == len(self.regions):
@@ -172,7 +173,7 @@ class ContainerRun:
         if ends is not None:
             self.ending = ends
             self._leave_regions(ExitReason.PARENT_LEFT)
-            self._come_to_rest(ends)
+        self._engine.changed()
 
     def _come_to_rest(self, ending: str) -> bool:
         """Want the outcome as soon as everything in here is at rest, or the time for that is over."""
@@ -187,6 +188,7 @@ class ContainerRun:
             if region.child is not None:
                 self._engine.release(region.child.path)
         self.clear()
+        self._engine.changed()
         return True
 
     def _fail(self) -> str | None:

@@ -86,8 +86,8 @@ class LeafRun:
 
     # -- the life of the state ---------------------------------------------------------------------------------------
 
-    def bind(self) -> None:
-        """Take the state for this run.
+    def check_free(self) -> None:
+        """Whether the state can be taken for this run.
 
         Raises:
             StateError: another run has it.
@@ -96,6 +96,9 @@ class LeafRun:
             raise StateError(
                 f'{self.path}: the state is part of a run that has not ended; define a machine for each run'
             )
+
+    def bind(self) -> None:
+        """Take the state for this run."""
         self.state._leaf = self
 
     def start(self) -> bool:
@@ -159,8 +162,11 @@ class LeafRun:
         """
         if not self.is_entered:
             return
-        self.is_entered = self.is_paused = False
-        self.clock.go_on()  # what it finishes now may take its time
+        self.is_entered = False
+        if self.is_paused:
+            self.is_paused = False
+            self.clock.go_on()  # what it finishes now may take its time
+            self._engine.changed()
         self.state.exit_reason = reason
         raised = self._guarded('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
         if raised and reason is ExitReason.OUTCOME:

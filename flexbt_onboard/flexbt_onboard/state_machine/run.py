@@ -140,6 +140,8 @@ class MachineRun:
         self._is_started = True
         leaves = list(self._root.leaves())
         for leaf in leaves:
+            leaf.check_free()
+        for leaf in leaves:
             leaf.bind()
         for leaf in leaves:
             if leaf.start():
@@ -168,13 +170,19 @@ class MachineRun:
                 self._end = _End(self._root.outcome, '', ExitReason.OUTCOME)
             elif self._preempt_reason is not None:
                 self._end = _End(PREEMPTED, self._preempt_reason, ExitReason.PREEMPTED)
-            elif not (self._holds_changed and self._pause_or_resume_one()):
-                is_commanded = self._commands.apply_next()
-                is_advanced = not self.is_paused and self._root.advance()
-                if not (is_advanced or is_commanded or self._holds_changed) and self._end is None:
-                    return True
+            elif not self._take_one_step() and self._end is None:
+                return True
         self._commands.refuse('the run is ending')
         return not self._come_to_rest(self._end)
+
+    def _take_one_step(self) -> bool:
+        """Do the first thing that there is to do, and a command with what follows from it; whether there was one."""
+        if self._holds_changed and self._pause_or_resume_one():
+            return True
+        is_commanded = self._commands.apply_next()
+        if self.is_paused or self._holds_changed:  # states are told that they go on before anything else
+            return is_commanded or self._holds_changed
+        return self._root.advance() or is_commanded
 
     @property
     def next_wake(self) -> float | None:
@@ -414,6 +422,7 @@ class MachineRun:
 
     def _finish(self, outcome: str, message: str) -> None:
         self._root.clear()
+        self._set_claims([])
         for leaf in self._root.leaves():
             leaf.stop()
         self.message = message
