@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.building import building
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.state_machine import MachineError
 from flexbt_onboard.state_machine.definition import MachineDefinition
@@ -28,9 +29,10 @@ class BuiltBehavior:
 def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBehavior:
     """Make the machine of an installed behavior, as the executive does at a start."""
     try:
-        behavior = entry.instantiate()
-        behavior.set_arguments(arguments)
-        return BuiltBehavior(entry.name, define(behavior.create()))
+        with building():
+            behavior = entry.instantiate()
+            behavior.set_arguments(arguments)
+            return BuiltBehavior(entry.name, define(behavior.create()))
     except MachineError as error:
         return BuiltBehavior(entry.name, None, error.problems)
     except OnboardError as error:

@@ -14,7 +14,9 @@ from flexbe_packages import GREET, PARAMS, PATROL, manifest, write_package
 
 from flexbt_flexbe import discovery, shim
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.errors import ParameterError
+from flexbt_onboard.building import building
+from flexbt_onboard.errors import OnboardError, ParameterError
+from flexbt_onboard.state_machine import define
 from flexbt_states.testing import StateBench, wait_until
 
 _numbers = itertools.count()
@@ -207,3 +209,14 @@ def test_an_installed_flexbe_is_named_as_the_reason(package: Installed, monkeypa
     (real / '__init__.py').touch()
     monkeypatch.syspath_prepend(str(real.parent))
     assert f'flexbe_core is installed in {real}' in package.entries()['Greet'].error
+
+
+def test_a_behavior_can_be_built_without_a_run_by_tools_that_look_at_its_machine(package: Installed) -> None:
+    entry = package.entries()['Patrol']
+    with building():
+        behavior = entry.instantiate()
+        behavior.set_arguments([('rounds', '3')])
+        paths = [node.path for node in define(behavior.create()).nodes()]
+    assert {'/Hello/Say', '/Both/Wait', '/Goodbye/Say'} <= set(paths)
+    with pytest.raises(OnboardError, match='only where a behavior is built or run'):
+        behavior.create()

@@ -216,7 +216,7 @@ class BehaviorRun:
     # -- the thread of the run ---------------------------------------------------------------------------------------
 
     def _main(self) -> None:
-        with RunContext(self._services, self.log).entered():
+        with RunContext(lambda: self._services, self.log).entered():
             self._build_and_drive()
 
     def _build_and_drive(self) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cached_property
 from typing import Any, TypeVar
 
 from flexbt_onboard.errors import OnboardError
@@ -22,14 +23,20 @@ T = TypeVar('T')
 class RunContext:
     """One run, as seen by what its behavior is made of.
 
-    ``services`` are those of the states, ``log`` takes severity, path of a state ('' for none) and text.
+    ``log`` takes severity, path of a state ('' for none) and text.
     """
 
-    def __init__(self, services: StateServices, log: Callable[[Severity, str, str], None]) -> None:
-        self.services = services
+    def __init__(self, services: Callable[[], StateServices], log: Callable[[Severity, str, str], None]) -> None:
+        """``services`` is called when the services of the states are asked for first."""
         self.log = log
+        self._make_services = services
         self._shared: dict[Any, Any] = {}
         self._at_end: list[Callable[[], object]] = []
+
+    @cached_property
+    def services(self) -> StateServices:
+        """The services of the states."""
+        return self._make_services()
 
     def shared(self, make: Callable[[RunContext], T]) -> T:
         """What ``make`` gave when it was asked for first: one for the whole run."""

@@ -13,7 +13,7 @@ from flexbt_onboard.run_context import RunContext, current_run
 
 
 def context() -> RunContext:
-    return RunContext(None, lambda *_: None)  # type: ignore[arg-type]
+    return RunContext(lambda: None, lambda *_: None)  # type: ignore[arg-type,return-value]
 
 
 def test_a_run_is_known_on_its_thread_only_and_only_while_it_lasts() -> None:
