@@ -16,14 +16,14 @@ import itertools
 import threading
 import time
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.time import Time
 
 from flexbt_common import names
 from flexbt_common.clock import Clock, Timer
-from flexbt_common.latched_topic import LatchedTopic
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs import msg
 from flexbt_server.behavior_tree import Tree
@@ -39,34 +39,24 @@ MAX_MARKS: Final = 8192
 MAX_CHANGES: Final = 4096
 """Transitions of one message, which has 48 kB then."""
 
-MAX_NODES: Final = 0xFFFF
-"""Greatest uid of a message."""
-
-STRUCTURES_KEPT: Final = 16
-STATUSES_KEPT: Final = 64
-"""Messages that the middleware keeps for late subscribers. What it keeps no more of open runs is sent to them anew."""
+MESSAGES_KEPT: Final = 64
+"""Messages of a topic that the middleware keeps: for those that it still has to deliver, and for late subscribers."""
 
 _BATCH_NS: Final = round(BATCH_SECONDS * 1e9)
 
 
 class TreeStream:
-    """The two topics, shared by all runs of a server."""
+    """The two topics, shared by all runs of a server. To newcomers the runs that are open are shown again.
+
+    What the middleware keeps for them may be of others: a run can be quiet for a long time.
+    """
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
-        node = runtime.node
-        self._open: set[RunStream] = set()
+        self._open: dict[RunStream, None] = {}
         self._lock = threading.Lock()
-        self.structures = LatchedTopic(
-            node,
-            msg.TreeStructure,
-            names.TREE_STRUCTURE,
-            STRUCTURES_KEPT,
-            lambda: self._for_all(RunStream.show_structure),
-        )
-        self.statuses = LatchedTopic(
-            node, msg.TreeStatus, names.TREE_STATUS, STATUSES_KEPT, lambda: self._for_all(RunStream.show_statuses)
-        )
+        self._structures = self._publisher(msg.TreeStructure, names.TREE_STRUCTURE, RunStream.show_structure)
+        self._statuses = self._publisher(msg.TreeStatus, names.TREE_STATUS, RunStream.show_statuses)
 
     def open(self, run_id: str, blackboard: str) -> RunStream:
         """The stream of one run."""
@@ -76,36 +66,46 @@ class TreeStream:
         """Time of the node."""
         return self._runtime.node.get_clock().now()
 
-    def add(self, run: RunStream) -> None:
-        """A run begins."""
+    def begin(self, run: RunStream) -> None:
+        """A run is open from now on."""
         with self._lock:
-            self._open.add(run)
+            self._open[run] = None
 
-    def remove(self, run: RunStream) -> None:
-        """A run has ended."""
+    def end(self, run: RunStream) -> None:
+        """A run is not open any more."""
         with self._lock:
-            self._open.discard(run)
+            self._open.pop(run, None)
+
+    def publish_structure(self, message: msg.TreeStructure) -> None:
+        """Send the structure of a run."""
+        self._structures.publish(message)
+
+    def publish_status(self, message: bytes) -> None:
+        """Send a serialized TreeStatus."""
+        self._statuses.publish(message)
 
     def report(self, error: Exception) -> None:
         """A message could not be sent."""
         self._runtime.report_fault(error, 'the monitoring of a tree')
 
-    def warn(self, text: str) -> None:
-        """Tell the user."""
-        self._runtime.node.get_logger().warning(text)
+    def _publisher(self, message_type: type[Any], topic: str, show: Callable[[RunStream], None]) -> Any:
+        def matched(event: Any) -> None:
+            if event.current_count_change > 0:
+                with self._lock:
+                    runs = tuple(self._open)
+                for run in runs:
+                    show(run)
 
-    def _for_all(self, show: Any) -> None:
-        with self._lock:
-            runs = tuple(self._open)
-        for run in runs:
-            show(run)
+        return self._runtime.node.create_publisher(
+            message_type,
+            topic,
+            names.latched(MESSAGES_KEPT),
+            event_callbacks=PublisherEventCallbacks(matched=matched, use_default_callbacks=False),
+        )
 
 
 class RunStream:
-    """Observes one run (:class:`flexbt_server.tree_run.TreeObserver`).
-
-    A tree of more than MAX_NODES nodes is not published, since messages cannot number them; a warning says so.
-    """
+    """Observes one run (:class:`flexbt_server.tree_run.TreeObserver`)."""
 
     def __init__(self, stream: TreeStream, clock: Clock, run_id: str, blackboard: str) -> None:
         self.log: list[int] = []
@@ -113,7 +113,6 @@ class RunStream:
         self._clock = clock
         self._run_id = run_id
         self._blackboard = blackboard
-        self._statuses = array('B')
         self._sequence = 0
         self._next = 0
         self._timer: Timer | None = None
@@ -122,21 +121,12 @@ class RunStream:
         self._lock = threading.Lock()
 
     def started(self, tree: Tree) -> None:
-        if len(tree.nodes) > MAX_NODES:
-            tree.record(None)
-            self._stream.warn(
-                f'tree [{tree.key.id}] has {len(tree.nodes)} nodes, more than the {MAX_NODES} that messages can number: '
-                f'its runs are not published on {names.TREE_STRUCTURE} and {names.TREE_STATUS}'
-            )
-            return
         self._reader = LogReader(tree.nodes)
         self._statuses = array('B', self._reader.statuses)
         self._structure = _structure(tree, self._run_id, self._blackboard, self._stream.now())
-        with self._lock:
-            self._open = True
-            self._structure_number = self._stream.structures.publish(self._structure)
-            self._status_number = 0
-        self._stream.add(self)
+        self._open = True
+        self.show_structure()
+        self._stream.begin(self)
 
     def ticked(self) -> None:
         log = self.log
@@ -155,19 +145,16 @@ class RunStream:
         self._flush(always=True)
 
     def ended(self) -> None:
-        self._stream.remove(self)
+        self._stream.end(self)
         self._flush(always=True, finished=True)
 
     def show_structure(self) -> None:
-        """Send the structure again, if the middleware does not keep it any more for those who come late."""
-        with self._lock:
-            if self._open and not self._stream.structures.keeps(self._structure_number):
-                self._structure_number = self._stream.structures.publish(self._structure)
+        """Send the structure; again, to those who have come late."""
+        self._stream.publish_structure(self._structure)
 
     def show_statuses(self) -> None:
-        """Send the statuses again, if the middleware does not keep them any more for those who come late."""
-        if not self._stream.statuses.keeps(self._status_number):
-            self._flush(always=True)
+        """Send the statuses, to those who have come late."""
+        self._flush(always=True)
 
     def _flush(self, always: bool = False, finished: bool = False) -> None:
         with self._lock:
@@ -175,6 +162,7 @@ class RunStream:
                 self._timer.cancel()
                 self._timer = None
             if not self._open:
+                self.log.clear()
                 return
             self._open = not finished
             self._next = time.monotonic_ns() + _BATCH_NS
@@ -215,7 +203,7 @@ class RunStream:
             paused=self._paused and not finished,
             statuses=self._statuses,
         )
-        self._status_number = self._stream.statuses.publish(serialized(message, changes))
+        self._stream.publish_status(serialized(message, changes))
 
 
 def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:

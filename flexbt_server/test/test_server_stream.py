@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The stream of tree statuses, as another node gets it: whole, in order, bounded, and joined at any time."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import threading
+import time
+from array import array
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from bt_user_nodes import make, random_body, run_some
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from server_world import until
+
+from flexbt_common import names
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
+from flexbt_server.behavior_tree import (
+    Blackboard,
+    NodeExecutionError,
+    NodeStatus,
+    Tree,
+)
+from flexbt_server.status_encoding import encoded_change, serialized
+from flexbt_server.tree_stream import (
+    BATCH_SECONDS,
+    MAX_CHANGES,
+    MAX_MARKS,
+    MESSAGES_KEPT,
+    RunStream,
+    TreeStream,
+)
+
+Changes = list[tuple[int, int, int]]
+SLEEP = '<Sleep msec="1000000"/>'
+
+
+class Watched:
+    """A tree on a stream, and what an observer within hears of it."""
+
+    def __init__(self, stream: TreeStream, run_id: str, body: str) -> None:
+        board = Blackboard()
+        board.set('n', 1)
+        self.run: RunStream = stream.open(run_id, 'board')
+        self.heard: Changes = []
+        self.tree: Tree = make(
+            body,
+            blackboard=board,
+            log=self.run.log,
+            after_round=self.run.ticked,
+            on_transition=lambda node, before, after: self.heard.append((node.uid, before, after)),
+        )
+        self.run.started(self.tree)
+
+    def end(self) -> None:
+        with contextlib.suppress(NodeExecutionError):
+            self.tree.halt()
+        self.run.ended()
+
+
+class Subscriber:
+    """A node that keeps what it gets; it is made objects of only when somebody looks."""
+
+    def __init__(self, runtime: NodeRuntime, depth: int = 5000) -> None:
+        self._received: dict[Any, list[Any]] = {TreeStructure: [], TreeStatus: []}
+
+        def subscribe() -> None:
+            for kind, name in ((TreeStructure, names.TREE_STRUCTURE), (TreeStatus, names.TREE_STATUS)):
+                runtime.node.create_subscription(
+                    kind, name, self._received[kind].append, names.latched(depth), raw=True
+                )
+
+        runtime.call(subscribe)
+
+    def _objects(self, kind: Any) -> list[Any]:
+        received = self._received[kind]
+        for index, message in enumerate(received):
+            if isinstance(message, bytes):
+                received[index] = deserialize_message(message, kind)
+        return list(received)
+
+    @property
+    def structures(self) -> list[TreeStructure]:
+        return self._objects(TreeStructure)
+
+    @property
+    def messages(self) -> list[TreeStatus]:
+        return self._objects(TreeStatus)
+
+    def of(self, run_id: str) -> list[TreeStatus]:
+        return [message for message in self.messages if message.run_id == run_id]
+
+    def await_end(self, *run_ids: str) -> None:
+        for run_id in run_ids:
+            until(lambda: any(message.finished for message in self.of(run_id)), f'the end of {run_id}')  # noqa: B023
+
+
+@pytest.fixture
+def server() -> Iterator[NodeRuntime]:
+    with NodeRuntime.open('server') as runtime:
+        yield runtime
+
+
+@pytest.fixture
+def monitor() -> Iterator[NodeRuntime]:
+    with NodeRuntime.open('monitor') as runtime:
+        yield runtime
+
+
+def changes_of(messages: list[TreeStatus]) -> Changes:
+    return [(change.uid, change.previous_status, change.status) for message in messages for change in message.changes]
+
+
+def check_whole(messages: list[TreeStatus], heard: Changes, size: int) -> None:
+    """Nothing is lost, nothing is twice, and the picture fits after each message."""
+    assert [message.sequence for message in messages] == list(range(1, len(messages) + 1))
+    assert changes_of(messages) == heard
+    shown = [0] * size
+    stamps = []
+    for message in messages:
+        assert len(message.changes) <= MAX_CHANGES
+        for change in message.changes:
+            assert shown[change.uid - 1] == change.previous_status
+            shown[change.uid - 1] = change.status
+            stamps.append((change.stamp.sec, change.stamp.nanosec))
+        assert list(message.statuses) == shown
+    assert stamps == sorted(stamps)
+    assert [message.finished for message in messages] == [False] * (len(messages) - 1) + [True]
+
+
+def test_random_trees_reach_a_subscriber_whole_and_in_order(server: NodeRuntime, monitor: NodeRuntime) -> None:
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    watched = {str(seed): Watched(stream, str(seed), random_body(seed)) for seed in range(40)}
+    for step in range(25):
+        for run_id, each in watched.items():
+            run_some(each.tree, int(run_id) * 100 + step)
+        time.sleep(BATCH_SECONDS / 10)
+    for each in watched.values():
+        each.end()
+    subscriber.await_end(*watched)
+    for run_id, each in watched.items():
+        check_whole(subscriber.of(run_id), each.heard, len(each.tree.nodes))
+    assert sum(len(each.heard) for each in watched.values()) > 1000
+    assert {structure.run_id for structure in subscriber.structures} == watched.keys()
+    for structure in subscriber.structures:
+        tree = watched[structure.run_id].tree
+        parents = {child: node for node in tree.nodes for child in node.attached}
+        assert [(node.uid, node.parent, node.name, node.registration, node.path) for node in structure.nodes] == [
+            (node.uid, parents[node].uid if node in parents else 0, node.name, node.id, node.path)
+            for node in tree.nodes
+        ]
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_whoever_loses_messages_has_the_whole_picture_with_the_next(
+    server: NodeRuntime, monitor: NodeRuntime, seed: int
+) -> None:
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    watched = Watched(stream, 'run', random_body(seed))
+    for step in range(30):
+        run_some(watched.tree, seed * 1000 + step)
+        watched.run._flush()
+    watched.end()
+    subscriber.await_end('run')
+    chance = random.Random(seed)
+    expected = 1
+    whole = [0] * len(watched.tree.nodes)
+    lossy = list(whole)
+    for message in subscriber.of('run'):
+        for change in message.changes:
+            whole[change.uid - 1] = change.status
+        if chance.random() < 0.4:
+            continue
+        if message.sequence != expected:
+            lossy = list(message.statuses)
+        else:
+            for change in message.changes:
+                assert lossy[change.uid - 1] == change.previous_status
+                lossy[change.uid - 1] = change.status
+        expected = message.sequence + 1
+        assert lossy == whole
+    assert whole == [0] * len(watched.tree.nodes)
+
+
+def test_who_comes_late_sees_every_open_run_at_once(server: NodeRuntime, monitor: NodeRuntime) -> None:
+    """Also those that have been quiet for so long that the middleware has forgotten them."""
+    stream = TreeStream(server)
+    quiet = Watched(stream, 'quiet', f'<Sequence><AlwaysSuccess/>{SLEEP}</Sequence>')
+    quiet.tree.tick_once()
+    quiet.run.paused(True)
+    for number in range(MESSAGES_KEPT + 1):
+        other = Watched(stream, f'other {number}', SLEEP)
+        other.tree.tick_once()
+        other.end()
+    subscriber = Subscriber(monitor)
+    until(lambda: subscriber.of('quiet') and [each for each in subscriber.structures if each.run_id == 'quiet'])
+    (message,) = subscriber.of('quiet')
+    assert list(message.statuses) == [1, 2, 1]
+    assert message.paused and not message.finished and not message.changes
+    quiet.end()
+    subscriber.await_end('quiet')
+    assert changes_of(subscriber.of('quiet')) == quiet.heard[-3:]
+    assert len(subscriber.of(f'other {MESSAGES_KEPT}')) >= 1  # what the middleware had kept
+
+
+def test_nothing_is_sent_while_nothing_happens(server: NodeRuntime, monitor: NodeRuntime) -> None:
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    watched = Watched(stream, 'run', f'<ReactiveSequence><Inverter>{SLEEP}</Inverter></ReactiveSequence>')
+    for _ in range(100):
+        watched.tree.tick_once()
+        time.sleep(BATCH_SECONDS / 20)
+    watched.end()
+    subscriber.await_end('run')
+    # One more when the subscriber was found only after the first.
+    assert [len(message.changes) for message in subscriber.of('run') if message.changes] == [3, 3]
+    assert len(subscriber.of('run')) <= 3
+
+
+def test_the_first_change_of_a_quiet_time_is_sent_at_once_and_others_wait(
+    server: NodeRuntime, monitor: NodeRuntime
+) -> None:
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    watched = Watched(stream, 'run', '<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>')
+    began = time.monotonic()
+    while time.monotonic() < began + 6.5 * BATCH_SECONDS:
+        watched.tree.tick_exactly_once()
+        time.sleep(0.002)
+    until(lambda: changes_of(subscriber.of('run')) == watched.heard, 'what waited for its time')
+    assert 5 <= len(subscriber.of('run')) <= 9
+    watched.end()
+    subscriber.await_end('run')
+    check_whole(subscriber.of('run'), watched.heard, 2)
+
+
+def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
+    server: NodeRuntime, monitor: NodeRuntime
+) -> None:
+    """One tick of 120 rounds, with more than 100,000 transitions a second."""
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    leaves = '<AlwaysSuccess/>' * 300
+    watched = Watched(stream, 'run', f'<Repeat num_cycles="120"><Sequence>{leaves}</Sequence></Repeat>')
+    watched.tree.observe(None)  # an observer takes longer than all the rest
+    waiting: list[int] = []
+    ticked = watched.run.ticked
+
+    def round_is_over() -> None:
+        waiting.append(len(watched.run.log))
+        ticked()
+
+    watched.tree.record(watched.run.log, round_is_over)
+    began = time.monotonic()
+    assert watched.tree.tick_once() is NodeStatus.SUCCESS
+    took = time.monotonic() - began
+    watched.end()
+    subscriber.await_end('run')
+    total = 120 * (2 * 300 + 3) + 3 - 1
+    changes = changes_of(subscriber.of('run'))
+    assert abs(len(changes) - total) < 1000
+    assert len(changes) / took > 100_000
+    assert max(waiting) <= MAX_MARKS + 310
+    check_whole(subscriber.of('run'), changes, len(watched.tree.nodes))
+
+
+def test_marks_can_be_sent_while_another_thread_ticks_the_tree(server: NodeRuntime, monitor: NodeRuntime) -> None:
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    watched = Watched(
+        stream,
+        'run',
+        '<Careless><Repeat num_cycles="3"><Busy/></Repeat><Fickle><Flip/><Busy/></Fickle>'
+        '<ReactiveFallback><Flip/><Flip/><Busy/></ReactiveFallback></Careless>',
+    )
+    done = threading.Event()
+
+    def tick() -> None:
+        for _ in range(1500):
+            watched.tree.tick_exactly_once()
+        done.set()
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    while not done.is_set():
+        watched.run._flush()
+    thread.join()
+    watched.end()
+    subscriber.await_end('run')
+    check_whole(subscriber.of('run'), watched.heard, len(watched.tree.nodes))
+
+
+def test_a_tree_runs_on_when_its_statuses_cannot_be_sent(server: NodeRuntime) -> None:
+    stream = TreeStream(server)
+    watched = Watched(stream, 'run', '<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>')
+    server.call(stream._statuses.destroy)
+    for _ in range(MAX_MARKS):
+        assert watched.tree.tick_once() is NodeStatus.FAILURE
+    assert len(watched.run.log) < MAX_MARKS + 10
+    watched.end()
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    statuses=st.binary(max_size=9),
+    run_id=st.text(max_size=9).filter(lambda text: '\0' not in text),
+    flags=st.tuples(st.booleans(), st.booleans()),
+    changes=st.lists(
+        st.tuples(
+            st.integers(-(2**31), 2**31 - 1),
+            st.integers(0, 10**9 - 1),
+            st.integers(1, 65535),
+            st.integers(0, 4),
+            st.integers(0, 4),
+        ),
+        max_size=9,
+    ),
+)
+def test_messages_are_what_the_middleware_would_make(
+    statuses: bytes, run_id: str, flags: tuple[bool, bool], changes: list[tuple[int, ...]]
+) -> None:
+    message = TreeStatus(run_id=run_id, sequence=7, finished=flags[0], paused=flags[1], statuses=array('B', statuses))
+    made = serialized(message, [encoded_change(*change) for change in changes])
+    for seconds, nanoseconds, uid, before, after in changes:
+        change: Any = TreeStatusChange(uid=uid, previous_status=before, status=after)
+        change.stamp.sec, change.stamp.nanosec = seconds, nanoseconds
+        message.changes.append(change)
+    # Bytes that pad are whatever was in memory.
+    assert len(made) == len(serialize_message(message))
+    assert deserialize_message(made, TreeStatus) == message
