@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes states.md, the reference of the states, from their declarations.
+
+Usage: make_states.py [FILE]     in a shell with the environment of the workspace
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final
+
+import flexbt_flexbe.states
+import flexbt_states
+
+HEAD: Final = """\
+# The states
+
+Every state that comes with FlexBT, with its parameters, keys and outcomes. The text comes from the declarations of the
+states (`docs/make_states.py` writes this page). KEY and OUTCOME stand for what a parameter names. Any state can be put
+into `with_timeout` or `with_retry`; one of your own is written as the [README](../README.md) shows.
+"""
+FLEXBE: Final = """\
+## Generic states of FlexBE
+
+In `flexbt_flexbe.states`, and in `flexbe_states` for code that imports them there; see
+[coming_from_flexbe.md](coming_from_flexbe.md). Those that are missing here are states of `flexbt_states`.
+"""
+
+_MARKS: Final = {'--': 'parameters', '>#': 'inputs', '#>': 'outputs', '<=': 'outcomes'}
+_ENTRY: Final = re.compile(r'^(--|>#|#>|<=)\s+(\S+)\s*(.*)$')
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a docstring declares: pairs of name and text for each mark, and the text in front of them."""
+
+    text: str
+    entries: dict[str, list[tuple[str, str]]]
+
+
+def declaration(state: type[Any]) -> Declaration:
+    """Read the docstring of a state, in FlexBE's form."""
+    text: list[str] = []
+    entries: dict[str, list[tuple[str, str]]] = {kind: [] for kind in _MARKS.values()}
+    for line in inspect.cleandoc(state.__doc__ or '').splitlines():
+        found = _ENTRY.match(line.strip())
+        if found:
+            entries[_MARKS[found[1]]].append((found[2], found[3]))
+        else:
+            text.append(line)
+    return Declaration(' '.join(' '.join(text).split()).replace('``', '`'), entries)
+
+
+def page() -> str:
+    """The whole page."""
+    lines = [HEAD]
+    lines += ['## States of `flexbt_states`', '', *sections(flexbt_states)]
+    lines += [FLEXBE, *sections(flexbt_flexbe.states, without=flexbt_states)]
+    return '\n'.join(lines).rstrip('\n') + '\n'
+
+
+def sections(module: Any, without: Any = None) -> Iterator[str]:
+    """The states that a module exports; not those that only pass on one of the module ``without``."""
+    for name in sorted(module.__all__):
+        state = getattr(module, name)
+        if inspect.isclass(state) and name == state.__name__ and not _passes_on(state, without):
+            yield from section(state)
+
+
+def section(state: type[Any]) -> Iterator[str]:
+    """What the page says of one state."""
+    declared = declaration(state)
+    defaults = {one.name: one.default for one in inspect.signature(state).parameters.values()}
+    yield f'### {state.__name__}'
+    yield ''
+    yield declared.text
+    yield ''
+    if declared.entries['parameters']:
+        yield '| parameter | type | default | meaning |'
+        yield '|---|---|---|---|'
+        for name, rest in declared.entries['parameters']:
+            kind, _, meaning = rest.partition(' ')
+            yield f'| `{name}` | {kind} | {_shown(defaults[name])} | {_cell(meaning)} |'
+        yield ''
+    rows = [
+        *((f'`{name}`', 'reads', text) for name, text in declared.entries['inputs']),
+        *((f'`{name}`', 'writes', text) for name, text in declared.entries['outputs']),
+        *((f'`{name}`', 'outcome', text) for name, text in declared.entries['outcomes']),
+    ]
+    yield '| key or outcome | | meaning |'
+    yield '|---|---|---|'
+    yield from (f'| {name} | {what} | {_cell(text)} |' for name, what, text in rows)
+    yield ''
+
+
+def _passes_on(state: type[Any], module: Any) -> bool:
+    same = getattr(module, state.__name__, None)
+    return same is not None and issubclass(state, same)
+
+
+def _shown(default: Any) -> str:
+    if default is inspect.Parameter.empty:
+        return 'required'
+    return f'`{default}`' if isinstance(default, Enum) else f'`{default!r}`'
+
+
+def _cell(text: str) -> str:
+    return text.strip().replace('|', r'\|')
+
+
+if __name__ == '__main__':
+    (Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / 'states.md').write_text(page(), 'utf-8')

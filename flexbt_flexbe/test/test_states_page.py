@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The reference of the states: it is what the states declare, and they declare what they have."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+import flexbt_flexbe.states
+import flexbt_states
+from flexbt_onboard.building import building
+
+DOCS = Path(__file__).parents[2] / 'docs'
+
+PARAMETERS: Final[dict[str, dict[str, Any]]] = {
+    'BtExecuteGoalState': {
+        'inputs': {'a': 'int64'},
+        'request_id': 'r',
+        'request_msg_type': 'string',
+        'outputs': {'b': 'int64'},
+    },
+    'BtExecuteState': {'inputs': {'a': 'int64'}, 'outputs': {'b': 'int64'}},
+    'BtGetDataState': {'request_id': 'path', 'request_msg_type': 'string', 'outputs': {'b': 'int64'}},
+    'BtLoaderState': {'filepaths': ['flexbt_flexbe/package.xml']},
+    'BtSetDataState': {'goal_id': 'goal', 'goal_msg_type': 'int64', 'inputs': {'a': 'int64'}},
+    'CalculationState': {'calculation': abs},
+    'CheckConditionState': {'predicate': bool},
+    'DecisionState': {'outcomes': ['one', 'two'], 'conditions': str},
+    'ExecuteBehaviorState': {
+        'behavior': 'Other',
+        'outcomes': ['end'],
+        'inputs': {'a': 'int64'},
+        'outputs': {'b': 'int64'},
+    },
+    'FlexibleCalculationState': {'calculation': max, 'input_keys': ['a', 'b']},
+    'FlexibleCheckConditionState': {'predicate': max, 'input_keys': ['a', 'b']},
+    'InputState': {'request': 0, 'message': 'how many?'},
+    'LogKeyState': {'text': '{}'},
+    'LogState': {'text': 'hello'},
+    'OperatorDecisionState': {'outcomes': ['one', 'two']},
+    'OperatorInputState': {'prompt': 'how many?', 'type': 'int64'},
+    'PublishOnceState': {'topic': 'out', 'msg_type': 'std_msgs/msg/String'},
+    'PublisherBoolState': {'topic': 'bool'},
+    'PublisherEmptyState': {'topic': 'empty'},
+    'PublisherStringState': {'topic': 'string'},
+    'SelectionState': {'message': 'which?'},
+    'SubscribeOnceState': {'topic': 'in', 'msg_type': 'std_msgs/msg/String'},
+    'SubscriberState': {'topic': 'in', 'msg_type': 'std_msgs/msg/String'},
+    'UserDataState': {'data': 1},
+    'WaitState': {'wait_time': 1.0},
+}
+
+
+def all_states() -> list[Any]:
+    """The states of both modules, in an order."""
+    found: set[Any] = {
+        getattr(module, name) for module in (flexbt_states, flexbt_flexbe.states) for name in module.__all__
+    }
+    return sorted(found, key=lambda state: (str(state.__name__), str(state.__module__)))
+
+
+def generator() -> Any:
+    """The module docs/make_states.py."""
+    spec = importlib.util.spec_from_file_location('make_states', DOCS / 'make_states.py')
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_up_to_date(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, DOCS / 'make_states.py', tmp_path / 'page.md'], check=True)
+    assert (DOCS / 'states.md').read_text() == (tmp_path / 'page.md').read_text(), 'run docs/make_states.py'
+
+
+@pytest.mark.parametrize('state', all_states())
+def test_what_a_state_declares_is_what_it_has(state: Any) -> None:
+    entries = generator().declaration(state).entries
+    parameters = PARAMETERS[state.__name__]
+    with building():
+        made = state(**parameters)
+        has = {'inputs': made.input_keys, 'outputs': made.output_keys, 'outcomes': made.outcomes}
+    for kind, names in has.items():
+        declared = {name for name, _ in entries[kind]}
+        if declared & {'KEY', 'OUTCOME'}:  # those that a parameter names
+            named = {key for value in parameters.values() if isinstance(value, dict | list) for key in value}
+            assert declared - {'KEY', 'OUTCOME'} == set(names) - named
+            assert set(names) & named, f'{kind} that a parameter names'
+        else:
+            assert declared == set(names)
+
+
+@pytest.mark.parametrize('state', all_states())
+def test_each_parameter_of_a_state_is_declared(state: Any) -> None:
+    declared = [name for name, _ in generator().declaration(state).entries['parameters']]
+    assert declared == list(inspect.signature(state).parameters)

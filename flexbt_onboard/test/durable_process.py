@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An executive in a process of its own, to be killed: its behavior counts confirmations in its userdata.
+
+Usage: durable_process.py JOURNAL_DIRECTORY
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from executive_bench import behavior_of, entry_of
+
+from flexbt_common.node_runtime import NodeRuntime, run_node
+from flexbt_onboard.behavior_library import BehaviorLibrary
+from flexbt_onboard.executive import open_executive
+from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+
+
+class Ask(EventState):
+    """Wants to be left."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['again', 'out'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        return 'again'
+
+
+class Add(EventState):
+    """Counts."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], io_keys=['count'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        userdata['count'] += 1
+        return 'done'
+
+
+class Tell(EventState):
+    """Tells the operator what was counted."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], input_keys=['count'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        self.log_info(f'counted {userdata["count"]}')
+        return 'done'
+
+
+class Spoil(EventState):
+    """Puts something into the userdata that cannot be written."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], output_keys=['handle'], desired_rate=None)
+
+    def on_enter(self, userdata: UserData) -> None:
+        userdata['handle'] = object()
+
+
+def counting() -> OperatableStateMachine:
+    """Asks and counts, in a machine inside."""
+    inner = OperatableStateMachine(outcomes=['out'], io_keys=['count'])
+    with inner:
+        OperatableStateMachine.add('Ask', Ask(), {'again': 'Add', 'out': 'out'}, autonomy={'again': Autonomy.Full})
+        OperatableStateMachine.add('Add', Add(), {'done': 'Ask'})
+    machine = OperatableStateMachine(outcomes=['finished'], output_keys=['count'])
+    machine.userdata.count = 0
+    with machine:
+        OperatableStateMachine.add('Inner', inner, {'out': 'Tell'})
+        OperatableStateMachine.add('Tell', Tell(), {'done': 'finished'})
+    return machine
+
+
+def spoiling() -> OperatableStateMachine:
+    """Waits for ever, with something in the userdata that cannot be written."""
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('Spoil', Spoil(), {'done': 'finished'})
+    return machine
+
+
+def setup(runtime: NodeRuntime) -> Any:
+    """Make the executive."""
+    library = BehaviorLibrary([entry_of(behavior_of(counting)), entry_of(behavior_of(spoiling, 'Spoil'))])
+    parameters = ExecutiveParameters(peers=(), journal_directory=sys.argv[1], record_directory=sys.argv[1])
+    return open_executive(runtime, parameters, library)
+
+
+if __name__ == '__main__':
+    sys.exit(run_node('onboard_executive', setup, []))

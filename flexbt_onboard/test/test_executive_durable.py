@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""kill -9 at any moment: the run goes on where it was, and each command has its effect once or is refused.
+
+FLEXBT_KILLS sets how often the executive is killed, FLEXBT_SEED when.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from executive_bench import ConsoleBench, wait_until
+
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard.run_metrics import metrics_of, read_events
+
+C = ExecutiveCommand
+KILLS = int(os.environ.get('FLEXBT_KILLS', '6'))
+SEED = int(os.environ.get('FLEXBT_SEED', '1'))
+
+
+class DurableBench(ConsoleBench):
+    """A console, and an executive in a process of its own that can be killed."""
+
+    def __init__(self, directory: Path) -> None:
+        super().__init__()
+        self.directory = directory
+        self._due = 0.0
+        self._launched = 0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def launch(self) -> int:
+        """Start the executive; gives the state that it shows first."""
+        known = {status.executive_id for status in self.statuses}
+        self._launched = len(self.statuses)
+        script = str(Path(__file__).with_name('durable_process.py'))
+        with (self.directory / 'log').open('ab') as log:
+            self._process = subprocess.Popen([sys.executable, script, str(self.directory)], stdout=log, stderr=log)
+        wait_until(lambda: self.statuses and self.status.executive_id not in known, 'first status')
+        return int(self.status.state)
+
+    def result(self, command_id: str) -> CommandResult:
+        """The result of a command, which is sent until there is one, as a console does."""
+        self._due = time.monotonic() + 0.2
+
+        def find() -> CommandResult | None:
+            if time.monotonic() > self._due:
+                self._due = time.monotonic() + 0.1
+                self._commands.publish(self.sent[command_id])
+            new = self.statuses[self._launched :]
+            return next((one for status in new for one in status.results if one.command_id == command_id), None)
+
+        found = wait_until(find, lambda: f'result of {command_id}; {self.status}')
+        assert isinstance(found, CommandResult)
+        return found
+
+    def kill(self, number: int = signal.SIGKILL) -> int:
+        """End the process; gives its exit code."""
+        assert self._process is not None
+        self._process.send_signal(number)
+        return self._process.wait(10.0)
+
+    def answer(self, command_id: str) -> CommandResult | None:
+        """What is known of a command."""
+        for status in reversed(self.statuses[-50:]):
+            for result in status.results:
+                if result.command_id == command_id:
+                    assert isinstance(result, CommandResult)
+                    return result
+        return None
+
+    def close(self) -> None:
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+        super().close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[DurableBench]:
+    bench = DurableBench(tmp_path)
+    yield bench
+    bench.close()
+
+
+def test_no_command_is_lost_or_doubled_when_the_executive_is_killed_at_any_moment(bench: DurableBench) -> None:
+    source = random.Random(SEED)
+    assert bench.launch() == ExecutiveStatus.IDLE
+    run_id = bench.start(autonomy=3)
+    applied: set[str] = set()
+    sent: list[tuple[str, str]] = []
+    number = 0
+    for kill in range(KILLS):
+        timer = threading.Timer(source.uniform(0.0, 0.3), bench._process.kill)  # type: ignore[union-attr]
+        timer.start()
+        while timer.is_alive() and bench._process.poll() is None:  # type: ignore[union-attr]
+            decisions = bench.status.decisions
+            if decisions and decisions[0].id not in [decision for _, decision in sent]:
+                number += 1
+                sent.append((f'confirm-{number}', decisions[0].id))
+                bench.send(C.CONFIRM, id=f'confirm-{number}', decision_id=decisions[0].id, run_id=run_id)
+        timer.join()
+        bench.kill()
+        applied |= {id for id, _ in sent if (known := bench.answer(id)) and known.code == CommandResult.APPLIED}
+        assert bench.launch() == ExecutiveStatus.INTERRUPTED, f'after kill {kill}'
+        assert bench.run_id == run_id
+        assert bench.status.active_states[0].path.startswith('/Inner/')
+        assert 'interrupted' in bench.refused(C.START, behavior='Test')
+        # Whatever was said before is true, and what was not answered is decided now.
+        for command_id, decision in sent[-8:]:
+            bench.send(C.CONFIRM, id=command_id, decision_id=decision, run_id=run_id)
+        for command_id, _ in sent[-8:]:
+            result = bench.result(command_id)
+            assert not (command_id in applied and result.code != CommandResult.APPLIED), command_id
+            if result.code == CommandResult.APPLIED:
+                applied.add(command_id)
+        bench.applied(C.RESUME_RUN)
+        bench.wait_for(lambda status: status.decisions, 'question after the crash')
+    print(f'{KILLS} kills, {len(sent)} commands, {len(applied)} applied')
+    assert len(applied) >= KILLS // 2
+    bench.applied(C.FORCE, path='/Inner/Ask', outcome='out')
+    assert bench.wait_idle() == 'finished'
+    assert bench.logged('counted').text == f'counted {len(applied)}'
+    bench.kill(signal.SIGTERM)
+    assert bench.launch() == ExecutiveStatus.IDLE
+    (run,) = metrics_of(read_events([bench.directory / 'onboard_executive.jsonl']))
+    assert (run.run, run.outcome) == (run_id, 'finished')
+
+
+def test_what_was_set_for_a_run_holds_again_and_a_stop_is_not_forgotten(bench: DurableBench) -> None:
+    bench.launch()
+    bench.start(autonomy=3, id='start')
+    bench.wait_active('/Inner/Ask')
+    bench.applied(C.LOCK, path='/Inner')
+    bench.applied(C.BREAKPOINT, path='/Inner/Add')
+    bench.applied(C.AUTONOMY, autonomy=1, path='/Inner')
+    bench.applied(C.PAUSE)
+    bench.kill()
+    bench.launch()
+
+    def marks() -> list[object]:
+        status = bench.status
+        levels = [(entry.path, entry.level) for entry in status.autonomy_levels]
+        return [list(status.locked), list(status.breakpoints), levels, status.autonomy]
+
+    expected = [['/Inner'], ['/Inner/Add'], [('/Inner', 1)], 3]
+    assert marks() == expected
+    bench.applied(C.RESUME_RUN)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'paused as before')
+    assert marks() == expected
+    bench.applied(C.RESUME)
+    bench.send(C.START, id='start', behavior='Test')
+    assert bench.result('start').code == CommandResult.APPLIED
+    bench.applied(C.STOP, id='stop')
+    bench.kill()
+    assert bench.launch() == ExecutiveStatus.IDLE
+
+
+def test_an_interrupted_run_is_given_up_and_one_that_cannot_go_on_says_why(bench: DurableBench) -> None:
+    bench.launch()
+    run_id = bench.start('Spoil')
+    bench.wait_active('/Spoil')
+    bench.logged('builtins.object')
+    bench.kill()
+    assert bench.launch() == ExecutiveStatus.INTERRUPTED
+    assert 'builtins.object' in bench.refused(C.RESUME_RUN)
+    assert 'other' in bench.refused(C.ABORT_RUN, run_id='other')
+    assert bench.status.state == ExecutiveStatus.INTERRUPTED
+    bench.applied(C.ABORT_RUN, operator_id='ann')
+    assert bench.wait_idle() == 'preempted'
+    assert ('ann' in bench.status.message, bench.run_id) == (True, run_id)
+    assert 'no run was interrupted' in bench.refused(C.RESUME_RUN)
+    bench.start('Spoil')
+    assert bench.kill(signal.SIGTERM) == 0  # which stops the run
+    assert bench.launch() == ExecutiveStatus.IDLE
