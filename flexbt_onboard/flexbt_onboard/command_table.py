@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from flexbt_msgs.msg import CommandResult
@@ -35,6 +35,12 @@ class CommandTable:
         self._now = now
         self._results: OrderedDict[str, CommandResult | None] = OrderedDict()
         self._latest: OrderedDict[str, float] = OrderedDict()  # when each was reported last
+
+    def restore(self, results: Iterable[CommandResult]) -> None:
+        """Remember what was decided before a restart, the oldest first."""
+        for result in results:
+            self._results[result.command_id] = result
+        self._forget_old()
 
     def admit(self, command_id: str) -> bool:
         """Whether the command is new. The result of one that was decided is reported again."""

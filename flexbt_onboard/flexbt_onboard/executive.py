@@ -9,8 +9,8 @@ behavior does.
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Final
 
 from flexbt_common.action_call import ActionLinks
 from flexbt_common.liveliness import LivelinessToken
@@ -21,7 +21,7 @@ from flexbt_onboard.authority import Authority
 from flexbt_onboard.behavior_action import BehaviorActionServer
 from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.behavior_run import BehaviorRun
-from flexbt_onboard.command_answers import CommandAnswer, Decided
+from flexbt_onboard.command_answers import CommandAnswer
 from flexbt_onboard.command_table import CommandTable
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.executive_commands import CommandHandlers, command_fields
@@ -33,14 +33,15 @@ from flexbt_onboard.peers import PeersWatch
 from flexbt_onboard.record import Record, record_file
 from flexbt_onboard.robot_pose import RobotPose
 from flexbt_onboard.run_building import RunRequest
+from flexbt_onboard.run_journal import InterruptedRun, RunJournal
+from flexbt_onboard.run_news import RunNews
 from flexbt_onboard.run_view import waiting_fields
-from flexbt_onboard.state_machine import ROOT_PATH, Answer, MachineRun
+from flexbt_onboard.state_machine import ERROR, PREEMPTED, ROOT_PATH, Answer
 from flexbt_onboard.state_services import StateServices
 from flexbt_onboard.status_publisher import StatusPublisher
 
 SHUTDOWN_SECONDS: Final = 1.2
 """How long the end of the process waits for a running behavior to be at rest."""
-
 
 Ended = Callable[[BehaviorRun, str, str], None]
 
@@ -64,7 +65,7 @@ class Executive:
         self.autonomy = parameters.autonomy
         self.run: BehaviorRun | None = None
         self.last = ExecutiveStatus()
-        self._start_answer: Answer = _nobody  # who waits for the start of the run
+        self.start_answer: Answer = _nobody  # who waits for the start of the run
         self._ended: Ended = _nobody  # who waits for its end
         self._open_commands: dict[str, ExecutiveCommand] = {}
         self._questions_noted: set[str] = set()
@@ -81,6 +82,8 @@ class Executive:
             parameters.record_files,
         )
         self.record.note('executive', state='started', executive=self.executive_id)
+        self.journal = RunJournal(parameters.journal_directory, node_name, self._on_journal_problem)
+        self.command_table.restore(self.journal.results)
         self.authority = Authority(runtime, parameters.authority_timeout, self._on_authority)
         self.questions = OperatorQuestions(runtime, self._on_questions)
         self.pose = RobotPose(runtime, parameters.pose_topic)
@@ -104,21 +107,30 @@ class Executive:
         return self.run.view.levels.get(ROOT_PATH, self.autonomy) if self.run is not None else self.autonomy
 
     @property
+    def interrupted(self) -> InterruptedRun | None:
+        """The run that the end of the executive interrupted, until an operator decides about it."""
+        return self.journal.interrupted if self.run is None else None
+
+    @property
     def shown_run_id(self) -> str:
-        """The run that the status names: the one that goes on, or the last one."""
-        return self.run.run_id if self.run is not None else str(self.last.run_id)
+        """The run that the status names: the one that goes on, was interrupted, or was the last."""
+        shown = self.run or self.interrupted or self.last
+        return str(shown.run_id)
 
     def changed(self) -> None:
         """Something that the operator is shown has changed; from any thread."""
         self._status.changed()
 
-    def start(self, request: RunRequest, answer: Answer, ended: Ended = _nobody) -> BehaviorRun:
+    def start(
+        self, request: RunRequest, answer: Answer, ended: Ended = _nobody, run_id: str | None = None
+    ) -> BehaviorRun:
         """Begin a run; ``answer`` gets None when the behavior is built, or the reason why it cannot be.
 
         ``ended`` gets the run that was built, its outcome and a message. Both are called on the executor thread.
+        ``run_id`` is that of the interrupted run that is to go on.
 
         Raises:
-            CommandRefusedError: a run goes on.
+            CommandRefusedError: a run goes on, or another one was interrupted.
         """
         if self._is_closing:
             raise CommandRefusedError('the executive is shutting down')
@@ -127,9 +139,15 @@ class Executive:
             raise CommandRefusedError(
                 f'behavior {self.run.behavior!r} is {phase} (run {self.run.run_id}); stop it first'
             )
+        interrupted = self.interrupted
+        if interrupted is not None and interrupted.run_id != run_id:
+            raise CommandRefusedError(
+                f'behavior {interrupted.behavior!r} was interrupted (run {interrupted.run_id}); '
+                'resume or abort it first'
+            )
         self.autonomy = request.autonomy
-        self.run = BehaviorRun(request, uuid.uuid4().hex, self._services, self)
-        self._start_answer, self._ended = answer, ended
+        self.run = BehaviorRun(request, run_id or uuid.uuid4().hex, self._services, RunNews(self))
+        self.start_answer, self._ended = answer, ended
         self.run.start()
         self.changed()
         return self.run
@@ -139,76 +157,37 @@ class Executive:
         command_id = str(command.id)
         return CommandAnswer(command_id, lambda reason: self.runtime.post(lambda: self._settle(command_id, reason)))
 
-    # What a run tells; on the thread of the run.
+    def give_up(self, interrupted: InterruptedRun, why: str) -> None:
+        """An interrupted run does not go on."""
+        self.journal.end(interrupted.run_id, why)
+        self.record.note('ended', run=interrupted.run_id, behavior=interrupted.behavior, outcome=PREEMPTED, message=why)
+        self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
 
-    def run_built(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
-        """The behavior is built and begins to run."""
+    # What a run tells (flexbt_onboard.run_news).
 
-        request = run.request
-        self.record.note(
-            'started',
-            run=run.run_id,
-            behavior=run.behavior,
-            arguments=dict(request.arguments),
-            inputs=[entry.key for entry in request.inputs],
-            autonomy=request.autonomy,
-            by=request.by,
-        )
+    def run_begins(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        """The behavior is built."""
+        # The structure first: a status that names its run can be drawn at once.
+        self.link.publish_structure(structure)
+        run.announce()
+        self._answer_start(None)
+        self._status.flush()
+        what = 'started' if run.request.at is None else 'goes on; its active states are entered again'
+        self.link.log(ExecutiveLog.INFO, f'behavior {run.behavior!r} {what}', run_id=run.run_id)
 
-        def publish() -> None:
-            # The structure first: a status that names its run can be drawn at once.
-            self.link.publish_structure(structure)
-            run.announce()
-            self._answer_start(None)
-            self._status.flush()
-            self.link.log(ExecutiveLog.INFO, f'behavior {run.behavior!r} started', run_id=run.run_id)
+    def run_cannot_begin(self, run: BehaviorRun, reason: str) -> None:
+        """The behavior could not be built."""
+        self._end(run, ERROR, reason)
+        self.link.log(ExecutiveLog.ERROR, f'behavior {run.behavior!r} cannot start: {reason}', run_id=run.run_id)
+        self._answer_start(reason)
 
-        self.runtime.post(publish)
-
-    def run_refused(self, run: BehaviorRun, reason: str) -> None:
-        """The behavior could not be built; the run has ended."""
-
-        self.record.note('refused', run=run.run_id, behavior=run.behavior, why=reason)
-
-        def refuse() -> None:
-            self._end(run, 'error', reason)
-            self.link.log(ExecutiveLog.ERROR, f'behavior {run.behavior!r} cannot start: {reason}', run_id=run.run_id)
-            self._answer_start(reason)
-
-        self.runtime.post(refuse)
-
-    def run_log(self, run: BehaviorRun, severity: int, path: str, text: str) -> None:
-        """A state or the engine has something to say."""
-        self.link.log(severity, text, path, run.run_id)
-
-    def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
-        """Something for the record."""
-        self.record.note(event, run=run.run_id, **fields)
-
-    def run_moved(self, run: BehaviorRun, machine: MachineRun, decided: Sequence[Decided]) -> None:
-        """The machine is where it was not before, or commands were decided."""
-
-    def run_switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
-        """The run goes on with another behavior."""
-        request = run.request
-        self.record.note(
-            'switched', run=run.run_id, behavior=run.behavior, arguments=dict(request.arguments), by=request.by
-        )
-        self.runtime.post(lambda: self.link.publish_structure(structure))
-
-    def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
-        """The run has ended and everything is at rest, or as far at rest as ``message`` says."""
-
-        self.record.note('ended', run=run.run_id, behavior=run.behavior, outcome=outcome, message=message)
-
-        def end() -> None:
-            self._end(run, outcome, message)
-            self._ended(run, outcome, message)
-            severity = ExecutiveLog.ERROR if outcome == 'error' else ExecutiveLog.INFO
-            text = f'behavior {run.behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
-            self.link.log(severity, text, run_id=run.run_id)
-
-        self.runtime.post(end)
+    def run_is_over(self, run: BehaviorRun, outcome: str, message: str) -> None:
+        """A run that was built has ended."""
+        self._end(run, outcome, message)
+        self._ended(run, outcome, message)
+        severity = ExecutiveLog.ERROR if outcome == ERROR else ExecutiveLog.INFO
+        text = f'behavior {run.behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
+        self.link.log(severity, text, run_id=run.run_id)
 
     def close(self) -> None:
         """Stop the run, and wait for it for a limited time; on the closing thread, while callbacks still run."""
@@ -222,6 +201,7 @@ class Executive:
         self.runtime.call(self._say_goodbye)
         self.record.note('executive', state='ended', executive=self.executive_id)
         self.record.close()
+        self.journal.close()
 
     def _begin_to_close(self) -> BehaviorRun | None:
         self._is_closing = True
@@ -239,6 +219,14 @@ class Executive:
         for entry in entries:
             if entry.error:
                 self.link.log(ExecutiveLog.WARN, f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}')
+        interrupted = self.interrupted
+        if interrupted is not None:
+            self.link.log(
+                ExecutiveLog.WARN,
+                f'behavior {interrupted.behavior!r} was interrupted by the end of the executive in '
+                f'{", ".join(interrupted.active) or "its beginning"}; an operator has to resume or abort it',
+                run_id=interrupted.run_id,
+            )
         self.changed()
 
     def _on_command(self, command: ExecutiveCommand) -> None:
@@ -259,7 +247,7 @@ class Executive:
             self._settle(command.id, None)
 
     def _answer_start(self, reason: str | None) -> None:
-        answer, self._start_answer = self._start_answer, _nobody
+        answer, self.start_answer = self.start_answer, _nobody
         answer(reason)
 
     def _settle(self, command_id: str, reason: str | None) -> None:
@@ -267,19 +255,23 @@ class Executive:
         self.record.note(
             'command', **command_fields(self._open_commands.pop(command_id)), effect=effect, why=reason or ''
         )
+        self.journal.decide(command_id, reason)
         self.command_table.settle(command_id, None if reason is None else sendable(reason))
         self.changed()
 
     def _end(self, run: BehaviorRun, outcome: str, message: str) -> None:
-        self.last = ExecutiveStatus(
-            run_id=run.run_id, behavior=run.behavior, outcome=outcome, message=sendable(message)
-        )
         self.autonomy = run.view.levels.get(ROOT_PATH, self.autonomy)
         self.run = None
+        self._show_last(run.run_id, run.behavior, outcome, message)
+
+    def _show_last(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
+        self.last = ExecutiveStatus(run_id=run_id, behavior=behavior, outcome=outcome, message=sendable(message))
         self.changed()
 
     def _publish_status(self) -> None:
-        self.link.publish_status(status_of(self))
+        status = status_of(self)
+        self.journal.sync()  # nobody is told what a crash could undo
+        self.link.publish_status(status)
         self._actions.refresh()
 
     def _on_authority(self, text: str) -> None:
@@ -299,6 +291,10 @@ class Executive:
     def _on_record_problem(self, text: str) -> None:
         severity = ExecutiveLog.WARN if text else ExecutiveLog.INFO
         self.runtime.post(lambda: self.link.log(severity, text or 'the record is written again'))
+
+    def _on_journal_problem(self, text: str) -> None:
+        severity = ExecutiveLog.ERROR if text else ExecutiveLog.INFO
+        self.runtime.post(lambda: self.link.log(severity, text or 'the journal is written again'))
 
     def _on_peer(self, name: str, alive: bool, seen_before: bool) -> None:
         run_id = self.run.run_id if self.run is not None else ''

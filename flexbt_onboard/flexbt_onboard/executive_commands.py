@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
@@ -12,6 +13,7 @@ from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.behavior_run import BehaviorRun, RunPhase
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError
 from flexbt_onboard.run_building import RunRequest
+from flexbt_onboard.run_journal import InterruptedRun
 from flexbt_onboard.state_machine import Answer, MachineRun
 
 if TYPE_CHECKING:
@@ -63,6 +65,8 @@ class CommandHandlers:
             ExecutiveCommand.BREAKPOINT: functools.partial(self._at_path, MachineRun.set_breakpoint),
             ExecutiveCommand.CLEAR_BREAKPOINT: functools.partial(self._at_path, MachineRun.clear_breakpoint),
             ExecutiveCommand.SWITCH: self._switch,
+            ExecutiveCommand.RESUME_RUN: self._resume_run,
+            ExecutiveCommand.ABORT_RUN: self._abort_run,
             ExecutiveCommand.CLAIM_AUTHORITY: self._claim_authority,
             ExecutiveCommand.RELEASE_AUTHORITY: self._release_authority,
             ExecutiveCommand.HAND_OVER_AUTHORITY: self._hand_over_authority,
@@ -137,6 +141,35 @@ class CommandHandlers:
         self._refuse_other_run(command)
         self._executive.questions.decline(command.decision_id, command.operator_id, command.reason)
         return _APPLIED
+
+    def _resume_run(self, command: ExecutiveCommand) -> bool:
+        interrupted = self._interrupted(command)
+        request = run_request(
+            self._executive.library,
+            interrupted.behavior,
+            interrupted.arguments,
+            interrupted.inputs,
+            interrupted.autonomy,
+            command.operator_id,
+        )
+        request = dataclasses.replace(request, at=interrupted.position())
+        self._executive.start(request, self._executive.answer_of(command), run_id=interrupted.run_id)
+        return _ANSWERED_LATER
+
+    def _abort_run(self, command: ExecutiveCommand) -> bool:
+        by = f'operator {command.operator_id}' if command.operator_id else 'the operator'
+        self._executive.give_up(self._interrupted(command), f'interrupted, and given up by {by}')
+        return _APPLIED
+
+    def _interrupted(self, command: ExecutiveCommand) -> InterruptedRun:
+        interrupted = self._executive.interrupted
+        if interrupted is None:
+            raise CommandRefusedError('no run was interrupted')
+        if interrupted.run_id != command.run_id:
+            raise CommandRefusedError(
+                f'meant for run {command.run_id or "none"}, but run {interrupted.run_id} was interrupted'
+            )
+        return interrupted
 
     def _claim_authority(self, command: ExecutiveCommand) -> bool:
         self._executive.authority.claim(command.operator_id)

@@ -25,6 +25,7 @@ class ExecutiveParameters:
     heartbeat_period: float = 0.5
     autonomy: int = 1
     authority_timeout: float = 30.0
+    journal_directory: str = ''
     record_directory: str = ''
     record_size: int = RECORD_SIZE
     record_files: int = RECORD_FILES
@@ -79,6 +80,15 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             floating_point_range=[FloatingPointRange(from_value=0.5, to_value=3600.0)],
         ),
     )
+    journal_directory = _declare(
+        node,
+        'journal_directory',
+        defaults.journal_directory,
+        ParameterDescriptor(
+            description='directory of the journal, by which a run can go on after a crash of the executive; '
+            'empty for none'
+        ),
+    )
     record_directory = _declare(
         node,
         'record_directory',
@@ -121,6 +131,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         heartbeat_period=float(heartbeat_period),
         autonomy=int(autonomy),
         authority_timeout=float(authority_timeout),
+        journal_directory=str(journal_directory),
         record_directory=str(record_directory),
         record_size=int(record_size),
         record_files=int(record_files),

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
-from flexbt_msgs.msg import AutonomyLevel, ExecutiveStatus
+from flexbt_msgs.msg import ActiveState, AutonomyLevel, ExecutiveStatus
 from flexbt_onboard.behavior_run import RunPhase
 from flexbt_onboard.state_machine import ROOT_PATH
 
@@ -32,7 +33,16 @@ def status_of(executive: Executive) -> ExecutiveStatus:
         authority_requests=executive.authority.requests,
     )
     run = executive.run
-    if run is None:
+    interrupted = executive.interrupted
+    if interrupted is not None:
+        status.state = ExecutiveStatus.INTERRUPTED
+        status.run_id, status.behavior = interrupted.run_id, interrupted.behavior
+        status.message = 'the executive ended while this ran; resume it, or abort it'
+        status.autonomy = interrupted.autonomy
+        status.active_states = [ActiveState(path=path) for path in interrupted.active]
+        status.locked, status.breakpoints = interrupted.locked, interrupted.breakpoints
+        status.autonomy_levels = _levels(interrupted.levels)
+    elif run is None:
         last = executive.last
         status.state = ExecutiveStatus.IDLE
         status.run_id, status.behavior = last.run_id, last.behavior
@@ -43,9 +53,11 @@ def status_of(executive: Executive) -> ExecutiveStatus:
         view = run.view
         status.active_states = run.active_states()
         status.locked, status.breakpoints = list(view.locked), list(view.breakpoints)
-        status.autonomy_levels = [
-            AutonomyLevel(path=path, level=level) for path, level in sorted(view.levels.items()) if path != ROOT_PATH
-        ]
+        status.autonomy_levels = _levels(view.levels)
         decisions = [*run.decisions(), *status.decisions]
         status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
     return status
+
+
+def _levels(levels: Mapping[str, int]) -> list[AutonomyLevel]:
+    return [AutonomyLevel(path=path, level=level) for path, level in sorted(levels.items()) if path != ROOT_PATH]

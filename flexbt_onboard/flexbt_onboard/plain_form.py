@@ -8,6 +8,7 @@ form is kept as the name of its type: reading it is an error that says what was 
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 from typing import Any, Final
 
 from rclpy.serialization import deserialize_message, serialize_message
@@ -21,20 +22,24 @@ _MARK: Final = '$'
 _MOST_DEPTH: Final = 64
 
 
-def to_plain_form(value: Any, depth: int = 0) -> Any:
-    """What ``json.dumps`` takes. Never raises: what cannot be written is noted as lost."""
+def _ignore(_what: str) -> None:
+    """Nobody wants to know what is lost."""
+
+
+def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth: int = 0) -> Any:
+    """What ``json.dumps`` takes. Never raises: of what cannot be written the type is noted, and ``on_lost`` told."""
     if value is None or type(value) in (bool, int, float, str):
         return value
     if depth > _MOST_DEPTH:
-        return _lost(value)
+        return _lost(value, on_lost)
     if type(value) is list:
-        return [to_plain_form(item, depth + 1) for item in value]
+        return [to_plain_form(item, on_lost, depth + 1) for item in value]
     if type(value) is tuple:
-        return {'$tuple': [to_plain_form(item, depth + 1) for item in value]}
+        return {'$tuple': [to_plain_form(item, on_lost, depth + 1) for item in value]}
     if type(value) is dict:
         if all(type(key) is str and not key.startswith(_MARK) for key in value):
-            return {key: to_plain_form(item, depth + 1) for key, item in value.items()}
-        return {'$map': [[to_plain_form(part, depth + 1) for part in item] for item in value.items()]}
+            return {key: to_plain_form(item, on_lost, depth + 1) for key, item in value.items()}
+        return {'$map': [[to_plain_form(part, on_lost, depth + 1) for part in item] for item in value.items()]}
     if type(value) is bytes:
         return {'$bytes': base64.b64encode(value).decode()}
     if hasattr(type(value), 'get_fields_and_field_types'):
@@ -42,8 +47,8 @@ def to_plain_form(value: Any, depth: int = 0) -> Any:
             data = base64.b64encode(bytes(serialize_message(value))).decode()
             return {'$message': [message_type_name(type(value)), data]}
         except Exception:  # fields of wrong types; whatever the middleware makes of them
-            return _lost(value)
-    return _lost(value)
+            return _lost(value, on_lost)
+    return _lost(value, on_lost)
 
 
 def from_plain_form(value: Any) -> Any:
@@ -79,5 +84,7 @@ def from_plain_form(value: Any) -> Any:
     raise FlexbtError(f'{value!r:.80} is no value that was written here')
 
 
-def _lost(value: Any) -> dict[str, str]:
-    return {'$lost': f'{type(value).__module__}.{type(value).__qualname__}'}
+def _lost(value: Any, on_lost: Callable[[str], object]) -> dict[str, str]:
+    name = f'{type(value).__module__}.{type(value).__qualname__}'
+    on_lost(name)
+    return {'$lost': name}

@@ -59,16 +59,10 @@ def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') 
     return Made
 
 
-class ExecutiveBench:
-    """An executive, and a console that hears what it says."""
+class ConsoleBench:
+    """A console that hears what an executive says, and commands it."""
 
-    def __init__(
-        self,
-        *behaviors: type[Behavior],
-        parameters: ExecutiveParameters | None = None,
-        ros_parameters: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.runtime = NodeRuntime('onboard_executive', args=(), parameters=ros_parameters)
+    def __init__(self) -> None:
         self.console = NodeRuntime('console', args=())
         self.statuses: list[ExecutiveStatus] = []
         self.arrivals: list[float] = []
@@ -76,11 +70,9 @@ class ExecutiveBench:
         self.logs: list[ExecutiveLog] = []
         self.lists: list[BehaviorList] = []
         self.order: list[str] = []
+        self.sent: dict[str, ExecutiveCommand] = {}
         self._numbers = itertools.count(1)
         self.console.call(self._subscribe)
-        library = BehaviorLibrary(entry_of(behavior) for behavior in behaviors)
-        self.executive = open_executive(self.runtime, parameters or ExecutiveParameters(peers=()), library)
-        wait_until(lambda: self.statuses and self._commands.get_subscription_count(), 'link up')
 
     def _subscribe(self) -> None:
         node = self.console.node
@@ -111,6 +103,7 @@ class ExecutiveBench:
         fields.setdefault('run_id', '' if kind == ExecutiveCommand.START else self.run_id)
         fields.setdefault('operator_id', 'tester')
         command = ExecutiveCommand(id=id or f'command-{next(self._numbers)}', kind=kind, **fields)
+        self.sent[command.id] = command
         self._commands.publish(command)
         return str(command.id)
 
@@ -178,6 +171,26 @@ class ExecutiveBench:
         return found
 
     def close(self) -> None:
+        """End the node."""
+        self.console.close()
+
+
+class ExecutiveBench(ConsoleBench):
+    """An executive, and a console that hears what it says."""
+
+    def __init__(
+        self,
+        *behaviors: type[Behavior],
+        parameters: ExecutiveParameters | None = None,
+        ros_parameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.runtime = NodeRuntime('onboard_executive', args=(), parameters=ros_parameters)
+        super().__init__()
+        library = BehaviorLibrary(entry_of(behavior) for behavior in behaviors)
+        self.executive = open_executive(self.runtime, parameters or ExecutiveParameters(peers=()), library)
+        wait_until(lambda: self.statuses and self._commands.get_subscription_count(), 'link up')
+
+    def close(self) -> None:
         """End both nodes."""
         self.runtime.close()
-        self.console.close()
+        super().close()
