@@ -99,9 +99,9 @@ class Conditions:
 
     def entry_point(self) -> Execute:
         """The callable by which the node is ticked, for its parent."""
-        hooks = self._node.context.hooks
-        if hooks is not self._hooks:
-            self._hooks = hooks
+        hooks, bare = self._node.context.hooks, self._node.bare_execute
+        if hooks is not self._hooks or bare != self._bare:
+            self._hooks, self._bare = hooks, bare
             self._surround()
         return self.execute
 
@@ -221,11 +221,11 @@ def add_conditions(node: TreeNode, scripts: Mapping[str, CompiledScript]) -> Non
     node._conditions = Conditions(node, scripts)
     completing = any(attribute in scripts for attribute in _COMPLETING)
     tells = completing and node.running_first is None
-    node.__class__ = _class_with_conditions(type(node), tells, '_onHalted' in scripts)
+    node.__class__ = _class_with_conditions(type(node), completing, tells, '_onHalted' in scripts)
 
 
 @functools.cache
-def _class_with_conditions(node_class: type[TreeNode], tells: bool, halting: bool) -> type[TreeNode]:
+def _class_with_conditions(node_class: type[TreeNode], completing: bool, tells: bool, halting: bool) -> type[TreeNode]:
     def failure_cause(self: TreeNode) -> TreeNode | None:
         return None if self._conditions.decided is not None else node_class.failure_cause(self)
 
@@ -246,10 +246,12 @@ def _class_with_conditions(node_class: type[TreeNode], tells: bool, halting: boo
             __qualname__=node_class.__qualname__,
             __doc__=node_class.__doc__,
             execute=property(lambda self: self._conditions.entry_point()),
-            observed_status=_OBSERVED_STATUS,
+            bare_execute=node_class.execute,
             failure_cause=failure_cause,
             failure_reason=failure_reason,
         )
+        if completing:
+            namespace['observed_status'] = _OBSERVED_STATUS
         if halting:
             namespace['halt'] = halt
 

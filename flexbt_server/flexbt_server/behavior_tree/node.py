@@ -79,7 +79,8 @@ class TreeNode(ABC):
     """What is logged for each status, see ``transition_log``; only of observed nodes."""
 
     _conditions: Conditions
-    """Only of nodes that have pre- or post-conditions."""
+    bare_execute: Execute
+    """Only of nodes that have pre- or post-conditions: those, and ``execute`` without them."""
 
     def __init__(self, config: NodeConfig) -> None:
         self.status: NodeStatus = IDLE
