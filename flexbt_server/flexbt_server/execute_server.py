@@ -33,7 +33,7 @@ from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
 from flexbt_server.parameters import ServerParameters
 from flexbt_server.robot_pose import RobotPose, distance_along
 from flexbt_server.tree_run import RunOutcome, TreeRun
-from flexbt_server.tree_store import TreeStore
+from flexbt_server.tree_store import FoundTree, TreeStore
 from flexbt_server.tree_stream import TreeStream
 
 Result = BtExecute.Result
@@ -60,6 +60,7 @@ class _Goal:
     accepted: float
     outcome: Future
     stop_reason: str | None = None
+    notice: str = ''
     run: TreeRun[_Goal] | None = None
     slot: _Slot | None = None
     found: tuple[TreeLibrary, TreeKey, list[Value]] | None = None
@@ -194,13 +195,13 @@ class ExecuteServer:
                 if not name:
                     raise FlexbtError("the goal names no behavior tree, and the parameter 'default_tree' is not set")
                 values = read_values(goal.request.inputs)
-                library, key = self._store.find(name)
+                found = self._store.find(name)
             except FlexbtError as error:
                 reason = str(error)
             except Exception as error:  # a fault of ours goes to the client as well
                 reason = f'fault in the BT server: {error!r}'
             else:
-                self._runtime.post(lambda: self._guard(goal, lambda: self._found(goal, library, key, values)))
+                self._runtime.post(lambda: self._guard(goal, lambda: self._found(goal, found, values)))
                 return
             self._runtime.post(lambda: goal.end(RunOutcome(Result.ERROR, reason)))
 
@@ -214,8 +215,11 @@ class ExecuteServer:
             self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
             goal.end(RunOutcome(Result.ERROR, f'fault in the BT server: {error!r}'))
 
-    def _found(self, goal: _Goal, library: TreeLibrary, key: TreeKey, values: list[Value]) -> None:
+    def _found(self, goal: _Goal, found: FoundTree, values: list[Value]) -> None:
         request = goal.request
+        library, key, goal.notice = found
+        if goal.notice:
+            self._runtime.node.get_logger().warning(f'tree {key.id!r}: {goal.notice}')
         if len(request.goals) == 1:
             values.append(('goal', request.goals[0], POSE_STAMPED))
         elif request.goals:
@@ -310,6 +314,8 @@ class ExecuteServer:
         if problems:
             code = Result.ERROR
             message = '; '.join(filter(None, [message, *problems]))
+        if goal.notice and code != Result.SUCCESS:
+            message = '; '.join(filter(None, [message, goal.notice]))
         result = BtExecute.Result(
             code=code,
             message=sendable(message, MESSAGE_LIMIT),

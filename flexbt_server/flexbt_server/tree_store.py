@@ -8,15 +8,13 @@ as a whole.
 from __future__ import annotations
 
 import hashlib
-import posixpath
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.resources import resolve_file
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.behavior_tree import (
     LoadError,
@@ -28,12 +26,16 @@ from flexbt_server.behavior_tree import (
     load_xml,
 )
 from flexbt_server.errors import UnknownTreeError
+from flexbt_server.tree_files import Reading, Source, TreeFiles
 
 XML_TEXT: Final = '<xml>'
 """Name, in reports, of XML text that came with a goal."""
 
 _TEXT_PREFIX: Final = '<xml '
 """How the names of such texts begin in the library."""
+
+_MOST_ROUNDS: Final = 20
+"""How often a tree may lead to further files that have changed."""
 
 
 @dataclass
@@ -46,12 +48,26 @@ class FileReport:
     errors: list[LoadError] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class _Loaded:
-    """A file that is in use. ``stamp`` are time and size of the file when it was read; None for text."""
+class FoundTree(NamedTuple):
+    """A tree to run, and the library to run it from. ``notice``: why an edit of its files was not taken over; or ''."""
 
-    digest: bytes
-    stamp: tuple[int, int] | None
+    library: TreeLibrary
+    key: TreeKey
+    notice: str
+
+
+class _Loaded(NamedTuple):
+    """What a document in use was read from; ``text`` is None for a file."""
+
+    sources: Mapping[str, Source]
+    text: bytes | None
+
+
+class _Refusal(NamedTuple):
+    """An edit that was refused, and the files as they were then."""
+
+    sources: Mapping[str, Source]
+    reason: str
 
 
 class TreeStore:
@@ -61,11 +77,13 @@ class TreeStore:
         self, registry: NodeRegistry, allowed_directories: Sequence[Path], max_file_size: int, max_depth: int
     ) -> None:
         self.registry = registry
-        self._allowed = tuple(allowed_directories)
+        self._files = TreeFiles(allowed_directories, max_file_size)
         self._max_file_size = max_file_size
         self._max_depth = max_depth
         self._library = TreeLibrary()
         self._loaded: dict[str, _Loaded] = {}
+        self._refused: dict[tuple[str, ...], _Refusal] = {}
+        self._files_of: dict[TreeKey, list[str]] = {}
         self._lock = threading.RLock()
 
     @property
@@ -81,99 +99,119 @@ class TreeStore:
         ``progress(file, done)`` is told before each file and stops the load, with nothing loaded, by returning False.
         One report per file in the order of the request, that of the text last.
         """
+        readings = {file: Reading(self._files, file) for file in files}
+        requests = [(file, readings[file]) for file in files]
+        if xml:
+            name = f'{_TEXT_PREFIX}{hashlib.sha256(xml.encode()).hexdigest()[:8]}>'
+            requests.append((XML_TEXT, Reading(self._files, name, xml.encode())))
         with self._lock:
-            reports: list[FileReport] = []
-            documents: list[TreeDocument] = []
-            loaded: dict[str, _Loaded] = {}
-            requests = [(file, file) for file in files]
-            if xml:
-                requests.append((XML_TEXT, f'{_TEXT_PREFIX}{hashlib.sha256(xml.encode()).hexdigest()[:8]}>'))
-            for done, (shown, name) in enumerate(requests):
-                report = FileReport(shown)
-                reports.append(report)
-                if progress is not None and not progress(shown, done):
-                    return reports
-                self._read(report, name, xml.encode() if shown == XML_TEXT else None, documents, loaded)
-            self._take(reports, documents, loaded)
-            return reports
+            return self._load(requests, progress, newest=True)
 
-    def find(self, name: str) -> tuple[TreeLibrary, TreeKey]:
-        """The tree that a goal names, by ID or by file, with the library to run it from.
+    def find(self, name: str) -> FoundTree:
+        """The tree that a goal names, by ID or by file.
 
-        A file is loaded when it is not, and loaded again when it has changed.
+        A file is loaded when it is not. Files that the tree is made of, included ones too, are loaded again when they
+        have changed; if what they have become is refused, all stays as it was, and the notice says why.
 
         Raises:
-            UnknownTreeError: there is no such tree, or its file is refused; says why.
+            UnknownTreeError: there is no such tree, or its file was never good; says why.
         """
         with self._lock:
             is_file = '/' in name or name.endswith('.xml')
-            file = name if is_file else self._file_of(name)
-            if file is not None and self._is_outdated(file):
-                self._reload(file)
-            library = self._library
+            if is_file and name not in self._loaded:
+                reasons = _errors_of(self._load([(name, Reading(self._files, name))], None, newest=True))
+                if reasons:
+                    raise UnknownTreeError(f'tree file refused: {reasons}')
+            notice = ''
+            for _ in range(_MOST_ROUNDS):
+                before = self._library
+                key = self._key(name, is_file)
+                # Any of them may have what is missing.
+                notice = self._refresh(list(self._loaded) if key is None else self._files_behind(key))
+                if self._library is before:
+                    break
+            key = self._key(name, is_file)
+            if key is not None:
+                return FoundTree(self._library, key, notice)
             if not is_file:
-                key = library.find(name)
-                if key is None:
-                    raise UnknownTreeError(self._no_such_tree(name))
-                return library, key
-            document = library.documents[name]
-            if document.main is None:
-                trees = ', '.join(sorted(document.trees)) or 'none'
-                raise UnknownTreeError(
-                    f'{name}: does not say which tree ({trees}) to execute; set main_tree_to_execute, or name one'
-                )
-            return library, TreeKey(name, document.main)
+                raise UnknownTreeError(self._no_such_tree(name))
+            trees = ', '.join(sorted(self._library.documents[name].trees)) or 'none'
+            raise UnknownTreeError(
+                f'{name}: does not say which tree ({trees}) to execute; set main_tree_to_execute, or name one'
+            )
 
-    def _file_of(self, tree: str) -> str | None:
-        key = self._library.find(tree)
-        return None if key is None else key.file
+    def _key(self, name: str, is_file: bool) -> TreeKey | None:
+        if not is_file:
+            return self._library.find(name)
+        main = self._library.documents[name].main
+        return None if main is None else TreeKey(name, main)
 
-    def _is_outdated(self, file: str) -> bool:
-        loaded = self._loaded.get(file)
-        if loaded is None:
-            return True
-        if loaded.stamp is None:
-            return False
-        try:
-            return _stamp(resolve_file(file, self._allowed)) != loaded.stamp
-        except (ResourceError, OSError):
-            return True
+    def _files_behind(self, key: TreeKey) -> list[str]:
+        """The documents that have the trees of which this one is made, and the models, which all go by."""
+        found = self._files_of.get(key)
+        if found is None:
+            library = self._library
+            keys = [key]
+            for tree in keys:
+                ids = {node.tree_id for node in library.definition(tree).nodes() if node.tree_id is not None}
+                targets = {library.find(id, tree.file) for id in ids}
+                keys += [target for target in targets if target is not None and target not in keys]
+            with_models = (file for file, document in library.documents.items() if document.models)
+            found = self._files_of[key] = list(dict.fromkeys([*(tree.file for tree in keys), *with_models]))
+        return found
 
-    def _reload(self, file: str) -> None:
-        (report,) = self.load([file])
-        if report.code == BtLoadReport.REFUSED:
-            reasons = '; '.join(str(error) for error in report.errors)
-            raise UnknownTreeError(f'tree file refused: {reasons}')
+    def _refresh(self, names: Sequence[str]) -> str:
+        """Load those of these documents again whose files have changed, together; gives why that was refused."""
+        outdated = tuple(name for name in names if not self._files.are_current(self._loaded[name].sources))
+        if not outdated:
+            return ''
+        refused = self._refused.get(outdated)
+        if refused is None or not self._files.are_current(refused.sources):
+            readings = [Reading(self._files, name, self._loaded[name].text) for name in outdated]
+            reasons = _errors_of(self._load([(reading.name, reading) for reading in readings], None, newest=False))
+            if not reasons:
+                return ''
+            sources = {name: source for reading in readings for name, source in reading.sources.items()}
+            refused = _Refusal(sources, f'an edit was not taken over, the last good version runs: {reasons}')
+            self._refused[outdated] = refused
+        return refused.reason
 
     def _no_such_tree(self, name: str) -> str:
         known = ', '.join(sorted(self._library.tree_ids())) or 'none is loaded'
         return f'there is no tree {name!r}; load its file with BtLoad, or name the file. Known trees: {known}'
 
-    def _read(
-        self,
-        report: FileReport,
-        name: str,
-        text: bytes | None,
-        documents: list[TreeDocument],
-        loaded: dict[str, _Loaded],
-    ) -> None:
+    def _load(
+        self, requests: Sequence[tuple[str, Reading]], progress: Callable[[str, int], bool] | None, newest: bool
+    ) -> list[FileReport]:
+        """Loads all or nothing. ``newest``: their trees become the newest of their names; otherwise they keep their
+        places."""
+        reports: list[FileReport] = []
+        documents: list[TreeDocument] = []
+        for done, (shown, reading) in enumerate(requests):
+            report = FileReport(shown)
+            reports.append(report)
+            if progress is not None and not progress(shown, done):
+                return reports
+            self._read(report, reading, documents, newest)
+        self._take(reports, documents, [reading for _, reading in requests], newest)
+        return reports
+
+    def _read(self, report: FileReport, reading: Reading, documents: list[TreeDocument], newest: bool) -> None:
+        name = reading.name
+        known = self._loaded.get(name)
         try:
-            content, stamp = (text, None) if text is not None else self._content(report.file)
-            digest = hashlib.sha256(content).digest()
-            known = self._loaded.get(name)
-            if known is not None and known.digest == digest:
+            if known is not None and reading.is_same(known.sources):
                 report.code = BtLoadReport.UNCHANGED
                 document = self._library.documents[name]
                 report.trees = tuple(document.trees)
-                loaded[name] = _Loaded(digest, stamp)
-                if any(self._library.find(id) != TreeKey(name, id) for id in document.trees):
+                if newest and any(self._library.find(id) != TreeKey(name, id) for id in document.trees):
                     documents.append(document)  # its trees are the newest of their names again
                 return
             document = load_xml(
-                content,
+                reading.main(),
                 name,
                 self.registry,
-                include=self._include,
+                include=reading.include,
                 max_bytes=self._max_file_size,
                 max_depth=self._max_depth,
             )
@@ -182,24 +220,32 @@ class TreeStore:
             report.errors.extend(error.errors)
         except (ResourceError, OSError) as error:
             report.code = BtLoadReport.REFUSED
-            report.errors.append(LoadError(report.file, 0, 0, '', _without_name(error, report.file)))
+            report.errors.append(LoadError(report.file, 0, 0, '', str(error).removeprefix(f'{report.file}: ')))
         else:
             report.code = BtLoadReport.VALID
             report.trees = tuple(document.trees)
             documents.append(document)
-            loaded[name] = _Loaded(digest, stamp)
 
-    def _take(self, reports: list[FileReport], documents: list[TreeDocument], loaded: dict[str, _Loaded]) -> None:
+    def _take(
+        self,
+        reports: list[FileReport],
+        documents: list[TreeDocument],
+        readings: Sequence[Reading],
+        newest: bool,
+    ) -> None:
         if any(report.code == BtLoadReport.REFUSED for report in reports):
             return
-        try:
-            forgotten = self._replaced_texts(documents)
-            library = self._library.stage(documents, without=forgotten)
-        except TreeLoadError as error:
-            self._blame(reports, error)
-            return
-        self._library = library
-        self._loaded |= loaded
+        forgotten: set[str] = set()
+        if documents:
+            try:
+                forgotten = self._replaced_texts(documents)
+                self._library = self._library.stage(documents, without=forgotten, in_place=not newest)
+            except TreeLoadError as error:
+                self._blame(reports, error)
+                return
+            self._files_of.clear()
+            self._refused.clear()
+        self._loaded |= {reading.name: _Loaded(dict(reading.sources), reading.text) for reading in readings}
         for name in forgotten:
             del self._loaded[name]
         for report in reports:
@@ -231,30 +277,7 @@ class TreeStore:
             report.code = BtLoadReport.REFUSED
             report.errors.append(reason)
 
-    def _content(self, file: str) -> tuple[bytes, tuple[int, int]]:
-        path = resolve_file(file, self._allowed)
-        stamp = _stamp(path)
-        with path.open('rb') as content:
-            # One byte more than may be read: the reader refuses it as too long, with its place.
-            return content.read(self._max_file_size + 1), stamp
 
-    def _include(self, path: str, package: str | None, including: str) -> tuple[str, str | bytes]:
-        if package:
-            name = f'{package}/{path}'
-        elif path.startswith('/') or including.startswith('<'):
-            name = path
-        else:
-            name = posixpath.normpath(f'{including.rpartition("/")[0]}/{path}')
-        try:
-            return name, self._content(name)[0]
-        except ResourceError as error:
-            raise OSError(_without_name(error, name)) from error
-
-
-def _stamp(path: Path) -> tuple[int, int]:
-    status = path.stat()
-    return status.st_mtime_ns, status.st_size
-
-
-def _without_name(error: Exception, name: str) -> str:
-    return str(error).removeprefix(f'{name}: ')
+def _errors_of(reports: Sequence[FileReport]) -> str:
+    """Why a load was refused; '' when it was not."""
+    return '; '.join(str(error) for report in reports for error in report.errors)

@@ -405,7 +405,8 @@ def test_an_edited_file_is_used_by_the_next_goal(tmp_path: Path) -> None:
         assert result.code == Result.FAILURE and 'edited' in result.failed_node
         file.write_text('<root BTCPP_format="4">')
         result = world.client.execute(str(file)).result
-        assert result.code == Result.ERROR and str(file) in result.message
+        assert result.code == Result.FAILURE and 'edited' in result.failed_node
+        assert f'the last good version runs: {file}:1:' in result.message
 
 
 def test_a_failure_and_an_error_carry_the_reasons_up_to_the_root(world: World) -> None:

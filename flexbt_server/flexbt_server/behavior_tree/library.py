@@ -41,12 +41,18 @@ class TreeLibrary:
         if errors:
             raise TreeLoadError(errors)
 
-    def stage(self, documents: Iterable[TreeDocument], *, without: Collection[str] = ()) -> TreeLibrary:
-        """A library with these documents added; replaces those of the same files, leaves out ``without``."""
+    def stage(
+        self, documents: Iterable[TreeDocument], *, without: Collection[str] = (), in_place: bool = False
+    ) -> TreeLibrary:
+        """A library with these documents added; replaces those of the same files, leaves out ``without``.
+
+        Those that are replaced ``in_place`` do not become the newest.
+        """
         merged = {file: document for file, document in self._documents.items() if file not in without}
         for document in documents:
-            # Staged last, so that its trees are the newest.
-            merged.pop(document.file, None)
+            if not in_place:
+                # Staged last, so that its trees are the newest.
+                merged.pop(document.file, None)
             merged[document.file] = document
         return TreeLibrary(merged.values(), max_nodes=self._max_nodes)
 
