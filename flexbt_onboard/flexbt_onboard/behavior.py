@@ -12,6 +12,7 @@ import keyword
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from flexbt_onboard.errors import ManifestError, ParameterError
@@ -118,6 +119,14 @@ class BehaviorManifest:
                 raise ManifestError(f'behavior {self.name!r}: two parameters have the name {name!r}')
 
 
+class OperatorGone(Enum):
+    """What happens to a run when no console of an operator has been there for some time."""
+
+    CONTINUE = 'continue'
+    HOLD = 'hold'
+    STOP = 'stop'
+
+
 class Behavior:
     """Base of the behaviors: derive, set :attr:`manifest`, and implement :meth:`create`.
 
@@ -127,6 +136,12 @@ class Behavior:
     """
 
     manifest: BehaviorManifest
+
+    operator_gone: OperatorGone = OperatorGone.CONTINUE
+    """What to do when no operator has been there for :attr:`operator_gone_after`: go on, pause, or stop."""
+
+    operator_gone_after: float = 10.0
+    """Seconds of wall time."""
 
     def __init__(self) -> None:
         manifest = getattr(self, 'manifest', None)

@@ -17,15 +17,17 @@ from typing import Any, Final, Protocol
 from flexbt_common.bell import Bell
 from flexbt_common.errors import FlexbtError
 from flexbt_msgs.msg import ActiveState, BehaviorStructure, ExecutiveLog, PendingDecision
+from flexbt_onboard.behavior import OperatorGone
 from flexbt_onboard.command_answers import CommandAnswers, Decided
 from flexbt_onboard.errors import ParameterError
-from flexbt_onboard.run_building import RunRequest, checked_inputs, definition_of, structure_message
+from flexbt_onboard.run_building import RunRequest, build, checked_inputs, structure_message
 from flexbt_onboard.run_context import RunContext
 from flexbt_onboard.run_view import RunView
 from flexbt_onboard.state_machine import (
     ERROR,
     Answer,
     ExitReason,
+    MachineDefinition,
     MachineError,
     MachineRun,
     Severity,
@@ -83,6 +85,9 @@ class BehaviorRun:
         self.outputs: Mapping[str, Any] = {}
         """Values of the machine's output keys, once the run has ended."""
         self.request = request
+        self.operator_gone = OperatorGone.CONTINUE
+        self.operator_gone_after = 0.0
+        """What the behavior wants when no operator has been there for so many seconds; known when it is built."""
         self._services = services
         self._observer = observer
         self._bell = Bell()
@@ -240,7 +245,7 @@ class BehaviorRun:
         self._observer.run_ended(self, outcome, message)
 
     def _build(self) -> MachineRun:
-        definition = definition_of(self.request)
+        definition = self._define(self.request)
         at = self.request.at
         if at is not None and (reasons := reasons_against(definition, at)):
             raise ParameterError(f'it cannot go on where it was: {"; ".join(reasons)}')
@@ -255,9 +260,14 @@ class BehaviorRun:
             on_wake=self._bell.ring,
         )
 
+    def _define(self, request: RunRequest) -> MachineDefinition:
+        behavior, definition = build(request)
+        self.operator_gone, self.operator_gone_after = behavior.operator_gone, float(behavior.operator_gone_after)
+        return definition
+
     def _switch(self, machine: MachineRun, request: RunRequest, answer: Answer) -> None:
         try:
-            definition = definition_of(request)
+            definition = self._define(request)
         except BaseException as error:  # code of the behavior
             self._decide(answer, self._reason_of(error))
             return

@@ -29,6 +29,7 @@ from flexbt_onboard.executive_parameters import ExecutiveParameters
 from flexbt_onboard.executive_status import status_of
 from flexbt_onboard.operator_link import OperatorLink, sendable
 from flexbt_onboard.operator_questions import OperatorQuestions
+from flexbt_onboard.operator_watch import OperatorWatch
 from flexbt_onboard.peers import PeersWatch
 from flexbt_onboard.record import Record, record_file
 from flexbt_onboard.robot_pose import RobotPose
@@ -85,6 +86,7 @@ class Executive:
         self.journal = RunJournal(parameters.journal_directory, node_name, self._on_journal_problem)
         self.command_table.restore(self.journal.results)
         self.authority = Authority(runtime, parameters.authority_timeout, self._on_authority)
+        self._operators = OperatorWatch(runtime, self._on_operators)
         self.questions = OperatorQuestions(runtime, self._on_questions)
         self.pose = RobotPose(runtime, parameters.pose_topic)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
@@ -170,6 +172,7 @@ class Executive:
         # The structure first: a status that names its run can be drawn at once.
         self.link.publish_structure(structure)
         run.announce()
+        self._operators.watch_over(run)
         self._answer_start(None)
         self._status.flush()
         what = 'started' if run.request.at is None else 'goes on; its active states are entered again'
@@ -262,6 +265,7 @@ class Executive:
     def _end(self, run: BehaviorRun, outcome: str, message: str) -> None:
         self.autonomy = run.view.levels.get(ROOT_PATH, self.autonomy)
         self.run = None
+        self._operators.watch_over(None)
         self._show_last(run.run_id, run.behavior, outcome, message)
 
     def _show_last(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
@@ -287,6 +291,10 @@ class Executive:
             self.record.note('decided', run=self.shown_run_id, decision=decision_id)
         self._questions_noted = set(pending)
         self.changed()
+
+    def _on_operators(self, text: str, is_warning: bool) -> None:
+        self.link.log(ExecutiveLog.WARN if is_warning else ExecutiveLog.INFO, text)
+        self.record.note('operator', text=text)
 
     def _on_record_problem(self, text: str) -> None:
         severity = ExecutiveLog.WARN if text else ExecutiveLog.INFO

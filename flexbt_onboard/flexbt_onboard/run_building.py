@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from flexbt_common.values import from_entry
 from flexbt_msgs.msg import BehaviorStructure, BlackboardEntry, StateStructure
+from flexbt_onboard.behavior import Behavior, OperatorGone
 from flexbt_onboard.behavior_library import BehaviorEntry
-from flexbt_onboard.errors import ParameterError
+from flexbt_onboard.errors import ManifestError, ParameterError
 from flexbt_onboard.state_machine import MachineDefinition, OperatableStateMachine, Position, define
 
 
@@ -31,19 +33,26 @@ class RunRequest:
     is_durable: bool = True
 
 
-def definition_of(request: RunRequest) -> MachineDefinition:
-    """Build the behavior, and check its machine. Code of the behavior may raise anything.
+def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:
+    """Make the behavior and its machine, and check it. Code of the behavior may raise anything.
 
     Raises:
         ParameterError: an argument does not fit, or what was built is no machine.
+        ManifestError: what the behavior wants when the operator is gone is none of what there is.
         MachineError: the machine is wrong.
     """
     behavior = request.entry.instantiate()
     behavior.set_arguments(request.arguments)
+    gone, after = behavior.operator_gone, behavior.operator_gone_after
+    if not isinstance(gone, OperatorGone) or not isinstance(after, int | float) or not 0.0 < after < math.inf:
+        raise ManifestError(
+            f'behavior {behavior.name!r}: operator_gone has to be an OperatorGone, and operator_gone_after a number of '
+            f'seconds above 0, not {gone!r} and {after!r}'
+        )
     machine: Any = behavior.create()
     if not isinstance(machine, OperatableStateMachine):
         raise ParameterError(f'create() has to return an OperatableStateMachine, not {machine!r:.60}')
-    return define(machine)
+    return behavior, define(machine)
 
 
 def structure_message(definition: MachineDefinition, run_id: str, behavior: str) -> BehaviorStructure:

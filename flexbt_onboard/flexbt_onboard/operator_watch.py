@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What happens to a run when no operator has been there for some time: what its behavior wants then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from flexbt_common import names
+from flexbt_common.clock import Timer
+from flexbt_common.liveliness import LivelinessWatch
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_onboard.behavior import OperatorGone
+from flexbt_onboard.behavior_run import BehaviorRun
+from flexbt_onboard.state_machine import MachineRun
+
+
+class OperatorWatch:
+    """Watches whether any console is there. Used on the executor thread only.
+
+    ``on_news`` gets a line for the operator, and whether it is a warning.
+    """
+
+    def __init__(self, runtime: NodeRuntime, on_news: Callable[[str, bool], None]) -> None:
+        self._runtime = runtime
+        self._on_news = on_news
+        self._run: BehaviorRun | None = None
+        self._timer: Timer | None = None
+        self._watch = LivelinessWatch(runtime, names.CONSOLE_PRESENCE, self._changed)
+
+    def watch_over(self, run: BehaviorRun | None) -> None:
+        """A run begins, or has ended (None). The time without an operator counts from its beginning on."""
+        self._run = run
+        self._set_timer()
+
+    def _changed(self, is_there: bool) -> None:
+        if self._run is not None:
+            self._on_news('an operator is there' if is_there else 'no operator is there any more', not is_there)
+        self._set_timer()
+
+    def _set_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        run = self._run
+        if run is None or self._watch.alive or run.operator_gone is OperatorGone.CONTINUE:
+            return
+        steady = self._runtime.steady
+        self._timer = steady.call_at(
+            steady.now() + run.operator_gone_after, lambda: self._runtime.post(lambda: self._time_is_over(run))
+        )
+
+    def _time_is_over(self, run: BehaviorRun) -> None:
+        if run is not self._run or self._watch.alive:
+            return
+        self._timer = None
+        why = f'no operator was there for {run.operator_gone_after:g} s'
+        if run.operator_gone is OperatorGone.STOP:
+            self._on_news(f'{why}: behavior {run.behavior!r} is stopped', True)
+            run.stop(why)
+        else:
+            self._on_news(f'{why}: behavior {run.behavior!r} is paused until an operator resumes it', True)
+            run.command(MachineRun.pause, lambda _reason: None)  # when it is paused already, so much the better

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""No operator for some time: the run goes on, is held, or is stopped, as its behavior wants it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from executive_bench import ExecutiveBench
+
+from flexbt_common import names
+from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard.behavior import Behavior, BehaviorManifest, OperatorGone
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+
+AFTER = 0.6
+
+
+def behavior(policy: object, after: object = AFTER) -> type[Behavior]:
+    """A behavior that waits for ever, with a policy."""
+
+    class Waiting(Behavior):
+        manifest = BehaviorManifest(str(getattr(policy, 'value', policy)))
+
+        def create(self) -> OperatableStateMachine:
+            machine = OperatableStateMachine(outcomes=['done'])
+            with machine:
+                OperatableStateMachine.add('Wait', EventState(outcomes=['done'], desired_rate=None), {'done': 'done'})
+            return machine
+
+    Waiting.operator_gone = policy  # type: ignore[assignment]
+    Waiting.operator_gone_after = after  # type: ignore[assignment]
+    return Waiting
+
+
+@pytest.fixture
+def bench() -> Iterator[ExecutiveBench]:
+    bench = ExecutiveBench(*map(behavior, OperatorGone), behavior('sometimes'))
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def operator(bench: ExecutiveBench) -> Iterator[NodeRuntime]:
+    """A console, as far as the executive sees that it is there."""
+    runtime = NodeRuntime('console', args=())
+    LivelinessToken(runtime, names.CONSOLE_PRESENCE)
+    bench.wait_for(lambda _status: bench.executive._operators._watch.alive, 'seen')
+    yield runtime
+    runtime.close()
+
+
+def test_a_run_is_stopped_in_time_after_the_last_console_has_gone(bench: ExecutiveBench, operator: NodeRuntime) -> None:
+    second = NodeRuntime('console', args=())
+    LivelinessToken(second, names.CONSOLE_PRESENCE)
+    bench.start('stop')
+    operator.close()
+    until = time.monotonic() + 2 * AFTER
+    bench.wait_for(lambda _status: time.monotonic() > until, 'longer than the time')
+    assert bench.status.state == ExecutiveStatus.RUNNING  # the other one is there
+    second.close()
+    gone = time.monotonic()
+    assert bench.wait_idle() == 'preempted'
+    assert AFTER <= time.monotonic() - gone < AFTER + 2.0  # the loss is noticed after a lease
+    assert f'no operator was there for {AFTER:g} s' in bench.status.message
+
+
+def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, operator: NodeRuntime) -> None:
+    bench.start('hold')
+    operator.close()
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'held')
+    bench.logged('paused until an operator resumes it')
+    with NodeRuntime.open('console') as back:
+        LivelinessToken(back, names.CONSOLE_PRESENCE)
+        bench.logged('an operator is there')
+        assert bench.status.state == ExecutiveStatus.PAUSED
+        bench.applied(ExecutiveCommand.RESUME)
+        bench.wait_for(lambda status: status.state == ExecutiveStatus.RUNNING, 'goes on')
+
+
+def test_a_run_goes_on_by_default_and_one_that_begins_without_an_operator_has_its_time(bench: ExecutiveBench) -> None:
+    bench.start('continue')
+    until = time.monotonic() + 2 * AFTER
+    bench.wait_for(lambda _status: time.monotonic() > until, 'longer than the time')
+    assert bench.status.state == ExecutiveStatus.RUNNING
+    bench.applied(ExecutiveCommand.STOP)
+    bench.wait_idle()
+    began = time.monotonic()
+    bench.start('stop')
+    assert bench.wait_idle() == 'preempted'
+    assert time.monotonic() - began >= AFTER
+    assert 'operator_gone' in bench.refused(ExecutiveCommand.START, behavior='sometimes')
