@@ -169,13 +169,11 @@ def test_a_document_is_taken_as_a_whole_or_not_at_all(
 
 def test_text_numbers_and_lists_stand_for_themselves() -> None:
     board = Blackboard()
-    board.set('name', 'kitchen')
-    board.set('speed', 2.0)
-    board.set('count', 3)
-    board.set('ready', True)
+    for key, value in {'name': 'kitchen', 'speed': 2.0, 'count': 3, 'ready': True, 'far': math.inf}.items():
+        board.declare(key, None).write(value)
+    board.set('length', 2.5)
     board.set('rooms', ['a', 1, None, [True]])
     board.set('level', 3, port_types.UINT8)
-    board.set('far', math.inf)
     board.declare('later', port_types.DOUBLE)
     board.declare('anything', None)
     assert json.loads(json.dumps(export_blackboard(board, TYPES)[0])) == {
@@ -183,6 +181,7 @@ def test_text_numbers_and_lists_stand_for_themselves() -> None:
         'speed': 2.0,
         'count': 3,
         'ready': True,
+        'length': {'type': 'double', 'value': 2.5},
         'rooms': ['a', 1, None, [True]],
         'level': {'type': 'uint8_t', 'value': 3},
         'far': {'__type': 'double', 'value': 'inf'},
@@ -198,7 +197,7 @@ def test_what_has_no_json_form_is_told_and_the_rest_is_exported() -> None:
     board.set('far', Waypoint('far', math.inf))
     board.set('x', 1)
     document, problems = export_blackboard(board, TYPES)
-    assert document == {'x': 1}
+    assert document == {'x': {'type': 'int', 'value': 1}}
     assert [problem.partition(']')[0] for problem in problems] == ['entry [lamp', 'entry [deep', 'entry [far']
     assert show_blackboard(board, TYPES) == {'lamp': None, 'deep': None, 'far': None, 'x': 1}
 

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Blackboards as JSON: as BehaviorTree.CPP shows them, and so that an import gives back what was exported.
 
-A document is an object with an item for each entry. Text without a type, numbers, true, false and lists stand for
-themselves. What JSON has no word for is an object with the name of its type, as in BehaviorTree.CPP::
+A document is an object with an item for each entry. Text, numbers, true and false stand for themselves, in entries
+without a fixed type, as scripts make them; lists in entries for lists. What JSON has no word for is an object with the
+name of its type, as in BehaviorTree.CPP, and fixes that type::
 
     {"speed": 0.5, "goal": {"__type": "geometry_msgs/msg/PoseStamped", "header": {...}, "pose": {...}}}
 
-An entry whose type its value does not tell is ``{"type": "uint8_t", "value": 3}``, without ``value`` when it was
-declared but never written; null is an entry that has neither.
+An entry of another type is ``{"type": "double", "value": 0.5}``, without ``value`` when it was declared but never
+written; null is an entry that has neither.
 """
 
 from __future__ import annotations
@@ -209,8 +210,8 @@ def _is_told(kind: PortType | None, value: Any, types: JsonTypes) -> bool:
 
 
 def _natural_type(value: Any, types: JsonTypes) -> PortType | None:
-    """The type of an entry that is made for a value of which nothing else is known; text does not fix one."""
-    if isinstance(value, str):
+    """The type of an entry that is made for a value of which nothing else is known."""
+    if isinstance(value, str | int | float) and not isinstance(value, Enum):
         return None
     known = types.of_class(value.__class__)
     return type_of(value) if known is None else known.type

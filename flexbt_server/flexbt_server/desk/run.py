@@ -6,12 +6,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from enum import Enum
 from typing import Any, Final
 
 from flexbt_common.escaping import one_line
 from flexbt_server.behavior_tree import NodeExecutionError, NodeStatus, Reasons, TreeKey, TreeLibrary, TreeNode
 from flexbt_server.desk import arguments
+from flexbt_server.desk.blackboard_file import BlackboardFile, save_blackboard
 from flexbt_server.desk.errors import ExitCode, UsageError
 from flexbt_server.desk.files import read_library
 from flexbt_server.desk.mock_plan import read_plan
@@ -37,6 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--set', metavar='KEY=VALUE', action='append', default=[], help='an entry of the blackboard, YAML; repeatable'
     )
+    parser.add_argument(
+        '--blackboard', metavar='FILE', help='entries of the blackboard, JSON as --save-blackboard writes it'
+    )
+    parser.add_argument('--save-blackboard', metavar='FILE', help='write the blackboard, as it is at the end, as JSON')
     parser.add_argument('--read-inputs', action='store_true', help='mocks raise when an input is missing, as nodes do')
     parser.add_argument(
         '--rate', metavar='HZ', type=_positive, default=DEFAULT_RATE, help='least rate of ticks (default: 10)'
@@ -75,10 +81,14 @@ def run(options: argparse.Namespace) -> ExitCode:
         real_time=options.real_time,
         rate=options.rate,
         read_inputs=options.read_inputs,
+        blackboard=BlackboardFile(options.blackboard),
         on_transition=None if options.quiet else printer.transition,
     )
     result, reason, reasons = _outcome(trial, options.timeout)
     printer.result(_report(trial, result, reason, reasons))
+    if options.save_blackboard is not None:
+        for problem in save_blackboard(trial.tree.blackboard, options.save_blackboard):
+            print(one_line(f'not saved: {problem}'), file=sys.stderr)
     trial.close()
     return _EXIT_CODES.get(result, ExitCode.NEGATIVE)
 

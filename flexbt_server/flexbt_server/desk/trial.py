@@ -22,11 +22,13 @@ from flexbt_server.behavior_tree import (
     TreeLoadError,
     TreeNode,
 )
+from flexbt_server.desk.blackboard_file import BlackboardFile
 from flexbt_server.desk.errors import RefusedError, UsageError
 from flexbt_server.desk.mock_plan import MockPlan
 from flexbt_server.desk.mocks import Mocking, written
 
 DEFAULT_RATE: Final = 10.0
+NO_ENTRIES: Final = BlackboardFile()
 
 
 class Trial:
@@ -41,6 +43,7 @@ class Trial:
         real_time: bool = False,
         rate: float = DEFAULT_RATE,
         read_inputs: bool = False,
+        blackboard: BlackboardFile = NO_ENTRIES,
         on_transition: Callable[[float, TreeNode, NodeStatus, NodeStatus], None] | None = None,
     ) -> None:
         """``rate`` is the least rate of ticks, Hz. ``on_transition(time, node, before, after)`` hears of every change
@@ -55,6 +58,7 @@ class Trial:
         self.ticks = 0
         mocking = Mocking(library, plan, read_inputs=read_inputs)
         board = Blackboard()
+        blackboard.fill_text(board)
         # Text may be what nodes are made of, and it fixes no type.
         _fill(board, {name: value for name, value in plan.blackboard.items() if isinstance(value, str)})
         try:
@@ -72,6 +76,7 @@ class Trial:
         errors = mocking.wrong()
         if errors:
             raise RefusedError(errors)
+        blackboard.fill(board)
         _fill(board, plan.blackboard)
         if on_transition is not None:
             self.tree.observe(lambda node, before, after: on_transition(self.time, node, before, after))
