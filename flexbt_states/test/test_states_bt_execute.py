@@ -16,9 +16,9 @@ from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_onboard.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.behavior_run import RunRequest
 from flexbt_onboard.executive import open_executive
 from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.run_building import RunRequest
 from flexbt_onboard.state_machine import OperatableStateMachine
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
@@ -201,7 +201,7 @@ def test_the_end_of_the_executive_leaves_no_goal_active(bench: StateBench) -> No
     entry = BehaviorEntry('Drive', 'test', Drive.manifest, (), Drive)
     runtime = NodeRuntime('onboard_executive', args=())
     executive = open_executive(runtime, ExecutiveParameters(peers=()), BehaviorLibrary([entry]))
-    runtime.call(lambda: executive.start(RunRequest(entry, (), (), 3), 'start'))
+    runtime.call(lambda: executive.start(RunRequest(entry, (), (), 3), lambda _: None))
     wait_until(lambda: server.active, 'goal active')
     assert server.goals[0].owner == '/onboard_executive'
     runtime.close()

@@ -19,14 +19,17 @@ ROOT = Path(__file__).parents[2]
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'hypothesis': 'python3-hypothesis',
+    'msgpack': 'python3-msgpack',
     'numpy': 'python3-numpy',
     'prompt_toolkit': 'python3-prompt-toolkit',
     'pytest': 'python3-pytest',
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
+    'zmq': 'python3-zmq',
 }
 NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_msgs', 'tf2_ros'}  # used where there is an installation
 PEERS = {'behaviortreepy', 'py_trees'}  # tests that compare with them skip without them; rosdep has no key for them
+FROM_PIP = {'mcap'}  # whoever wants the recorder installs it; rosdep has no key for it
 TEST_PLUGIN = ROOT / 'flexbt_common' / 'flexbt_common' / 'testing.py'  # every run of pytest loads it
 NOT_SOURCES = {'package.xml', 'setup.py'}
 
@@ -65,7 +68,7 @@ class Manifest:
         files = [file for name in directories for file in (self.directory / name).rglob('*.py') if file != TEST_PLUGIN]
         if 'test' in directories and files:
             files.append(TEST_PLUGIN)
-        own = {self.name, *PEERS, *(file.stem for file in (self.directory / 'test').glob('*.py'))}
+        own = {self.name, *PEERS, *FROM_PIP, *(file.stem for file in (self.directory / 'test').glob('*.py'))}
         modules = {module for file in files for module in imports(file)}
         return {ROSDEP_KEYS.get(module, module) for module in modules - sys.stdlib_module_names - own}
 
