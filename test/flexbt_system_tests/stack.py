@@ -46,7 +46,7 @@ class Stack:
 
     def __init__(self, directory: Path) -> None:
         """``directory`` takes the logs."""
-        self._directory = directory
+        self.directory = directory
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._starts = 0
 
@@ -113,4 +113,4 @@ class Stack:
         return log.read_text(errors='replace') if log.exists() else ''
 
     def _log(self, name: str) -> Path:
-        return self._directory / f'{name.replace("/", ".")}.log'
+        return self.directory / f'{name.replace("/", ".")}.log'

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Several operators at consoles of their own, as processes: who may command, and who is gone."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_system_tests.probe import Probe
+from flexbt_system_tests.stack import Stack, executable
+
+DEADLINE = 30.0
+TIMEOUT = 2.0
+SEEN_AFTER_DEATH = 3.0
+
+
+@pytest.fixture
+def stack(tmp_path: Path) -> Iterator[Stack]:
+    with Stack(tmp_path) as stack:
+        directories = {'record_directory': str(tmp_path), 'journal_directory': str(tmp_path)}
+        stack.start('onboard_executive', {'use_sim_time': 'false', 'authority_timeout': str(TIMEOUT), **directories})
+        yield stack
+
+
+@pytest.fixture
+def probe(stack: Stack) -> Iterator[Probe]:
+    with NodeRuntime.open('probe') as runtime:
+        probe = Probe(runtime)
+        probe.wait_state(ExecutiveStatus.IDLE)
+        yield probe
+
+
+@contextlib.contextmanager
+def watching(operator: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A console of an operator, which stays."""
+    line = [executable('console'), 'watch', '--json', '--operator', operator]
+    with subprocess.Popen(line, stdout=subprocess.DEVNULL) as process:
+        yield process
+        process.kill()
+
+
+def console(operator: str, *words: str, exit_code: int = 0) -> Any:
+    """What a command of an operator's console answers."""
+    line = [executable('console'), *words, '--json', '--timeout', '20', '--operator', operator]
+    done = subprocess.run(line, capture_output=True, timeout=DEADLINE, env=os.environ, check=False)
+    assert done.returncode == exit_code, (words, done.stdout, done.stderr)
+    return json.loads(done.stdout)
+
+
+def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Stack, probe: Probe) -> None:
+    with watching('ann') as ann, watching('bob'):
+        console('ann', 'claim')
+        console('bob', 'claim', '--reason', 'my shift')
+        assert probe.status is not None
+        assert (probe.status.authority, list(probe.status.authority_requests)) == ('ann', ['bob'])
+        assert 'ann' in console('bob', 'autonomy', 'full', exit_code=3)['reason']
+        console('ann', 'autonomy', 'high')
+        ann.kill()
+        killed = time.monotonic()
+        probe.wait(lambda: probe.status is not None and probe.status.authority == 'bob', 'passed on')
+        assert time.monotonic() - killed < TIMEOUT + SEEN_AFTER_DEATH
+        console('bob', 'autonomy', 'full')
+        assert 'bob' in console('ann', 'autonomy', 'off', exit_code=3)['reason']
+    (record,) = stack.directory.glob('*.jsonl')
+    events = [json.loads(line) for line in record.read_text().splitlines()]
+    assert [(event['holder'], event['requests']) for event in events if event['event'] == 'authority'][:3] == [
+        ('ann', []),
+        ('ann', ['bob']),
+        ('bob', []),
+    ]
+    refused = [event for event in events if event['event'] == 'command' and event['effect'] == 'refused']
+    assert [event['operator'] for event in refused] == ['bob', 'ann']
+
+
+def test_a_run_is_paused_locked_and_resumed_after_a_crash_from_the_command_line(stack: Stack) -> None:
+    console('ann', 'start', 'Inspect Site', 'duration=1000', '--input', 'site=string:"gate"', '--autonomy', 'high')
+    console('ann', 'lock', 'Look')
+    console('ann', 'pause')
+    assert 'there is no state' in console('ann', 'breakpoint', 'Nowhere', exit_code=3)['reason']
+    stack.kill('onboard_executive')
+    stack.start('onboard_executive', {'use_sim_time': 'false', 'journal_directory': str(stack.directory)})
+    status = console('bob', 'status')
+    assert (status['state'], status['locked']) == ('interrupted', ['/Look'])
+    console('bob', 'resume')  # the run
+    console('bob', 'resume')  # from its pause
+    console('bob', 'unlock', 'Look')
+    console('bob', 'force', 'done')
+    assert [decision['path'] for decision in console('bob', 'status')['decisions']] == ['/Judge']
