@@ -158,6 +158,26 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         [],
     ),
     ('a port that Nav2 takes by its name', ('Main: <SubTree ID="S" goal="{goal}"/>', 'S: <GoalUpdated/>'), []),
+    (
+        'loaded, and never to be ticked',
+        (
+            'Main: <Fallback>^<IfThenElse><Use/></IfThenElse>^<Switch2 variable="1"><Use/><Use/></Switch2>'
+            '^<WhileDoElse><Use/><Use/><Use/><Use/></WhileDoElse></Fallback>',
+        ),
+        [
+            'incomplete IfThenElse has 2 to 3 children, not 1: an error as soon as the node is ticked',
+            'incomplete Switch2 has 3 children, not 2',
+            'incomplete WhileDoElse has 2 to 3 children, not 4',
+        ],
+    ),
+    (
+        'all that can be ticked',
+        (
+            'Main: <Fallback><IfThenElse><Use/><Use/></IfThenElse><WhileDoElse><Use/><Use/><Use/></WhileDoElse>'
+            '<Switch2 variable="1"><Use/><Use/><Use/></Switch2></Fallback>',
+        ),
+        [],
+    ),
     ('never used', ('Main: <AlwaysSuccess/>', 'S: <AlwaysSuccess/>'), ['unused-tree tree [S] is never used']),
     (
         'a constant of the wrong type',

@@ -16,15 +16,14 @@ from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 class _Conditional(ControlNode):
-    __slots__ = ('_complete', '_has_else')
+    __slots__ = ('_has_else', '_incomplete')
+
+    tickable_with = (2, 3)
 
     def attach(self, children: Sequence[TreeNode]) -> None:
         super().attach(children)
-        self._complete = len(children) in (2, 3)
+        self._incomplete = self.incompleteness(len(children))
         self._has_else = len(children) == 3
-
-    def _incomplete(self) -> NodeExecutionError:
-        return self.fault(f'{self.id} has 2 or 3 children (condition, branch, other branch), not {len(self.children)}')
 
     def _undecided(self) -> NodeExecutionError:
         return self.fault(f'the condition [{self.children[0].path}] was skipped, and so says neither yes nor no')
@@ -45,8 +44,8 @@ class IfThenElse(_Conditional):
         self._chosen = 0
 
     def execute(self) -> NodeStatus:
-        if not self._complete:
-            raise self._incomplete()
+        if self._incomplete:
+            raise self.fault(self._incomplete)
         self.status = RUNNING
         ticks = self._ticks
         chosen = self._chosen
@@ -54,20 +53,19 @@ class IfThenElse(_Conditional):
             status = ticks[0]()
             if status is SUCCESS:
                 chosen = 1
+            elif status is FAILURE:
+                if not self._has_else:
+                    self._failed = 0
+                    self.status = FAILURE
+                    return FAILURE
+                chosen = 2
             elif status is RUNNING:
                 return RUNNING
-            elif status is SKIPPED:
-                raise self._undecided()
-            elif self._has_else:
-                chosen = 2
             else:
-                self._failed = 0
-                self.status = FAILURE
-                return FAILURE
+                raise self._undecided()
             self._chosen = chosen
         status = ticks[chosen]()
         if status is RUNNING:
-            self._chosen = chosen
             return RUNNING
         self._chosen = 0
         # As reset_children does; a call would be much of the time that this takes.
@@ -95,8 +93,8 @@ class WhileDoElse(_Conditional):
     __slots__ = ()
 
     def execute(self) -> NodeStatus:
-        if not self._complete:
-            raise self._incomplete()
+        if self._incomplete:
+            raise self.fault(self._incomplete)
         self.status = RUNNING
         ticks = self._ticks
         status = ticks[0]()

@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 from .errors import NodeExecutionError, ScriptError
 from .hooks import TickHooks
 from .node import Execute, TreeNode
-from .observation import get_status, set_and_tell
+from .observation import get_status, set_and_tell, tells
 from .script import BoundScript, CompiledScript, gate_factory, kinds_of
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
@@ -60,6 +60,7 @@ class Conditions:
         '_node',
         '_pending',
         '_start',
+        '_telling',
         'decided',
         'execute',
     )
@@ -88,6 +89,7 @@ class Conditions:
         self.decided: _Script | None = None
         self._bare: Execute = node.execute
         self._hooks: TickHooks | None = None
+        self._telling = False
         self._surround()
 
     def _surround(self) -> None:
@@ -99,9 +101,10 @@ class Conditions:
 
     def entry_point(self) -> Execute:
         """The callable by which the node is ticked, for its parent."""
-        hooks, bare = self._node.context.hooks, self._node.bare_execute
-        if hooks is not self._hooks or bare != self._bare:
-            self._hooks, self._bare = hooks, bare
+        node = self._node
+        around = node.context.hooks, node.bare_execute, tells(node)
+        if around != (self._hooks, self._bare, self._telling):
+            self._hooks, self._bare, self._telling = around
             self._surround()
         return self.execute
 
@@ -177,23 +180,30 @@ class Conditions:
         """
         node = self._node
         running_first = node.running_first
-        success, failure = self._completed[SUCCESS], self._completed[FAILURE]
+        success, failure = (tuple(script.bound for script in self._completed[status]) for status in (SUCCESS, FAILURE))
+
+        def execute_and_tell() -> NodeStatus:
+            self._pending = True
+            return execute()
 
         def execute_and_complete() -> NodeStatus:
             before = node.status
-            self._pending = True
             status = execute()
-            scripts = success if status is SUCCESS else failure if status is FAILURE else ()
-            if scripts and self._pending:
-                try:
-                    for script in scripts:
-                        script.bound.run()
-                except ScriptError as error:
-                    node.status = RUNNING if running_first else before
-                    raise self._fault(script, error) from error
+            if status is SUCCESS:
+                scripts = success
+            elif status is FAILURE:
+                scripts = failure
+            else:
+                return status
+            try:
+                for script in scripts:
+                    script.run()
+            except ScriptError as error:
+                node.status = RUNNING if running_first else before
+                raise self._fault(self._completed[status][scripts.index(script)], error) from error
             return status
 
-        return execute_and_complete
+        return execute_and_tell if self._telling else execute_and_complete
 
     def complete(self, status: NodeStatus) -> None:
         """Runs the scripts for the node's completing with this status, once in a tick."""

@@ -77,9 +77,16 @@ class Loop(DecoratorNode):
             else:
                 self._rest = iter(constant)
         if not self._child_running:
-            element = self._next_shared() if constant is None else next(self._rest, _END)
-            if element is _END:
-                return self._empty()
+            if constant is None:
+                element = self._next_shared()
+                if element is _END:
+                    return self._empty()
+            else:
+                # As next() does; a call would take much longer.
+                for element in self._rest:  # noqa: B007 - it is used below
+                    break
+                else:
+                    return self._empty()
             target = self._target
             if target.value.__class__ is self._python_type:
                 # As target.write does.
@@ -90,14 +97,17 @@ class Loop(DecoratorNode):
         if self.status is IDLE:
             self.status = RUNNING
         status = self._tick()
-        self._child_running = status is RUNNING
         if status is SUCCESS:
+            self._child_running = False
             self.child.status = IDLE
         elif status is FAILURE:
+            self._child_running = False
             self.child.status = IDLE
             self._child_failed = True
             self.status = FAILURE
             return FAILURE
+        else:
+            self._child_running = status is RUNNING
         self.status = RUNNING
         return RUNNING
 

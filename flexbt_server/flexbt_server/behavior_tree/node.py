@@ -375,6 +375,8 @@ class ControlNode(TreeNode):
     running_first: ClassVar[bool | None] = True
     children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
     """Least and greatest number of children."""
+    tickable_with: ClassVar[tuple[int, int] | None] = None
+    """Least and greatest number of children with which it can be ticked, if it is loaded with others as well."""
     tries_all: ClassVar[bool] = False
     """Whether it fails because no child succeeds, not because one fails."""
 
@@ -388,6 +390,17 @@ class ControlNode(TreeNode):
         """Takes the children, while the tree is being built."""
         self.children = tuple(children)
         self.fetch_ticks()
+
+    @classmethod
+    def incompleteness(cls, count: int) -> str:
+        """Why it cannot be ticked with so many children; '' when it can."""
+        if cls.tickable_with is None:
+            return ''
+        least, most = cls.tickable_with
+        if least <= count <= most:
+            return ''
+        wanted = f'{least}' if least == most else f'{least} to {most}'
+        return f'{cls.__name__} has {wanted} children, not {count}'
 
     @property
     def attached(self) -> tuple[TreeNode, ...]:

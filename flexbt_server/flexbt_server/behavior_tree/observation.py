@@ -26,6 +26,12 @@ get_status = _SLOT.__get__
 _set = _SLOT.__set__
 
 
+def tells(node: TreeNode) -> bool:
+    """Whether a store of the node's status is a call."""
+    node_class: Any = type(node)
+    return node_class.status is not _SLOT
+
+
 def set_and_tell(node: TreeNode, status: NodeStatus) -> None:
     """Stores the status of a node, and logs it when the tree is watched and it is another one than before."""
     if get_status(node) is not status:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, NamedTuple
@@ -114,6 +115,7 @@ def pointer_key(text: str, port_name: str) -> str | None:
     return port_name if key == '=' else key
 
 
+@functools.lru_cache(1024)
 def port_name_problem(name: str) -> str:
     """Why ``name`` cannot name a port; '' when it can."""
     if not name:

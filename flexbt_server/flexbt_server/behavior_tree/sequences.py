@@ -167,7 +167,16 @@ class _YieldingControl(_OrderedControl):
                 self._index = index = index + 1
             else:
                 return self._stop(status)
-        return self._finish(passing)
+        if self._skipped:
+            return self._finish(passing)
+        # As reset_children does.
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt()
+            child.status = IDLE
+        self._index = 0
+        self.status = passing
+        return passing
 
     def _stop(self, status: NodeStatus) -> NodeStatus:
         """A child ended it all with ``status``."""

@@ -25,7 +25,7 @@ class _Switch(ControlNode):
     node is ticked.
     """
 
-    __slots__ = ('_choice', '_complete', '_constant', '_running', '_text', '_variable')
+    __slots__ = ('_choice', '_constant', '_incomplete', '_running', '_text', '_variable')
 
     running_first = False
     cases: ClassVar[tuple[str, ...]]
@@ -34,6 +34,7 @@ class _Switch(ControlNode):
     def __init_subclass__(cls, count: int | None = None) -> None:
         if count is not None:
             cls.cases = tuple(f'case_{number}' for number in range(1, count + 1))
+            cls.tickable_with = count + 1, count + 1
             cls.ports = {
                 'variable': input_port(STRING, optional=True, description='what decides: {key}, or text'),
                 **{case: input_port(STRING, optional=True, description='value for this child') for case in cls.cases},
@@ -54,11 +55,11 @@ class _Switch(ControlNode):
 
     def attach(self, children: Sequence[TreeNode]) -> None:
         super().attach(children)
-        self._complete = len(children) == len(self.cases) + 1
+        self._incomplete = self.incompleteness(len(children))
 
     def execute(self) -> NodeStatus:
-        if not self._complete:
-            raise self.fault(f'{self.id} has {len(self.cases) + 1} children, not {len(self.children)}')
+        if self._incomplete:
+            raise self.fault(self._incomplete)
         variable = self._variable
         value = variable.value if variable.present else self._find()
         text: str | None = value if value.__class__ is str else self._as_text(value)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from .definition import NO_CONDITIONS, NodeDefinition
@@ -23,6 +24,7 @@ from .script import CONDITION, SCRIPT, CompiledScript
 from .status import NodeKind
 from .xml_parser import Element, Source
 
+_CONTROL_CHARACTER: Final = re.compile(r'[^\t\r\n -\U0010ffff]')
 EXPLICIT_TAGS: Final = frozenset(kind.value for kind in NodeKind)
 
 
@@ -153,7 +155,7 @@ class NodeReader:
         if not is_subtree:
             self._add_absent(element, manifest, values)
         name = element.attributes.get('name')
-        if name is not None and any(ord(character) < 0x20 and character not in '\t\r\n' for character in name):
+        if name is not None and _CONTROL_CHARACTER.search(name):
             self._error(element, 'the name contains a control character', 'name')
         if name is None:
             name = tree_id or manifest.id

@@ -7,7 +7,9 @@ do without has to be given, which there shows only when the node is ticked.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import gc
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from .definition import NodeDefinition, SubTreeModelPort, TreeDefinition, TreeDocument
@@ -38,10 +40,23 @@ def load_xml(
     References to sub-trees are not followed here, see TreeLibrary. Raises TreeLoadError with all errors.
     """
     loader = _Loader(registry, include, max_bytes, max_depth)
-    document = loader.load(text, file)
+    with _without_collector():
+        document = loader.load(text, file)
     if loader.errors:
         raise TreeLoadError(loader.errors)
     return document
+
+
+@contextlib.contextmanager
+def _without_collector() -> Iterator[None]:
+    """Nothing of what a document becomes is garbage, and the collector would go over all of it again and again."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 class _Loader:

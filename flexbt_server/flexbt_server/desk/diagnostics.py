@@ -35,9 +35,22 @@ NEVER_READ: Final = Rule('never-read', Severity.INFO, 'a key is written that not
 UNREACHABLE: Final = Rule('unreachable', Severity.WARNING, 'a child is never ticked')
 UNUSED_PORT: Final = Rule('unused-port', Severity.WARNING, 'a sub-tree is given a port that it does not use')
 TYPE_CLASH: Final = Rule('type-clash', Severity.WARNING, 'what is written to a key is not what is read from it')
+INCOMPLETE: Final = Rule(
+    'incomplete', Severity.WARNING, 'a node has a number of children with which it cannot be ticked'
+)
 UNUSED_TREE: Final = Rule('unused-tree', Severity.WARNING, 'a tree is neither the main one nor a sub-tree')
 
-RULES: Final = (REFUSED, ODDITY, NEVER_WRITTEN, NEVER_READ, UNREACHABLE, UNUSED_PORT, TYPE_CLASH, UNUSED_TREE)
+RULES: Final = (
+    REFUSED,
+    ODDITY,
+    INCOMPLETE,
+    NEVER_WRITTEN,
+    NEVER_READ,
+    UNREACHABLE,
+    UNUSED_PORT,
+    TYPE_CLASH,
+    UNUSED_TREE,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,11 @@ from flexbt_server.behavior_tree import (
     TreeLibrary,
     TreeLoadError,
 )
+from flexbt_server.behavior_tree.node import ControlNode
 from flexbt_server.behavior_tree.port_types import STRING, is_fixed
 from flexbt_server.behavior_tree.registry import similar_names
 from flexbt_server.desk.diagnostics import (
+    INCOMPLETE,
     NEVER_READ,
     NEVER_WRITTEN,
     ODDITY,
@@ -44,6 +46,7 @@ def findings(library: TreeLibrary, inputs: Collection[str], *, shared: bool) -> 
     """
     for document in library.documents.values():
         yield from (Diagnostic(ODDITY, warning) for warning in document.warnings)
+    yield from _incomplete(library)
     yield from unreachable_children(library)
     yield from _unused_trees(library)
     yield from _unused_ports(library)
@@ -62,6 +65,17 @@ def findings(library: TreeLibrary, inputs: Collection[str], *, shared: bool) -> 
         if not errors:
             given = {*inputs, *HOST_KEYS, *(name for key in group for name in library.model(key.id))}
             yield from _of_entries(list(usages.values()), board, given)
+
+
+def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:
+    for key in library.tree_keys():
+        tree = library.definition(key)
+        for node in tree.nodes():
+            node_class = node.manifest.node_class
+            problem = node_class.incompleteness(len(node.children)) if issubclass(node_class, ControlNode) else ''
+            if problem:
+                message = f'{problem}: an error as soon as the node is ticked'
+                yield Diagnostic(INCOMPLETE, tree.error(node, message))
 
 
 def _of_entries(usages: Sequence[EntryUsage], board: Blackboard, given: Collection[str]) -> Iterator[Diagnostic]:
