@@ -27,8 +27,7 @@ from flexbt_common.clock import Clock, Timer
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs import msg
 from flexbt_server.behavior_tree import Tree
-from flexbt_server.behavior_tree.transition_log import LogReader
-from flexbt_server.status_encoding import encoded_change, serialized
+from flexbt_server.status_encoding import RoundReader, apply, encoded, serialized
 
 BATCH_SECONDS: Final = 0.05
 """Least time between two messages of a run, wall time, unless more than MAX_MARKS wait."""
@@ -121,8 +120,8 @@ class RunStream:
         self._lock = threading.Lock()
 
     def started(self, tree: Tree) -> None:
-        self._reader = LogReader(tree.nodes)
-        self._statuses = array('B', self._reader.statuses)
+        self._reader = RoundReader(tree.nodes)
+        self._statuses = bytearray(self._reader.statuses)
         self._structure = _structure(tree, self._run_id, self._blackboard, self._stream.now())
         self._open = True
         self.show_structure()
@@ -167,33 +166,39 @@ class RunStream:
             self._open = not finished
             self._next = time.monotonic_ns() + _BATCH_NS
             try:
-                for changes, is_last in self._batches():
-                    if changes or always:
-                        self._send(changes, finished and is_last)
+                for count, changes, is_last in self._batches():
+                    if count or always:
+                        self._send(count, changes, finished and is_last)
             except Exception as error:  # a tree runs on, watched or not
                 self._open = False
                 self._stream.report(error)
 
-    def _batches(self) -> Iterator[tuple[list[bytes], bool]]:
-        """What was logged, as encoded changes; the last batch, which may be empty, is marked. Follows the statuses."""
-        count = len(self.log)  # the tree may go on meanwhile
-        marks = self.log[:count]
-        del self.log[:count]
+    def _batches(self) -> Iterator[tuple[int, list[bytes], bool]]:
+        """What was logged, in encoded batches: the number of changes of each, and whether it is the last.
+
+        The last may be empty. When a batch is given, ``_statuses`` are those after it.
+        """
+        length = len(self.log)  # the tree may go on meanwhile
+        marks = self.log[:length]
+        del self.log[:length]
         now = self._stream.now().nanoseconds
         to_node_time = now - time.monotonic_ns()
-        statuses = self._statuses
+        count = 0
         changes: list[bytes] = []
         for stamp, part in _parts(marks):
             seconds, nanoseconds = divmod(now if stamp is None else max(0, stamp + to_node_time), 1_000_000_000)
-            for uid, before, after in self._reader.read(part):
-                if len(changes) == MAX_CHANGES:
-                    yield changes, False
-                    changes = []
-                statuses[uid - 1] = after
-                changes.append(encoded_change(seconds, nanoseconds, uid, before, after))
-        yield changes, True
+            ends = self._reader.read(part)
+            while count + len(ends) > MAX_CHANGES:
+                fitting, ends = ends[: MAX_CHANGES - count], ends[MAX_CHANGES - count :]
+                apply(fitting, self._statuses)
+                yield MAX_CHANGES, [*changes, encoded(seconds, nanoseconds, fitting)], False
+                count, changes = 0, []
+            count += len(ends)
+            changes.append(encoded(seconds, nanoseconds, ends))
+            self._statuses[:] = self._reader.statuses
+        yield count, changes, True
 
-    def _send(self, changes: list[bytes], finished: bool) -> None:
+    def _send(self, count: int, changes: list[bytes], finished: bool) -> None:
         self._sequence += 1
         message = msg.TreeStatus(
             stamp=self._stream.now().to_msg(),
@@ -201,9 +206,9 @@ class RunStream:
             sequence=self._sequence,
             finished=finished,
             paused=self._paused and not finished,
-            statuses=self._statuses,
+            statuses=array('B', self._statuses),
         )
-        self._stream.publish_status(serialized(message, changes))
+        self._stream.publish_status(serialized(message, count, changes))
 
 
 def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:

@@ -34,6 +34,11 @@ from flexbt_server.behavior_tree.transition_log import LogReader
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 
+
+def transition(uid: int, before: int, after: int) -> tuple[int, int, int]:
+    return uid, before, after
+
+
 Heard = list[tuple[int, NodeStatus, NodeStatus]]
 
 
@@ -82,7 +87,7 @@ def observed(body: str) -> tuple[Tree, Callable[[], Heard]]:
 def recorded(body: str) -> tuple[Tree, Callable[[], Heard]]:
     log: list[int] = []
     tree = on_board(body, log=log)
-    reader = LogReader(tree.nodes)
+    reader = LogReader(tree.nodes, transition)
     return tree, lambda: [(uid, NodeStatus(one), NodeStatus(other)) for uid, one, other in reader.read(log)]
 
 
@@ -111,7 +116,7 @@ class RecordedRun(bt_scripted.Run):
 
     def _step(self, tree: Tree, op: list[Any]) -> dict[str, Any]:
         if self.log is None and self._steps >= self._begin:
-            self._reader, self.log, self.began = LogReader(tree.nodes), [], self._steps
+            self._reader, self.log, self.began = LogReader(tree.nodes, transition), [], self._steps
             tree.record(self.log)
         if self._random.random() < 0.2:
             tree.observe(self._random.choice((None, lambda *event: None)))
@@ -123,7 +128,7 @@ class RecordedRun(bt_scripted.Run):
                 [tree.nodes[uid - 1].name, NAMES[NodeStatus(a)], NAMES[NodeStatus(b)]] for uid, a, b in read
             ]
             self.log.clear()
-            assert list(self._reader.statuses) == [node.status for node in tree.nodes]
+            assert list(self._reader.statuses[1:]) == [node.status for node in tree.nodes]
         return step
 
 
@@ -163,7 +168,7 @@ def test_a_tree_in_which_nothing_changes_logs_nothing() -> None:
 def test_children_that_are_set_to_idle_are_one_entry() -> None:
     log: list[int] = []
     tree = make(f'<Sequence>{"<AlwaysSuccess/>" * 50}</Sequence>', log=log)
-    reader = LogReader(tree.nodes)
+    reader = LogReader(tree.nodes, transition)
     assert tree.tick_once() is SUCCESS
     assert len(log) == 50 + 4
     transitions = reader.read(log)
@@ -230,7 +235,7 @@ def test_nodes_whose_source_is_not_to_be_had_are_watched_as_well() -> None:
     )
     log: list[int] = []
     tree = make('<Inverter><Made/></Inverter>', more=(names['Made'],), log=log)
-    reader = LogReader(tree.nodes)
+    reader = LogReader(tree.nodes, transition)
     assert tree.tick_once() is FAILURE
     assert [(uid, after) for uid, _, after in reader.read(log)] == [
         (1, RUNNING),

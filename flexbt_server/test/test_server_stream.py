@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+import struct
 import threading
 import time
 from array import array
@@ -27,7 +28,7 @@ from flexbt_server.behavior_tree import (
     NodeStatus,
     Tree,
 )
-from flexbt_server.status_encoding import encoded_change, serialized
+from flexbt_server.status_encoding import encoded, serialized
 from flexbt_server.tree_stream import (
     BATCH_SECONDS,
     MAX_CHANGES,
@@ -322,7 +323,8 @@ def test_messages_are_what_the_middleware_would_make(
     statuses: bytes, run_id: str, flags: tuple[bool, bool], changes: list[tuple[int, ...]]
 ) -> None:
     message = TreeStatus(run_id=run_id, sequence=7, finished=flags[0], paused=flags[1], statuses=array('B', statuses))
-    made = serialized(message, [encoded_change(*change) for change in changes])
+    parts = [encoded(change[0], change[1], [struct.pack('=HBB', *change[2:])]) for change in changes]
+    made = serialized(message, len(changes), parts)
     for seconds, nanoseconds, uid, before, after in changes:
         change: Any = TreeStatusChange(uid=uid, previous_status=before, status=after)
         change.stamp.sec, change.stamp.nanosec = seconds, nanoseconds

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import functools
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from .context import TransitionObserver
 from .inlining import inlined_methods
 from .node import NodeConfig, TreeNode
 from .status import IDLE, NodeStatus
-from .transition_log import Log, LogReader, TellingLog, Transition, marks_of
+from .transition_log import Log, LogReader, TellingLog, marks_of
 
 # The slot itself, below any property.
 _SLOT: Any = vars(TreeNode)['status']
@@ -86,7 +86,7 @@ def watch(nodes: Sequence[TreeNode], log: Log | None, on_transition: TransitionO
     """
     context = nodes[0].context
     if on_transition is not None:
-        log = TellingLog(LogReader(nodes), _teller(nodes, on_transition), log)
+        log = _telling(nodes, on_transition, log)
     for node in nodes:
         node_class = _plain_class(type(node))
         if log is not None:
@@ -98,9 +98,8 @@ def watch(nodes: Sequence[TreeNode], log: Log | None, on_transition: TransitionO
     context.exchanged += nodes
 
 
-def _teller(nodes: Sequence[TreeNode], on_transition: TransitionObserver) -> Callable[[Transition], None]:
-    def tell(transition: Transition) -> None:
-        uid, before, after = transition
-        on_transition(nodes[uid - 1], NodeStatus(before), NodeStatus(after))
+def _telling(nodes: Sequence[TreeNode], on_transition: TransitionObserver, log: Log | None) -> TellingLog:
+    def transition(uid: int, before: int, after: int) -> tuple[TreeNode, NodeStatus, NodeStatus]:
+        return nodes[uid - 1], NodeStatus(before), NodeStatus(after)
 
-    return tell
+    return TellingLog(LogReader(nodes, transition), lambda change: on_transition(*change), log)

@@ -9,7 +9,7 @@ had, makes of them every change, in the order in which the statuses were stored.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
 from .status import NodeStatus
 
@@ -31,8 +31,7 @@ _SHIFT: Final = 4
 _PLACES: Final = (1 << _SHIFT) - 1
 
 
-Transition: TypeAlias = tuple[int, int, int]
-"""A change of the status of a node: its uid, and the numbers of the statuses before and after."""
+T = TypeVar('T')
 
 
 class Log(Protocol):
@@ -46,48 +45,59 @@ def marks_of(uid: int) -> tuple[int, ...]:
     return tuple(range(uid << _SHIFT, (uid << _SHIFT) + FIRST_CHILDREN_IDLE + len(NodeStatus)))
 
 
-class LogReader:
-    """Makes transitions of marks. Has to be made before the first mark is written, and to read all of them."""
+class LogReader(Generic[T]):
+    """Makes transitions of marks. Has to be made before the first mark is written, and to read all of them.
 
-    def __init__(self, nodes: Sequence[TreeNode]) -> None:
-        self.statuses = bytearray(node.status for node in nodes)
-        """The number of the status of each node, as far as the marks were read; the index is uid - 1."""
+    A transition is what ``make`` gives for a node's uid and the numbers of its statuses before and after; as there are
+    not many different ones, each is made once.
+    """
+
+    def __init__(self, nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> None:
+        self.statuses = bytearray([0, *(node.status for node in nodes)])
+        """The number of the status of each node, by its uid, as far as the marks were read."""
         self._children = {node.uid: [child.uid for child in node.attached] for node in nodes if node.attached}
+        self._make = make
+        self._made: dict[int, T] = {}
 
-    def read(self, marks: Iterable[int]) -> list[Transition]:
+    def read(self, marks: Iterable[int]) -> list[T]:
         """The changes that these marks mean, which follow those that were read before."""
         statuses = self.statuses
-        transitions: list[Transition] = []
+        made = self._made
+        transitions: list[T] = []
         for mark in marks:
             uid, place = mark >> _SHIFT, mark & _PLACES
             if place >= CHILDREN_IDLE:
                 for child in self._children[uid]:
-                    before = statuses[child - 1]
+                    before = statuses[child]
                     if before == _RUNNING and place == EARLIER_CHILDREN_IDLE:
                         break
                     if before:
-                        statuses[child - 1] = 0
-                        transitions.append((child, before, 0))
+                        statuses[child] = 0
+                        change = child << _SHIFT + _SHIFT | before
+                        transitions.append(made.get(change) or self._made_of(change))
                 place -= FIRST_CHILDREN_IDLE
                 if place < 0:
                     continue
-            before = statuses[uid - 1]
+            before = statuses[uid]
             if before != place:
-                statuses[uid - 1] = place
-                transitions.append((uid, before, place))
+                statuses[uid] = place
+                change = (uid << _SHIFT | place) << _SHIFT | before
+                transitions.append(made.get(change) or self._made_of(change))
         return transitions
+
+    def _made_of(self, change: int) -> T:
+        made = self._made[change] = self._make(change >> 2 * _SHIFT, change & _PLACES, change >> _SHIFT & _PLACES)
+        return made
 
 
 class TellingLog:
     """A log whose marks are read, and told, at once. They are written to another log as well, if there is one."""
 
-    def __init__(self, reader: LogReader, tell: Callable[[Transition], None], log: Log | None) -> None:
-        self._reader = reader
-        self._tell = tell
-        self._log = log
+    def __init__(self, reader: LogReader[T], tell: Callable[[T], None], log: Log | None) -> None:
+        def append(mark: int, /) -> None:
+            if log is not None:
+                log.append(mark)
+            for transition in reader.read((mark,)):
+                tell(transition)
 
-    def append(self, mark: int, /) -> None:
-        if self._log is not None:
-            self._log.append(mark)
-        for transition in self._reader.read((mark,)):
-            self._tell(transition)
+        self.append = append
