@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The JSON in requests of Groot2: parsed and converted as BehaviorTree.CPP does, with its texts for what is wrong.
+
+Numbers are cut to the width of the field, and a boolean is one, as in the JSON library that BehaviorTree.CPP uses.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any, Final, NoReturn
+
+_NAMES: Final = {
+    type(None): 'null',
+    dict: 'object',
+    list: 'array',
+    str: 'string',
+    bool: 'boolean',
+    int: 'number',
+    float: 'number',
+}
+
+
+class RequestError(Exception):
+    """A request that is answered by an error; its text is the answer."""
+
+
+def parse(data: bytes) -> Any:
+    """The document. Raises RequestError."""
+    try:
+        text = data.decode('utf-8-sig')
+    except UnicodeDecodeError as error:
+        raise _parse_error(1, error.start + 1, 'invalid string: ill-formed UTF-8 byte') from error
+    try:
+        return json.loads(text, parse_constant=_no_constant, parse_float=_finite)
+    except json.JSONDecodeError as error:
+        raise _parse_error(error.lineno, error.colno, f'syntax error while parsing value - {error.msg}') from error
+    except RecursionError as error:
+        raise _parse_error(1, 1, 'the document is nested too deep') from error
+    except ValueError as error:  # an integer with thousands of digits, for one
+        raise _parse_error(1, 1, str(error)) from error
+
+
+def _parse_error(line: int, column: int, reason: str) -> RequestError:
+    return RequestError(f'[json.exception.parse_error.101] parse error at line {line}, column {column}: {reason}')
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise _parse_error(1, 1, f'syntax error while parsing value - invalid literal {name}')
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if math.isinf(value):
+        raise RequestError(f"[json.exception.out_of_range.406] number overflow parsing '{text[:40]}'")
+    return value
+
+
+def member(document: Any, name: str) -> Any:
+    """A member of an object. Raises RequestError."""
+    if not isinstance(document, dict):
+        raise RequestError(f'[json.exception.type_error.304] cannot use at() with {_NAMES[type(document)]}')
+    if name not in document:
+        raise RequestError(f"[json.exception.out_of_range.403] key '{name}' not found")
+    return document[name]
+
+
+def unsigned_16(value: Any) -> int:
+    """A number of 16 bits without sign. Raises RequestError."""
+    return _number(value) & 0xFFFF
+
+
+def signed_32(value: Any) -> int:
+    """A number of 32 bits. Raises RequestError."""
+    return ((_number(value) + 0x80000000) & 0xFFFFFFFF) - 0x80000000
+
+
+def boolean(value: Any) -> bool:
+    """Raises RequestError."""
+    if not isinstance(value, bool):
+        raise _type_error('boolean', value)
+    return value
+
+
+def string(value: Any) -> str:
+    """Raises RequestError."""
+    if not isinstance(value, str):
+        raise _type_error('string', value)
+    return value
+
+
+def _number(value: Any) -> int:
+    if not isinstance(value, int | float):
+        raise _type_error('number', value)
+    return int(value)
+
+
+def _type_error(wanted: str, value: Any) -> RequestError:
+    return RequestError(f'[json.exception.type_error.302] type must be {wanted}, but is {_NAMES[type(value)]}')

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Log files that Groot2 opens (``.btlog``): written without loss, and read.
+
+A file is: ``BTCPP4-FileLogger2``; one byte, 1; the length of the XML of the tree, 4 bytes; that XML; the time of the
+beginning since the epoch in µs, 8 bytes; and for each transition 9 bytes, as in a recording (:mod:`.protocol`). Source:
+FileLogger2 of BehaviorTree.CPP 4.10, which loses transitions at the end of a run.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from flexbt_common.clock import Clock
+from flexbt_server.behavior_tree import NodeStatus, Tree, TreeLoadError, TreeNode
+from flexbt_server.behavior_tree.node import node_path
+from flexbt_server.behavior_tree.xml_parser import Element, Source, parse
+from flexbt_server.groot2 import protocol
+from flexbt_server.groot2.tree_document import tree_document
+
+SUFFIX: Final = '.btlog'
+_MAGIC: Final = b'BTCPP4-FileLogger2'
+_VERSION: Final = 1
+_LENGTH: Final = struct.Struct('<i')
+_TIME: Final = struct.Struct('<q')
+_MAX_XML: Final = 1 << 28
+_MAX_DEPTH: Final = 10_000
+
+Step = Callable[[], None]
+
+
+class LogError(Exception):
+    """A file that is no log file."""
+
+
+class LogWriter:
+    """Writes the transitions of one run into a file.
+
+    They are collected, and handed to ``write`` (which does what it is given, in order, at once or on another thread)
+    at the end of each tick. An error of the file system is told to ``on_error``, once, and ends the log.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        tree: Tree,
+        clock: Clock,
+        epoch: float,
+        *,
+        write: Callable[[Step], object] = lambda step: step(),
+        on_error: Callable[[str], None],
+    ) -> None:
+        """Begins the file. ``epoch`` is the time of the beginning since 1970, s; ``clock`` tells the time since."""
+        self._path = path
+        self._clock = clock
+        self._start = clock.now()
+        self._write = write
+        self._on_error = on_error
+        self._transitions: list[tuple[float, int, NodeStatus]] = []
+        self._failed = False
+        self._too_large = len(tree.nodes) > protocol.MAX_UID
+        if self._too_large:
+            on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')
+            return
+        self._write(lambda: self._store('wb', _header(tree, epoch)))
+
+    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        """A node has another status."""
+        self._transitions.append((self._clock.now(), node.uid, after))
+
+    def flush(self) -> None:
+        """Hands over what was collected."""
+        transitions, self._transitions = self._transitions, []
+        if transitions and not self._too_large:
+            self._write(lambda: self._store('ab', self._records(transitions)))
+
+    def _records(self, transitions: list[tuple[float, int, NodeStatus]]) -> bytes:
+        start = self._start
+        return b''.join(
+            protocol.record(max(0, round((when - start) * 1e6)), uid, status) for when, uid, status in transitions
+        )
+
+    def _store(self, mode: str, data: bytes) -> None:
+        if self._failed:
+            return
+        try:
+            with self._path.open(mode) as file:
+                file.write(data)
+        except OSError as error:
+            self._failed = True
+            self._on_error(f'{self._path}: the log of this run ends here: {error}')
+
+
+def _header(tree: Tree, epoch: float) -> bytes:
+    xml = tree_document(tree).encode()
+    return _MAGIC + bytes((_VERSION,)) + _LENGTH.pack(len(xml)) + xml + _TIME.pack(round(epoch * 1e6))
+
+
+class LoggedNode(NamedTuple):
+    """A node of a log, by its uid."""
+
+    path: str
+    type: str
+
+
+class Transition(NamedTuple):
+    """``time`` is since the beginning of the log, s; ``before`` is IDLE for the first transition of a node."""
+
+    time: float
+    uid: int
+    before: NodeStatus
+    after: NodeStatus
+
+
+class Log(NamedTuple):
+    """The content of a log file. ``epoch`` is its beginning since 1970, s; ``left_over`` are bytes at its end that are
+    no whole transition, or that are none at all."""
+
+    nodes: dict[int, LoggedNode]
+    epoch: float
+    transitions: list[Transition]
+    left_over: int
+
+
+def read_log(path: Path) -> Log:
+    """Reads a log file, also one that is still being written, or was cut off. Raises LogError and OSError."""
+    data = path.read_bytes()
+    position = len(_MAGIC) + 1 + _LENGTH.size
+    if not data.startswith(_MAGIC) or len(data) < position:
+        raise LogError(f'{path}: this is no log file of BehaviorTree.CPP 4 (.btlog)')
+    version = data[len(_MAGIC)]
+    if version != _VERSION:
+        raise LogError(f'{path}: version {version} of the format is not known, only {_VERSION}')
+    (length,) = _LENGTH.unpack_from(data, position - _LENGTH.size)
+    end = position + length + _TIME.size
+    if length < 0 or end > len(data):
+        raise LogError(f'{path}: the file ends within the description of its tree')
+    try:
+        text = data[position : position + length].decode('utf-8', 'replace')
+        root = parse(Source(str(path), text), max_bytes=_MAX_XML, max_depth=_MAX_DEPTH)
+    except TreeLoadError as error:
+        raise LogError(f'{path}: the description of the tree cannot be read: {error}') from error
+    (epoch,) = _TIME.unpack_from(data, end - _TIME.size)
+    transitions, read = _transitions(data, end)
+    return Log(dict(_nodes(root)), epoch / 1e6, transitions, len(data) - read)
+
+
+def _transitions(data: bytes, position: int) -> tuple[list[Transition], int]:
+    transitions = []
+    statuses: dict[int, NodeStatus] = {}
+    while position + protocol.RECORD_BYTES <= len(data):
+        microseconds, uid, number = protocol.read_record(data, position)
+        if number > max(NodeStatus):
+            break
+        status = NodeStatus(number)
+        transitions.append(Transition(microseconds / 1e6, uid, statuses.get(uid, NodeStatus.IDLE), status))
+        statuses[uid] = status
+        position += protocol.RECORD_BYTES
+    return transitions, position
+
+
+def _nodes(root: Element) -> Iterator[tuple[int, LoggedNode]]:
+    for tree in root.children:
+        if tree.tag != 'BehaviorTree':
+            continue
+        scope = tree.attributes.get('_fullpath', '')
+        pending = list(tree.children)
+        while pending:
+            element = pending.pop()
+            pending.extend(element.children)
+            written = element.attributes.get('_uid', '')
+            if not (written.isascii() and written.isdecimal() and len(written) < 10):
+                continue
+            uid = int(written)
+            type = element.attributes.get('ID', element.tag) if element.tag == 'SubTree' else element.tag
+            name = element.attributes.get('name', type)
+            path = element.attributes.get('_fullpath') or node_path(scope, type, name, uid)
+            yield uid, LoggedNode(path, type)

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The server that Groot2 connects to. It shows one tree at a time: see :class:`Groot2Server`."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from types import TracebackType
+from typing import Final
+
+import zmq
+
+from flexbt_server.behavior_tree import JsonTypes, NodeStatus, Tree, TreeNode
+from flexbt_server.groot2 import protocol
+from flexbt_server.groot2.json_requests import RequestError, parse
+from flexbt_server.groot2.protocol import RequestType
+from flexbt_server.groot2.watched_tree import WatchedTree
+
+SILENCE: Final = 5.0
+"""After so many seconds without a request the client has gone: its hooks hold nothing up until it is back, s."""
+
+_LARGEST_REQUEST: Final = 1 << 20
+_SEND_MILLISECONDS: Final = 1000
+_logger = logging.getLogger(__name__)
+
+
+class Groot2Server:
+    """Shows running trees to Groot2, on ``port`` (requests) and the one that follows (breakpoints that are reached).
+
+    Clients see the tree that was started last; when it ends, the one started before it that still runs, or else the
+    ended one. A tree that a breakpoint holds up stays until it goes on. Each run has an identity of its own, by which
+    clients notice that it is another one. Hooks of a tree that is not shown have no effect; those of the shown
+    tree are handed on to the next run of the same tree.
+
+    ``only``, if given, is the ID of the tree whose runs are shown, and no others.
+    """
+
+    def __init__(
+        self,
+        port: int = protocol.DEFAULT_PORT,
+        address: str = '127.0.0.1',
+        *,
+        only: str = '',
+        types: JsonTypes | None = None,
+        silence: float = SILENCE,
+    ) -> None:
+        """Begins to answer. ``types`` shows values of one's own on blackboards. Raises OSError if it cannot listen."""
+        self._only = only
+        self._types = types if types is not None else JsonTypes()
+        self._silence = silence
+        self._running: list[WatchedTree] = []
+        self._shown: WatchedTree | None = None
+        self._silent = False
+        self._lock = threading.Lock()
+        self._publishing = threading.Lock()
+        self._context = zmq.Context()
+        try:
+            self._replies = self._bound(zmq.REP, address, port)
+            self._notices = self._bound(zmq.PUB, address, port + 1)
+            self._stop = self._context.socket(zmq.PAIR)
+            self._stop.bind('inproc://stop')
+            self._stopped = self._context.socket(zmq.PAIR)
+            self._stopped.connect('inproc://stop')
+        except zmq.ZMQError as error:
+            self._context.destroy(linger=0)
+            raise OSError(
+                error.errno, f'cannot listen on {address}, ports {port} and {port + 1}, for Groot2: {error}'
+            ) from error
+        self._thread = threading.Thread(target=self._serve, name='groot2', daemon=True)
+        self._thread.start()
+
+    def _bound(self, kind: int, address: str, port: int) -> zmq.Socket[bytes]:
+        socket = self._context.socket(kind)
+        socket.set(zmq.LINGER, 0)
+        socket.set(zmq.SNDTIMEO, _SEND_MILLISECONDS)
+        socket.set(zmq.MAXMSGSIZE, _LARGEST_REQUEST)
+        socket.set(zmq.IPV6, ':' in address)
+        socket.bind(f'tcp://{f"[{address}]" if ":" in address else address}:{port}')
+        return socket
+
+    def __enter__(self) -> Groot2Server:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends it; whatever a breakpoint holds up goes on."""
+        with self._lock:
+            self._silent = True
+            self._mute()
+        with suppress(zmq.ZMQError):
+            self._stop.send(b'')
+        self._thread.join()
+        with self._publishing:
+            self._context.destroy(linger=0)
+
+    # -- the trees -----------------------------------------------------------------------------------------------------
+
+    def add(self, tree: Tree, on_held: Callable[[bool], None] = lambda held: None) -> WatchedTree | None:
+        """Shows a tree whose first tick is next; None when it is not to be shown. Its transitions have to be told to
+        what is returned. ``on_held`` hears, on the ticking thread, when a breakpoint holds the tree up, or lets go."""
+        if self._only and tree.key.id != self._only:
+            return None
+        if len(tree.nodes) > protocol.MAX_UID:
+            _logger.warning(
+                'tree [%s] has %d nodes: Groot2 can show %d', tree.key.id, len(tree.nodes), protocol.MAX_UID
+            )
+            return None
+        watched = WatchedTree(tree, self._types, self._tell, on_held)
+        with self._lock:
+            before = self._shown
+            if before is not None and before.same_tree(watched):
+                watched.breakpoints.take_over(before.breakpoints)
+            self._running.append(watched)
+            if before is None or not before.breakpoints.held:
+                self._shown = watched
+            self._mute()
+        return watched
+
+    def remove(self, watched: WatchedTree) -> None:
+        """The run of a tree is over."""
+        with self._lock:
+            self._running.remove(watched)
+            if self._shown is watched and self._running:
+                self._shown = self._running[-1]
+            self._mute()
+
+    def watch(self, tree: Tree) -> Watch:
+        """Shows a tree, for a program that has no other observer: a context manager."""
+        return Watch(self, tree)
+
+    def _mute(self) -> None:
+        for watched in self._running:
+            watched.breakpoints.mute(self._silent or watched is not self._shown)
+
+    def _tell(self, uid: int) -> None:
+        """On the thread of a run."""
+        header = protocol.request_header(RequestType.BREAKPOINT_REACHED)
+        with self._publishing, suppress(zmq.ZMQError):
+            self._notices.send_multipart([header, str(uid).encode()], zmq.NOBLOCK)
+
+    # -- requests ------------------------------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        poller = zmq.Poller()
+        poller.register(self._replies, zmq.POLLIN)
+        poller.register(self._stopped, zmq.POLLIN)
+        heard = time.monotonic()
+        while True:
+            wait = None if self._silent else int(max(0.0, heard + self._silence - time.monotonic()) * 1000.0) + 1
+            ready = dict(poller.poll(wait))
+            if self._stopped in ready:
+                return
+            if self._replies in ready:
+                heard = time.monotonic()
+                self._hear(silent=False)
+                # A client that has gone, or sends what is no message, is none of our business.
+                with suppress(zmq.ZMQError):
+                    self._replies.send_multipart(self.answer(self._replies.recv_multipart()))
+            elif time.monotonic() >= heard + self._silence:
+                self._hear(silent=True)
+
+    def _hear(self, silent: bool) -> None:
+        with self._lock:
+            if silent is not self._silent:
+                self._silent = silent
+                self._mute()
+
+    def answer(self, frames: Sequence[bytes]) -> list[bytes]:
+        """The frames of the reply to those of a request, whatever they are."""
+        try:
+            return self._answer(frames)
+        except RequestError as error:
+            text = str(error)
+        except Exception:  # a fault of ours must not end the server
+            _logger.exception('a request of Groot2 could not be answered')
+            text = 'Unknown error while processing request'
+        return [b'error', text.encode('utf-8', 'replace')]
+
+    def _answer(self, frames: Sequence[bytes]) -> list[bytes]:
+        if not frames or len(frames[0]) != protocol.HEADER_BYTES:
+            raise RequestError('wrong request header')
+        with self._lock:
+            shown = self._shown
+        if shown is None:
+            raise RequestError('no tree has been started yet')
+        kind = frames[0][1]
+        if kind in _WITH_CONTENT:
+            if len(frames) != 2:
+                raise RequestError('must be 2 parts message')
+            content = _WITH_CONTENT[kind](shown, frames[1])
+        elif kind in _PLAIN:
+            content = _PLAIN[kind](shown)
+        else:
+            raise RequestError('Request not recognized')
+        return [protocol.reply_header(frames[0], shown.uuid), *([] if content is None else [content])]
+
+
+_PLAIN: Final[dict[int, Callable[[WatchedTree], bytes | None]]] = {
+    RequestType.FULL_TREE: WatchedTree.document,
+    RequestType.STATUS: WatchedTree.statuses,
+    RequestType.HOOKS_DUMP: lambda shown: shown.breakpoints.dump().encode(),
+    RequestType.REMOVE_ALL_HOOKS: lambda shown: shown.breakpoints.remove_all(),
+    RequestType.DISABLE_ALL_HOOKS: lambda shown: shown.breakpoints.disable_all(),
+    RequestType.GET_TRANSITIONS: WatchedTree.transitions,
+}
+
+_WITH_CONTENT: Final[dict[int, Callable[[WatchedTree, bytes], bytes | None]]] = {
+    RequestType.BLACKBOARD: lambda shown, content: shown.blackboards(content.decode('utf-8', 'replace')),
+    RequestType.HOOK_INSERT: lambda shown, content: shown.breakpoints.insert(parse(content)),
+    RequestType.HOOK_REMOVE: lambda shown, content: shown.breakpoints.remove(parse(content)),
+    RequestType.BREAKPOINT_UNLOCK: lambda shown, content: shown.breakpoints.unlock(parse(content)),
+    RequestType.TOGGLE_RECORDING: WatchedTree.toggle_recording,
+}
+
+
+class Watch:
+    """Shows a tree while the context is open. It takes the place of the tree's observer."""
+
+    def __init__(self, server: Groot2Server, tree: Tree) -> None:
+        self._server = server
+        self._tree = tree
+        self._watched: WatchedTree | None = None
+
+    def __enter__(self) -> Watch:
+        self._watched = self._server.add(self._tree)
+        self._tree.observe(self._changed)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._tree.observe(None)
+        if self._watched is not None:
+            self._server.remove(self._watched)
+
+    def _changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        if self._watched is not None:
+            self._watched.changed(node, before, after)
