@@ -21,10 +21,13 @@ from flexbt_server.control_server import ControlServer
 from flexbt_server.data_servers import DataServers
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.execute_server import ExecuteServer
+from flexbt_server.groot2_runs import Groot2Runs
 from flexbt_server.leaf_services import LeafServices
 from flexbt_server.load_server import LoadServer
 from flexbt_server.node_types import node_registry
-from flexbt_server.parameters import declare_parameters
+from flexbt_server.parameters import ServerParameters, declare_parameters
+from flexbt_server.run_logs import RunLogs
+from flexbt_server.run_watchers import RunWatcher
 from flexbt_server.topic_cache import TopicCaches
 from flexbt_server.tree_store import TreeStore
 from flexbt_server.trigger_services import TriggerServices
@@ -61,12 +64,23 @@ class BtServer:
         reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
 
-        self.execute = runtime.call(lambda: ExecuteServer(runtime, parameters, store, boards, services, reader))
+        watchers = self._watchers(runtime, parameters)
+        self.execute = runtime.call(
+            lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, watchers)
+        )
         self.control = runtime.call(lambda: ControlServer(runtime, self.execute.find_run))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader))
         self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake))
         self.alive = LivelinessToken(runtime)
         logger.info(f'ready: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
+
+    def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters) -> list[RunWatcher]:
+        watchers: list[RunWatcher] = []
+        if parameters.groot2_port:
+            watchers.append(Groot2Runs(runtime, parameters))
+        if parameters.btlog_directory is not None:
+            watchers.append(RunLogs(runtime, parameters.btlog_directory, parameters.btlog_keep))
+        return watchers
 
     def _preload(self, store: TreeStore, files: tuple[str, ...]) -> None:
         reports = store.load(files) if files else []

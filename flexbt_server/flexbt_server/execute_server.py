@@ -32,6 +32,7 @@ from flexbt_server.leaf_services import LeafServices
 from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
 from flexbt_server.parameters import ServerParameters
 from flexbt_server.robot_pose import RobotPose, distance_along
+from flexbt_server.run_watchers import RunWatcher, watched_by
 from flexbt_server.tree_run import RunOutcome, TreeRun
 from flexbt_server.tree_store import FoundTree, TreeStore
 from flexbt_server.tree_stream import TreeStream
@@ -111,6 +112,7 @@ class ExecuteServer:
         boards: Blackboards,
         services: LeafServices,
         reader: ThreadPoolExecutor,
+        watchers: Sequence[RunWatcher] = (),
     ) -> None:
         self._runtime = runtime
         self._parameters = parameters
@@ -118,6 +120,7 @@ class ExecuteServer:
         self._boards = boards
         self._services = services
         self._reader = reader
+        self._watchers = watchers
         self._stream = TreeStream(runtime)
         self._pose = RobotPose(services.topics, parameters.pose_topic)
         self._slots: dict[tuple[TreeKey, str], _Slot] = {}
@@ -253,7 +256,7 @@ class ExecuteServer:
             clock=self._runtime.clock,
             steady=self._runtime.steady,
             services=self._services,
-            observer=self._stream.open(run_id, name),
+            observer=watched_by(self._stream.open(run_id, name), run_id, self._watchers),
             tick_rate=self._parameters.tick_rate,
             cancel_timeout=self._parameters.cancel_timeout,
             on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(place, newer)),

@@ -43,6 +43,11 @@ class ServerParameters:
     error_code_names: tuple[str, ...]
     max_file_size: int
     max_depth: int
+    groot2_port: int
+    groot2_address: str
+    groot2_tree: str
+    btlog_directory: Path | None
+    btlog_keep: int
 
 
 def declare_parameters(node: Node) -> ServerParameters:
@@ -92,6 +97,10 @@ def declare_parameters(node: Node) -> ServerParameters:
     dialect = next((known for known in DIALECTS if known == written), None)
     if dialect is None:
         raise ServerParameterError(f"parameter 'nav2_dialect': {written!r} is not one of {', '.join(DIALECTS)}")
+    written = str(declare('btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty'))
+    btlog_directory = Path(written).expanduser() if written else None
+    if btlog_directory is not None and not btlog_directory.is_absolute():
+        raise ServerParameterError(f"parameter 'btlog_directory': {btlog_directory} is not an absolute path")
     return ServerParameters(
         default_tree=str(declare('default_tree', '', 'tree of a goal that names none: ID or package/path.xml')),
         preload=strings('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
@@ -112,4 +121,11 @@ def declare_parameters(node: Node) -> ServerParameters:
         ),
         max_file_size=integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
         max_depth=integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
+        groot2_port=integer(
+            'groot2_port', 0, 0, 65534, 'port where Groot2 finds running trees (it asks at 1667), and the next; 0: off'
+        ),
+        groot2_address=str(declare('groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all')),
+        groot2_tree=str(declare('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one')),
+        btlog_directory=btlog_directory,
+        btlog_keep=integer('btlog_keep', 100, 1, 1_000_000, 'newest log files that are kept in that directory'),
     )

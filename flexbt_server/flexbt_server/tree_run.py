@@ -22,6 +22,7 @@ from flexbt_server.behavior_tree import (
     Blackboard,
     NodeExecutionError,
     NodeStatus,
+    TickAbandoned,
     TickCommand,
     TickControl,
     Tree,
@@ -152,6 +153,8 @@ class TreeRun(Generic[Client]):
             if sooner:
                 self._rest_by = rest_by
         self._bell.ring()
+        if self.tree is not None:
+            self.tree.hooks.release()
         if sooner:
             self._steady.call_at(rest_by + _GRACE, self._give_up)
 
@@ -235,8 +238,14 @@ class TreeRun(Generic[Client]):
             tree.take_wake()
             due = self._next_due(due)
             began = self._steady.now()
-            status = self._control.tick(tree)
-            self._overruns.note(began, self._steady.now())
+            try:
+                status = self._control.tick(tree)
+            except TickAbandoned:
+                if not tree.hooks.released:
+                    raise
+                continue
+            if tree.context.hooks is None:  # breakpoints are not to be blamed on leaves
+                self._overruns.note(began, self._steady.now())
             if status is not None and status is not NodeStatus.RUNNING:
                 return self._outcome(tree, status)
             if not self._control.pending:

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Shows the runs of the server to Groot2; see :class:`flexbt_server.groot2.server.Groot2Server`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_server.behavior_tree import NodeStatus, Tree, TreeNode
+from flexbt_server.errors import ServerParameterError
+from flexbt_server.parameters import ServerParameters
+from flexbt_server.ros_json import RosJsonTypes
+from flexbt_server.run_watchers import RunWatch
+from flexbt_server.tree_run import TreeObserver
+
+if TYPE_CHECKING:
+    from flexbt_server.groot2.server import Groot2Server
+    from flexbt_server.groot2.watched_tree import WatchedTree
+
+
+class Groot2Runs:
+    """Opens the port, and closes it with the node."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: ServerParameters) -> None:
+        """Raises ServerParameterError when the port cannot be opened."""
+        try:
+            # Only who wants it needs pyzmq.
+            from flexbt_server.groot2.server import Groot2Server
+        except ImportError as error:
+            raise ServerParameterError(
+                f"parameter 'groot2_port': {error.name} is missing; install python3-zmq and python3-msgpack"
+            ) from error
+        try:
+            self._server = Groot2Server(
+                parameters.groot2_port, parameters.groot2_address, only=parameters.groot2_tree, types=RosJsonTypes()
+            )
+        except OSError as error:
+            raise ServerParameterError(f"parameter 'groot2_port': {error.strerror}") from error
+        runtime.on_close(self._server.close)
+
+    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
+        """Watches one run."""
+        return _Groot2Run(self._server, shown)
+
+
+class _Groot2Run:
+    def __init__(self, server: Groot2Server, shown: TreeObserver) -> None:
+        self._server = server
+        self._shown = shown
+        self._watched: WatchedTree | None = None
+
+    def started(self, tree: Tree) -> None:
+        self._watched = self._server.add(tree, self._shown.paused)
+
+    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        if self._watched is not None:
+            self._watched.changed(node, before, after)
+
+    def ticked(self) -> None:
+        pass
+
+    def ended(self) -> None:
+        if self._watched is not None:
+            self._server.remove(self._watched)

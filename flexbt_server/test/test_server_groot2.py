@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Groot2 and log files of a live BT server: what a client sees of runs; breakpoints keep nobody from stopping them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+from server_world import DEADLINE, World, open_world, pose, until
+
+from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.action import BtExecute
+from flexbt_msgs.msg import TreeStatus
+from flexbt_server.bt_server import BtServer
+from flexbt_server.errors import ServerParameterError
+from flexbt_server.groot2.log_file import read_log
+from flexbt_server.groot2.protocol import RequestType, request_header
+
+Result = BtExecute.Result
+_PORTS = itertools.count(40_000 + os.getpid() % 5_000 * 2, 2)
+BODY = '<Sequence><Script code="x := 1"/><AlwaysSuccess name="stop here"/><Sleep msec="1"/></Sequence>'
+
+
+class Groot2:
+    """A client, and the BT server that it is connected to."""
+
+    def __init__(self, context: zmq.Context[Any], port: int, world: World) -> None:
+        client = self.client = world.client
+        self.server = world.server_runtime
+        self.paused: list[bool] = []
+        client.runtime.call(
+            lambda: client.runtime.node.create_subscription(
+                TreeStatus, names.TREE_STATUS, lambda status: self.paused.append(status.paused), names.latched(16)
+            )
+        )
+        self._requests = context.socket(zmq.REQ)
+        self._requests.set(zmq.RCVTIMEO, int(DEADLINE * 1000))
+        self._requests.connect(f'tcp://127.0.0.1:{port}')
+
+    def ask(self, type: RequestType, *content: bytes) -> list[bytes]:
+        self._requests.send_multipart([request_header(type), *content])
+        return self._requests.recv_multipart()
+
+    def hook(self, uid: int, **changes: Any) -> None:
+        hook = {'enabled': True, 'uid': uid, 'mode': 0, 'once': False, 'desired_status': 'SKIPPED', 'position': 0}
+        assert self.ask(RequestType.HOOK_INSERT, json.dumps(hook | changes).encode())[0] != b'error'
+
+    def held(self) -> None:
+        until(lambda: self.paused and self.paused[-1], 'the pause')
+
+
+@pytest.fixture
+def groot2() -> Iterator[Groot2]:
+    port = next(_PORTS)
+    with open_world(groot2_port=port) as world, zmq.Context() as context:
+        world.client.load_tree(BODY)
+        yield Groot2(context, port, world)
+        context.destroy(linger=0)
+
+
+def test_a_breakpoint_holds_a_run_up_until_it_is_unlocked(groot2: Groot2) -> None:
+    assert groot2.client.execute().wait().status is GoalStatus.SUCCEEDED
+    assert b'_uid="4"' in groot2.ask(RequestType.FULL_TREE)[1]
+    groot2.hook(3)
+    goal = groot2.client.execute(goals=[pose(1, 2)])
+    groot2.held()
+    statuses = groot2.ask(RequestType.STATUS)[1]
+    assert statuses[2::3] == bytes((1, 2, 0, 0))
+    boards = msgpack.unpackb(groot2.ask(RequestType.BLACKBOARD, b'Main')[1])
+    assert boards['Main']['x'] == 1
+    assert boards['Main']['goal']['__type'] == 'geometry_msgs/msg/PoseStamped'
+    assert boards['Main']['goal']['pose']['position']['y'] == 2.0
+    groot2.ask(
+        RequestType.BREAKPOINT_UNLOCK,
+        b'{"uid": 3, "position": 0, "desired_status": "FAILURE", "remove_when_done": true}',
+    )
+    assert goal.wait().status is GoalStatus.ABORTED
+    assert goal.result.code == Result.FAILURE
+    until(lambda: not groot2.paused[-1], 'the end of the pause')
+
+
+def test_a_cancel_lets_go_at_once_and_begins_nothing(groot2: Groot2) -> None:
+    groot2.client.execute().wait()
+    groot2.hook(2)
+    goal = groot2.client.execute()
+    groot2.held()
+    begun = time.monotonic()
+    goal.call.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    assert time.monotonic() - begun < 1.5
+    assert goal.result.code == Result.CANCELED
+    # The Script that follows the breakpoint was not run: no node after it has ever had a status.
+    assert groot2.ask(RequestType.STATUS)[1][2::3] == bytes((11, 0, 0, 0))
+    groot2.ask(RequestType.REMOVE_ALL_HOOKS)
+
+
+def test_silence_lets_go(groot2: Groot2) -> None:
+    groot2.client.execute().wait()
+    groot2.hook(1)
+    goal = groot2.client.execute()
+    groot2.held()
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    groot2.ask(RequestType.REMOVE_ALL_HOOKS)
+
+
+def test_the_server_ends_while_a_breakpoint_holds_a_tree_up(groot2: Groot2) -> None:
+    groot2.client.execute().wait()
+    groot2.hook(1)
+    groot2.client.execute()
+    groot2.held()
+    begun = time.monotonic()
+    groot2.server.close()
+    assert time.monotonic() - begun < 2.0
+
+
+def test_every_run_has_a_log_file(tmp_path: Path) -> None:
+    """All transitions are in it, the last ones too; the oldest files go, and what is not ours stays."""
+    directory = tmp_path / 'logs'
+    directory.mkdir()
+    (directory / 'mine.btlog').write_text('mine')
+    with open_world(btlog_directory=str(directory), btlog_keep=2) as world:
+        world.client.load_tree(BODY, 'Logged')
+        for _ in range(3):
+            assert world.client.execute('Logged').wait().status is GoalStatus.SUCCEEDED
+    (directory / 'mine.btlog').unlink()
+    files = sorted(directory.iterdir())
+    assert len(files) == 2
+    for file in files:
+        assert '_Logged_' in file.name
+        log = read_log(file)
+        assert log.left_over == 0
+        last = {entry.uid: entry for entry in log.transitions}
+        assert {entry.after.name for entry in last.values()} == {'IDLE'}
+        assert [entry.after.name for entry in log.transitions if entry.uid == 1] == ['RUNNING', 'SUCCESS', 'IDLE']
+        assert log.nodes[3] == ('stop here', 'AlwaysSuccess')
+        assert abs(log.epoch - time.time()) < 600.0
+
+
+def test_parameters_that_cannot_work_are_refused(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    for parameters, text in (
+        ({'btlog_directory': 'relative'}, 'absolute'),
+        ({'btlog_directory': str(tmp_path / 'file')}, 'exist'),
+        ({'groot2_port': next(_PORTS), 'groot2_address': 'nowhere.invalid'}, 'groot2_port'),
+    ):
+        with (
+            NodeRuntime.open('bt_server', parameters=parameters) as runtime,
+            pytest.raises(ServerParameterError, match=text),
+        ):
+            BtServer(runtime)
