@@ -316,3 +316,16 @@ def test_levels_of_sub_trees_are_told_where_they_differ() -> None:
     bench.set_autonomy(Autonomy.Low, '/M')
     bench.set_autonomy(Autonomy.Full, '/M/A/B')
     assert bench.run.autonomy_levels == {'/': 3, '/M': 1, '/M/A/B': 3}
+
+
+def test_a_state_that_takes_longer_than_its_period_is_left_all_the_same() -> None:
+    """It is due again as soon as it was executed; what it wants comes first."""
+
+    def take_long(state: Scripted, _: Any) -> str:
+        clock: Any = state._bound()._engine.clock
+        clock.set(clock.now() + 0.5)
+        return 'done'
+
+    slow = Stubborn(do={'execute': take_long}, rate=10.0)
+    bench = Bench(machine(Place('Slow', slow, {'done': 'ended'})))
+    assert (bench.outcome, slow.calls('execute')) == ('ended', 1)

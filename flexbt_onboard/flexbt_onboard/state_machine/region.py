@@ -42,6 +42,8 @@ class Region:
         """Whether the child is entered again when it is at rest."""
         self.is_approved = False
         """Whether the operator wants what the child wants."""
+        self._has_news = False
+        """Whether the child took a step, after which what it wants was not considered yet."""
         self._engine = engine
         self._rest = engine.new_rest_wait()
 
@@ -80,7 +82,10 @@ class Region:
             return self._enter_what_is_coming()
         if self.is_leaving:
             return self._pass_on(child)
-        if not self.is_approved and child.advance():
+        # What it wants is considered before it is executed again: one that takes long may be due again by now.
+        is_news, self._has_news = self._has_news and _wants(child), False
+        if not is_news and not self.is_approved and child.advance():
+            self._has_news = True
             return True
         return self._consider(child)
 
@@ -202,3 +207,7 @@ class Region:
             assert outcome is not None  # otherwise the child follows itself
             container.child_has_ended(child, outcome, ends)
         return True
+
+
+def _wants(child: Node) -> bool:
+    return child.outcome is not None or child.question is not None
