@@ -15,9 +15,10 @@ from flexbt_server.behavior_tree import (
     NodeStatus,
     StatefulAction,
     SyncAction,
+    ThreadedAction,
     input_port,
 )
-from flexbt_server.behavior_tree.port_types import STRING
+from flexbt_server.behavior_tree.port_types import DOUBLE, STRING
 from flexbt_server.leaves import TopicCondition
 
 
@@ -77,6 +78,26 @@ class TidiesUp(CoroutineAction):
             self.tidied.set()
 
 
+class Dozes(CoroutineAction):
+    """Waits by the clock of the tree."""
+
+    ports: ClassVar[dict[str, Any]] = {'seconds': input_port(DOUBLE)}
+
+    async def run(self) -> NodeStatus:
+        await self.sleep(self.get_input('seconds'))
+        return NodeStatus.SUCCESS
+
+
+class Naps(ThreadedAction):
+    """Waits by the clock of the tree, in a thread."""
+
+    ports: ClassVar[dict[str, Any]] = {'seconds': input_port(DOUBLE)}
+
+    def run(self) -> NodeStatus:
+        self.sleep(self.get_input('seconds'))
+        return NodeStatus.SUCCESS
+
+
 class Counts(SyncAction):
     """Adds one to an entry."""
 
@@ -100,6 +121,6 @@ class DoorOpen(TopicCondition):
 
 def register(registry: NodeRegistry) -> None:
     """The entry point."""
-    for node in (Blocks, Raises, Nonsense, NeverRests, TidiesUp, Counts, DoorOpen):
+    for node in (Blocks, Raises, Nonsense, NeverRests, TidiesUp, Dozes, Naps, Counts, DoorOpen):
         registry.register(node.__name__, node)
     bt_faulty_leaves.register(registry)
