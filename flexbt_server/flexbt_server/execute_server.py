@@ -35,7 +35,7 @@ from flexbt_server.robot_pose import RobotPose, distance_along
 from flexbt_server.run_watchers import RunWatcher, watched_by
 from flexbt_server.tree_run import RunOutcome, TreeRun
 from flexbt_server.tree_store import FoundTree, TreeStore
-from flexbt_server.tree_stream import TreeStream
+from flexbt_server.tree_stream import NoStream, TreeStream
 
 Result = BtExecute.Result
 
@@ -121,7 +121,7 @@ class ExecuteServer:
         self._services = services
         self._reader = reader
         self._watchers = watchers
-        self._stream = TreeStream(runtime)
+        self._stream = TreeStream(runtime) if parameters.publish_statuses else NoStream()
         self._pose = RobotPose(services.topics, parameters.pose_topic)
         self._slots: dict[tuple[TreeKey, str], _Slot] = {}
         self._goals: dict[bytes, _Goal] = {}

@@ -48,6 +48,7 @@ class ServerParameters:
     groot2_tree: str
     btlog_directory: Path | None
     btlog_keep: int
+    publish_statuses: bool
 
 
 def declare_parameters(node: Node) -> ServerParameters:
@@ -128,4 +129,7 @@ def declare_parameters(node: Node) -> ServerParameters:
         groot2_tree=str(declare('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one')),
         btlog_directory=btlog_directory,
         btlog_keep=integer('btlog_keep', 100, 1, 1_000_000, 'newest log files that are kept in that directory'),
+        publish_statuses=bool(
+            declare('publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published')
+        ),
     )

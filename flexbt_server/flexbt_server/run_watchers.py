@@ -51,7 +51,7 @@ class _Observers:
         tree.observe(self._watches[0].changed if len(self._watches) == 1 else self._changed)
 
     @property
-    def log(self) -> Log:
+    def log(self) -> Log | None:
         return self._stream.log
 
     def _changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:

@@ -57,8 +57,8 @@ class TreeObserver(Protocol):
         """The nodes exist; the first tick is next."""
 
     @property
-    def log(self) -> Log:
-        """Where the tree is to log changes of statuses."""
+    def log(self) -> Log | None:
+        """Where the tree is to log changes of statuses, if anywhere."""
 
     def ticked(self) -> None:
         """A round of a tick is over."""

@@ -103,6 +103,28 @@ class TreeStream:
         )
 
 
+class NoStream:
+    """Publishes nothing."""
+
+    def open(self, run_id: str, blackboard: str) -> Unwatched:
+        """As that of a TreeStream."""
+        return Unwatched()
+
+
+class Unwatched:
+    """Observes nothing of a run."""
+
+    log = None
+
+    def started(self, tree: Tree) -> None: ...
+
+    def ticked(self) -> None: ...
+
+    def paused(self, is_paused: bool) -> None: ...
+
+    def ended(self) -> None: ...
+
+
 class RunStream:
     """Observes one run (:class:`flexbt_server.tree_run.TreeObserver`)."""
 

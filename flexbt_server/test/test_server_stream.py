@@ -17,9 +17,10 @@ from bt_user_nodes import make, random_body, run_some
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
-from server_world import until
+from server_world import open_world, until
 
 from flexbt_common import names
+from flexbt_common.action_call import GoalStatus
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
 from flexbt_server.behavior_tree import (
@@ -266,6 +267,20 @@ def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
     assert len(changes) / took > 100_000
     assert max(waiting) <= MAX_MARKS + 310
     check_whole(subscriber.of('run'), changes, len(watched.tree.nodes))
+
+
+def test_a_server_that_is_not_to_publish_watches_nothing() -> None:
+    with open_world(publish_statuses=False) as world:
+        world.navigation.hold.add(names.SPIN)
+        world.client.load_tree('<Sequence><AlwaysSuccess/><Spin/></Sequence>')
+        goal = world.client.execute()
+        until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running tree')
+        (run,) = (slot.run for slot in world.server.execute._slots.values())
+        assert run.tree is not None
+        assert [type(node).__dict__.get('status') for node in run.tree.nodes] == [None] * len(run.tree.nodes)
+        assert world.client.runtime.node.count_publishers(names.TREE_STATUS) == 0
+        world.navigation.actions[names.SPIN].end(0)
+        assert goal.wait().status is GoalStatus.SUCCEEDED
 
 
 def test_marks_can_be_sent_while_another_thread_ticks_the_tree(server: NodeRuntime, monitor: NodeRuntime) -> None:
