@@ -8,6 +8,7 @@ behavior does.
 
 from __future__ import annotations
 
+import functools
 import uuid
 from collections.abc import Callable
 from typing import Final
@@ -16,15 +17,17 @@ from flexbt_common.action_call import ActionLinks
 from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.service_call import ServiceLinks
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_msgs.msg import BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.authority import Authority
 from flexbt_onboard.behavior_action import BehaviorActionServer
 from flexbt_onboard.behavior_library import BehaviorLibrary
 from flexbt_onboard.behavior_run import BehaviorRun
 from flexbt_onboard.command_answers import CommandAnswer
 from flexbt_onboard.command_table import CommandTable
+from flexbt_onboard.diagnostics import Diagnostics
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.executive_commands import CommandHandlers, command_fields
+from flexbt_onboard.executive_news import ExecutiveNews
 from flexbt_onboard.executive_parameters import ExecutiveParameters
 from flexbt_onboard.executive_status import status_of
 from flexbt_onboard.operator_link import OperatorLink, sendable
@@ -36,7 +39,6 @@ from flexbt_onboard.robot_pose import RobotPose
 from flexbt_onboard.run_building import RunRequest
 from flexbt_onboard.run_journal import InterruptedRun, RunJournal
 from flexbt_onboard.run_news import RunNews
-from flexbt_onboard.run_view import waiting_fields
 from flexbt_onboard.state_machine import ERROR, PREEMPTED, ROOT_PATH, Answer
 from flexbt_onboard.state_services import StateServices
 from flexbt_onboard.status_publisher import StatusPublisher
@@ -69,7 +71,7 @@ class Executive:
         self.start_answer: Answer = _nobody  # who waits for the start of the run
         self._ended: Ended = _nobody  # who waits for its end
         self._open_commands: dict[str, ExecutiveCommand] = {}
-        self._questions_noted: set[str] = set()
+        self._news = ExecutiveNews(self)
         self._is_closing = False
         self.command_table = CommandTable()
         self._handlers = CommandHandlers(self)
@@ -78,16 +80,20 @@ class Executive:
         self.record = Record(
             record_file(parameters.record_directory, node_name),
             runtime.clock,
-            self._on_record_problem,
+            functools.partial(self._news.problem, 'record', ExecutiveLog.WARN),
             parameters.record_size,
             parameters.record_files,
         )
         self.record.note('executive', state='started', executive=self.executive_id)
-        self.journal = RunJournal(parameters.journal_directory, node_name, self._on_journal_problem)
+        self.journal = RunJournal(
+            parameters.journal_directory,
+            node_name,
+            functools.partial(self._news.problem, 'journal', ExecutiveLog.ERROR),
+        )
         self.command_table.restore(self.journal.results)
-        self.authority = Authority(runtime, parameters.authority_timeout, self._on_authority)
-        self._operators = OperatorWatch(runtime, self._on_operators)
-        self.questions = OperatorQuestions(runtime, self._on_questions)
+        self.authority = Authority(runtime, parameters.authority_timeout, self._news.authority)
+        self._operators = OperatorWatch(runtime, self._news.operators)
+        self.questions = OperatorQuestions(runtime, self._news.questions)
         self.pose = RobotPose(runtime, parameters.pose_topic)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         self._services = StateServices(
@@ -99,9 +105,10 @@ class Executive:
         )
         self._actions = BehaviorActionServer(self)
         self._token = LivelinessToken(runtime)
-        self.peers = PeersWatch(runtime, parameters.peers, self._on_peer)
-        runtime.on_fault(self._on_fault)
-        self._announce()
+        self.peers = PeersWatch(runtime, parameters.peers, self._news.peer)
+        self._diagnostics = Diagnostics(runtime, lambda: status_of(self), self._news.problems)
+        runtime.on_fault(self._news.fault)
+        self._news.announce()
 
     @property
     def level(self) -> int:
@@ -216,22 +223,6 @@ class Executive:
         self.questions.close()
         self._status.flush()
 
-    def _announce(self) -> None:
-        entries = self.library.entries.values()
-        self.link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
-        for entry in entries:
-            if entry.error:
-                self.link.log(ExecutiveLog.WARN, f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}')
-        interrupted = self.interrupted
-        if interrupted is not None:
-            self.link.log(
-                ExecutiveLog.WARN,
-                f'behavior {interrupted.behavior!r} was interrupted by the end of the executive in '
-                f'{", ".join(interrupted.active) or "its beginning"}; an operator has to resume or abort it',
-                run_id=interrupted.run_id,
-            )
-        self.changed()
-
     def _on_command(self, command: ExecutiveCommand) -> None:
         if not command.id:
             self.link.log(ExecutiveLog.WARN, f'a command of {command.operator_id!r} has no id; it was ignored')
@@ -277,45 +268,6 @@ class Executive:
         self.journal.sync()  # nobody is told what a crash could undo
         self.link.publish_status(status)
         self._actions.refresh()
-
-    def _on_authority(self, text: str) -> None:
-        self.link.log(ExecutiveLog.INFO, text)
-        self.record.note('authority', holder=self.authority.holder, requests=self.authority.requests[:], text=text)
-        self.changed()
-
-    def _on_questions(self) -> None:
-        pending = {decision.id: decision for decision in self.questions.decisions()}
-        for decision_id in pending.keys() - self._questions_noted:
-            self.record.note('waiting', run=self.shown_run_id, **waiting_fields(pending[decision_id]))
-        for decision_id in self._questions_noted - pending.keys():
-            self.record.note('decided', run=self.shown_run_id, decision=decision_id)
-        self._questions_noted = set(pending)
-        self.changed()
-
-    def _on_operators(self, text: str, is_warning: bool) -> None:
-        self.link.log(ExecutiveLog.WARN if is_warning else ExecutiveLog.INFO, text)
-        self.record.note('operator', text=text)
-
-    def _on_record_problem(self, text: str) -> None:
-        severity = ExecutiveLog.WARN if text else ExecutiveLog.INFO
-        self.runtime.post(lambda: self.link.log(severity, text or 'the record is written again'))
-
-    def _on_journal_problem(self, text: str) -> None:
-        severity = ExecutiveLog.ERROR if text else ExecutiveLog.INFO
-        self.runtime.post(lambda: self.link.log(severity, text or 'the journal is written again'))
-
-    def _on_peer(self, name: str, alive: bool, seen_before: bool) -> None:
-        run_id = self.run.run_id if self.run is not None else ''
-        if alive:
-            self.link.log(
-                ExecutiveLog.INFO, f'{name} is alive {"again" if seen_before else ""}'.rstrip(), run_id=run_id
-            )
-        else:
-            self.link.log(ExecutiveLog.ERROR, f'{name} is not alive any more', run_id=run_id)
-        self.changed()
-
-    def _on_fault(self, error: BaseException) -> None:
-        self.link.log(ExecutiveLog.ERROR, f'fault in the executive, which goes on: {type(error).__name__}: {error}')
 
 
 def open_executive(

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executive on ``/diagnostics``, for tools that watch over whole robots: once a second, while somebody listens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveStatus
+
+TOPIC: Final = '/diagnostics'
+PERIOD: Final = 1.0
+
+_STATES: Final = {
+    ExecutiveStatus.IDLE: 'idle',
+    ExecutiveStatus.STARTING: 'starting',
+    ExecutiveStatus.RUNNING: 'running',
+    ExecutiveStatus.PAUSED: 'paused',
+    ExecutiveStatus.STOPPING: 'stopping',
+    ExecutiveStatus.INTERRUPTED: 'interrupted',
+}
+
+
+class Diagnostics:
+    """Publishes three entries: the behavior, the nodes that it depends on, and what is written to the disk.
+
+    ``status`` gives the present status of the executive, ``problems`` what is wrong with record and journal.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, status: Callable[[], ExecutiveStatus], problems: Mapping[str, str]
+    ) -> None:
+        self._runtime = runtime
+        self._status = status
+        self._problems = problems
+        self._publisher = runtime.node.create_publisher(DiagnosticArray, TOPIC, 10)
+        self._timer = runtime.node.create_timer(PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _publish(self) -> None:
+        if self._publisher.get_subscription_count() == 0:
+            return
+        status = self._status()
+        array = DiagnosticArray(status=[self._behavior(status), self._peers(status), self._storage()])
+        array.header.stamp = self._runtime.clock.stamp()
+        self._publisher.publish(array)
+
+    def _behavior(self, status: ExecutiveStatus) -> DiagnosticStatus:
+        state = _STATES.get(status.state, 'unknown')
+        what = f'{status.behavior} ended: {status.outcome}' if status.outcome else status.behavior
+        level, message = DiagnosticStatus.OK, ' '.join(filter(None, [state, what]))
+        if status.state == ExecutiveStatus.IDLE and status.outcome == 'error':
+            level, message = DiagnosticStatus.ERROR, f'{message}: {status.message}'
+        elif status.state == ExecutiveStatus.INTERRUPTED:
+            level = DiagnosticStatus.WARN
+        elif status.decisions:
+            level = DiagnosticStatus.WARN
+            message += f'; waits for the operator: {", ".join(one.path for one in status.decisions)}'
+        values = {
+            'run': status.run_id,
+            'active states': ', '.join(one.path for one in status.active_states),
+            'decisions': str(len(status.decisions)),
+            'autonomy': str(status.autonomy),
+            'authority': status.authority,
+        }
+        return self._entry('behavior', level, message, values)
+
+    def _peers(self, status: ExecutiveStatus) -> DiagnosticStatus:
+        gone = [one.name for one in status.peers if not one.alive]
+        level = DiagnosticStatus.ERROR if gone else DiagnosticStatus.OK
+        message = f'not alive: {", ".join(gone)}' if gone else 'all alive'
+        return self._entry(
+            'nodes', level, message, {one.name: 'alive' if one.alive else 'not alive' for one in status.peers}
+        )
+
+    def _storage(self) -> DiagnosticStatus:
+        wrong = {name: text for name, text in self._problems.items() if text}
+        level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
+        return self._entry('record and journal', level, '; '.join(wrong.values()) or 'written', wrong)
+
+    def _entry(self, name: str, level: bytes, message: str, values: Mapping[str, str]) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=level,
+            name=f'{self._runtime.node.get_fully_qualified_name()}: {name}',
+            message=message,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
