@@ -29,9 +29,9 @@ from flexbt_server.behavior_tree import (
     port_types,
 )
 from flexbt_server.behavior_tree.ports import FORBIDDEN_IN_NAMES, NO_DEFAULT, RESERVED_ATTRIBUTES
-from flexbt_server.desk.model import model_lines
 from flexbt_server.desk.schema import schema_lines
 from flexbt_server.desk.stand_ins import add_models
+from flexbt_server.groot2.tree_document import models_document
 from flexbt_server.node_types import node_registry
 
 Signature = dict[str, tuple[PortDirection, str | None, str | None]]
@@ -95,7 +95,7 @@ def test_any_ports_go_into_a_model_and_back(
 
     written, read = NodeRegistry(), NodeRegistry()
     written.register(id, Made)
-    model = '\n'.join(model_lines(written))
+    model = '\n'.join(models_document(written))
     assert add_models(read, 'model.xml', model) == []
     assert signatures(read) == signatures(written)
     described = {port.get('name'): port.text or '' for port in ElementTree.fromstring(model)[0][0] if port.get('name')}  # noqa: S314

@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 from flexbt_common.escaping import lines
 from flexbt_common.streams import abandon_stdout, make_streams_safe
-from flexbt_server.desk import check, draw, model, run, show
+from flexbt_server.desk import check, draw, log, model, run, show
 from flexbt_server.desk.errors import DeskError, ExitCode
 
 EXIT_CODES: Final = (
@@ -29,6 +29,7 @@ COMMANDS: Final = (
     ('draw', draw, 'draw the trees of a file'),
     ('model', model, 'describe the node types that are known here, for editors'),
     ('run', run, 'run a tree with mocks, and print what happens'),
+    ('log', log, 'print a log file (.btlog) of a run'),
 )
 
 

@@ -4,46 +4,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
-from xml.sax.saxutils import escape, quoteattr
 
-from flexbt_server.behavior_tree import NodeKind, NodeManifest, Port, builtin_registry
-from flexbt_server.behavior_tree.ports import NO_DEFAULT
+from flexbt_server.behavior_tree import NodeKind, builtin_registry
 from flexbt_server.desk import arguments
 from flexbt_server.desk.errors import ExitCode
 from flexbt_server.desk.schema import schema_lines
-
-
-def model_lines(manifests: Iterable[NodeManifest]) -> Iterator[str]:
-    """A document with a TreeNodesModel, as Groot2 imports it."""
-    yield '<?xml version="1.0" encoding="UTF-8"?>'
-    yield '<root BTCPP_format="4">'
-    yield '  <TreeNodesModel>'
-    for manifest in manifests:
-        yield from _model(manifest)
-    yield '  </TreeNodesModel>'
-    yield '</root>'
-
-
-def _model(manifest: NodeManifest) -> Iterator[str]:
-    head = f'{manifest.kind.value} ID={quoteattr(manifest.id)}'
-    inner = [_port(name, port) for name, port in manifest.ports.items()]
-    if manifest.description:
-        text = quoteattr(' '.join(manifest.description.split()))
-        inner += ['<MetadataFields>', f'  <Metadata description={text}/>', '</MetadataFields>']
-    if not inner:
-        yield f'    <{head}/>'
-        return
-    yield f'    <{head}>'
-    yield from (f'      {line}' for line in inner)
-    yield f'    </{manifest.kind.value}>'
-
-
-def _port(name: str, port: Port) -> str:
-    tag = f'{port.direction.value}_port'
-    kind = '' if port.type is None else f' type={quoteattr(port.type.name)}'
-    default = '' if port.default is NO_DEFAULT else f' default={quoteattr(str(port.default))}'
-    return f'<{tag} name={quoteattr(name)}{kind}{default}>{escape(port.description)}</{tag}>'
+from flexbt_server.groot2.tree_document import models_document
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +31,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         lines = schema_lines(manifests)
     else:
         known = builtin_registry()
-        lines = model_lines(manifest for manifest in manifests if options.builtin or manifest.id not in known)
+        lines = models_document(manifest for manifest in manifests if options.builtin or manifest.id not in known)
     for line in lines:
         print(line)
     return ExitCode.OK

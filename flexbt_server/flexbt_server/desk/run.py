@@ -8,6 +8,7 @@ import json
 import math
 import sys
 from enum import Enum
+from pathlib import Path
 from typing import Any, Final
 
 from flexbt_common.escaping import one_line
@@ -19,6 +20,7 @@ from flexbt_server.desk.files import read_library
 from flexbt_server.desk.mock_plan import read_plan
 from flexbt_server.desk.outline import find_tree
 from flexbt_server.desk.trial import DEFAULT_RATE, Trial
+from flexbt_server.groot2.log_file import SUFFIX
 
 _DEFAULT_TIMEOUT: Final = 600.0
 _VALUE_WIDTH: Final = 200
@@ -55,6 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='end of the run, on the clock of the tree (default: 600)',
     )
     parser.add_argument('--real-time', action='store_true', help='wait, instead of jumping from event to event')
+    parser.add_argument(
+        '--btlog', metavar='FILE', type=_log_file, help='write a log file, which Groot2 and bt_tool log open'
+    )
     parser.add_argument('--quiet', action='store_true', help='only the result')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
@@ -70,6 +75,13 @@ def _positive(text: str) -> float:
     return value
 
 
+def _log_file(text: str) -> Path:
+    path = Path(text)
+    if path.suffix != SUFFIX:
+        raise argparse.ArgumentTypeError(f'{text!r} does not end with {SUFFIX}, and Groot2 opens no other files')
+    return path
+
+
 def run(options: argparse.Namespace) -> ExitCode:
     plan = read_plan(options.mock, options.set)
     library = read_library(options.files, arguments.registry(options, allow_unknown=True))
@@ -83,13 +95,16 @@ def run(options: argparse.Namespace) -> ExitCode:
         read_inputs=options.read_inputs,
         blackboard=BlackboardFile(options.blackboard),
         on_transition=None if options.quiet else printer.transition,
+        log=options.btlog,
     )
-    result, reason, reasons = _outcome(trial, options.timeout)
-    printer.result(_report(trial, result, reason, reasons))
-    if options.save_blackboard is not None:
-        for problem in save_blackboard(trial.tree.blackboard, options.save_blackboard):
-            print(one_line(f'not saved: {problem}'), file=sys.stderr)
-    trial.close()
+    try:
+        result, reason, reasons = _outcome(trial, options.timeout)
+        printer.result(_report(trial, result, reason, reasons))
+        if options.save_blackboard is not None:
+            for problem in save_blackboard(trial.tree.blackboard, options.save_blackboard):
+                print(one_line(f'not saved: {problem}'), file=sys.stderr)
+    finally:
+        trial.close()
     return _EXIT_CODES.get(result, ExitCode.NEGATIVE)
 
 

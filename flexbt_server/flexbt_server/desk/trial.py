@@ -6,8 +6,10 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
+import time
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, Final, NoReturn
 
 from flexbt_common.clock import Clock, ManualClock, SteadyClock
 from flexbt_server.behavior_tree import (
@@ -26,6 +28,7 @@ from flexbt_server.desk.blackboard_file import BlackboardFile
 from flexbt_server.desk.errors import RefusedError, UsageError
 from flexbt_server.desk.mock_plan import MockPlan
 from flexbt_server.desk.mocks import Mocking, written
+from flexbt_server.groot2.log_file import LogWriter
 
 DEFAULT_RATE: Final = 10.0
 NO_ENTRIES: Final = BlackboardFile()
@@ -45,9 +48,10 @@ class Trial:
         read_inputs: bool = False,
         blackboard: BlackboardFile = NO_ENTRIES,
         on_transition: Callable[[float, TreeNode, NodeStatus, NodeStatus], None] | None = None,
+        log: Path | None = None,
     ) -> None:
         """``rate`` is the least rate of ticks, Hz. ``on_transition(time, node, before, after)`` hears of every change
-        of a status; the time is that since the beginning, s.
+        of a status; the time is that since the beginning, s. ``log`` is a file for them, as Groot2 opens it.
 
         Raises RefusedError when the tree cannot be made, or the plan does not fit it.
         """
@@ -78,8 +82,16 @@ class Trial:
             raise RefusedError(errors)
         blackboard.fill(board)
         _fill(board, plan.blackboard)
-        if on_transition is not None:
-            self.tree.observe(lambda node, before, after: on_transition(self.time, node, before, after))
+        self._on_transition = on_transition
+        self._log = None if log is None else LogWriter(log, self.tree, self._clock, time.time(), on_error=_cannot_write)
+        if on_transition is not None or log is not None:
+            self.tree.observe(self._changed)
+
+    def _changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        if self._log is not None:
+            self._log.changed(node, before, after)
+        if self._on_transition is not None:
+            self._on_transition(self.time, node, before, after)
 
     @property
     def time(self) -> float:
@@ -112,10 +124,16 @@ class Trial:
             self._bell.clear()
 
     def close(self) -> None:
-        """Halts what runs."""
-        self.tree.observe(None)
+        """Halts what runs. Raises UsageError when the log cannot be written."""
+        self._on_transition = None
         with contextlib.suppress(NodeExecutionError):
             self.tree.halt()
+        if self._log is not None:
+            self._log.flush()
+
+
+def _cannot_write(reason: str) -> NoReturn:
+    raise UsageError(reason)
 
 
 def _fill(board: Blackboard, values: Mapping[str, Any]) -> None:
