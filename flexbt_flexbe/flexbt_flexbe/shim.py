@@ -25,6 +25,7 @@ DIRECTORY: Final = Path(__file__).resolve().parent / 'compat'
 """Where the packages are."""
 
 PACKAGES: Final = ('flexbe_core', 'flexbe_states')
+"""FlexBE's own. Beside them is ``flex_bt_flexbe_states``, which yields to an installed package of that name."""
 
 
 def install(*, replace: bool = False) -> None:

@@ -191,6 +191,48 @@ class GreetSM(Behavior):
         return _state_machine
 '''
 
+TREES = """
+from flexbe_core import Autonomy, Behavior, OperatableStateMachine
+from flex_bt_flexbe_states.bt_execute_goal_state import BtExecuteGoalState
+from flex_bt_flexbe_states.bt_execute_state import BtExecuteState
+from flex_bt_flexbe_states.bt_get_data_state import BtGetDataState
+from flex_bt_flexbe_states.bt_loader_state import BtLoaderState
+from flex_bt_flexbe_states.bt_set_data_state import BtSetDataState
+
+
+class TreesSM(Behavior):
+
+    def __init__(self, node):
+        super().__init__()
+        self.name = 'Trees'
+        for state in (BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, BtSetDataState):
+            state.initialize_ros(node)
+
+    def create(self):
+        steps = [
+            ('Load', BtLoaderState(bt_topic="bt_loader", filepaths=["{package}/config/plan.xml"], timeout=5.0), {}),
+            ('Set', BtSetDataState(bt_topic="bt_set_data", goal_id="limit", goal_msg_type="double"),
+             {'goal': 'limit'}),
+            ('Plan', BtExecuteGoalState(bt_topic="bt_executor", bt_file="{package}/config/plan.xml", goal_id="goal",
+                                        goal_msg_type="PoseStamped", request_id="path", request_msg_pkg="nav_msgs",
+                                        request_msg_type="Path"), {'goal': 'goal', 'data': 'path'}),
+            ('Get', BtGetDataState(bt_topic="bt_get_data", request_id="path", request_msg_pkg="nav_msgs",
+                                   request_msg_type="Path"), {'data': 'path'}),
+            ('Follow', BtExecuteState(bt_topic="bt_executor", bt_file="{package}/config/plan.xml"), {}),
+        ]
+        _state_machine = OperatableStateMachine(outcomes=['finished', 'failed', 'canceled'])
+        _state_machine.userdata.limit = 0.5
+        _state_machine.userdata.goal = None
+        with _state_machine:
+            for (label, state, remapping), following in zip(steps, [*(step[0] for step in steps[1:]), 'finished']):
+                ways = {'done': following, 'failed': 'failed', 'canceled': 'canceled'}
+                OperatableStateMachine.add(label, state,
+                                           transitions={name: ways[name] for name in state.outcomes},
+                                           autonomy={name: Autonomy.Off for name in state.outcomes},
+                                           remapping=remapping)
+        return _state_machine
+"""
+
 MANIFEST = """<?xml version="1.0" encoding="UTF-8"?>
 
 <behavior name="{name}">

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from flexbe_packages import GREET, PARAMS, PATROL, manifest, write_package
+from flexbe_packages import GREET, PARAMS, PATROL, TREES, manifest, write_package
 
 from flexbt_flexbe import discovery, shim
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
@@ -220,3 +220,18 @@ def test_a_behavior_can_be_built_without_a_run_by_tools_that_look_at_its_machine
     assert {'/Hello/Say', '/Both/Wait', '/Goodbye/Say'} <= set(paths)
     with pytest.raises(OnboardError, match='only where a behavior is built or run'):
         behavior.create()
+
+
+def test_behaviors_with_the_states_of_the_paper_s_package_get_ours(package: Installed) -> None:
+    sources = {'trees_sm.py': TREES.replace('{package}', package.name)}
+    manifests = {'trees.xml': manifest(package.name, 'Trees', 'trees_sm', 'TreesSM')}
+    write_package(package.prefix, package.name, manifests=manifests, sources=sources)
+    (package.prefix / 'share' / package.name / 'config' / 'plan.xml').write_text('<root BTCPP_format="4"/>')
+    with building():
+        machine = define(package.entries()['Trees'].instantiate().create())
+    uses = {child.label: child.state.bt_use for child in machine.children.values()}  # type: ignore[union-attr]
+    assert uses['Load'].files == (f'{package.name}/config/plan.xml',)
+    assert uses['Set'].writes == {'limit': 'float64'}
+    assert uses['Plan'].writes == {'goal': 'geometry_msgs/msg/PoseStamped'}
+    assert uses['Plan'].reads == uses['Get'].reads == {'path': 'nav_msgs/msg/Path'}
+    assert uses['Follow'].tree == f'{package.name}/config/plan.xml'

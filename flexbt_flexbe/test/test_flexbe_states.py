@@ -32,6 +32,7 @@ from flexbt_flexbe.states import (
     UserDataState,
     WaitState,
 )
+from flexbt_flexbe.states.bt_states import full_type
 from flexbt_msgs.action import OperatorInput
 from flexbt_onboard.state_machine import EventState, Severity
 from flexbt_states.errors import StateParameterError
@@ -358,3 +359,20 @@ def test_each_state_tells_what_it_declares() -> None:
     for name in states.__all__:
         text = getattr(states, name).__doc__
         assert text and '<= ' in text, name
+
+
+@pytest.mark.parametrize(
+    ('short', 'full'),
+    [
+        ('PoseStamped', 'geometry_msgs/msg/PoseStamped'),
+        ('pose_stamped', 'geometry_msgs/msg/PoseStamped'),
+        ('posestamped[]', 'geometry_msgs/msg/PoseStamped[]'),
+        ('Path', 'nav_msgs/msg/Path'),
+        ('char', 'string'),
+        ('double[]', 'double[]'),
+        ('std_msgs/msg/Int64', 'std_msgs/msg/Int64'),
+        ('', ''),
+    ],
+)
+def test_short_names_of_types_are_those_of_the_states_for_trees(short: str, full: str) -> None:
+    assert full_type(short) == full
