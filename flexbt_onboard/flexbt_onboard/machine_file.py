@@ -57,7 +57,7 @@ _CONTAINERS: Final[dict[str, type[OperatableStateMachine]]] = {
 }
 _KEYS: Final = ('outcomes', 'input_keys', 'output_keys', 'io_keys')
 _LEVELS: Final = {'off': Autonomy.Off, 'low': Autonomy.Low, 'high': Autonomy.High, 'full': Autonomy.Full}
-_DEEPEST: Final = 50
+_DEEPEST: Final = 100
 
 
 class MachineFileError(BehaviorError):
@@ -99,17 +99,13 @@ class _Reader:
 
     def _machine_of(self, text: str) -> OperatableStateMachine | None:
         try:
-            if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
-                self._problems.append(f'{self._source}: aliases (*name) are not supported; write it out')
+            if not self._is_plain(text):
                 return None
             root = yaml.compose(text, Loader=yaml.SafeLoader)
         except yaml.YAMLError as error:
             mark = getattr(error, 'problem_mark', None)
             line = mark.line + 1 if mark is not None else 1
             self._problems.append(f'{self._source}:{line}: no YAML: {getattr(error, "problem", None) or error}')
-            return None
-        except RecursionError:
-            self._problems.append(f'{self._source}: nested too deeply')
             return None
         if root is None:
             self._problems.append(f'{self._source}:1: the text is empty')
@@ -122,14 +118,26 @@ class _Reader:
             return None
         return self._container(kinds[0], entries[kinds[0]], '/', root)
 
+    def _is_plain(self, text: str) -> bool:
+        """Whether a text can be read with little effort; it may look small and be very large, or very deep."""
+        depth = 0
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            problem = ''
+            if isinstance(event, yaml.AliasEvent):
+                problem = f'aliases (*{event.anchor}) are not supported; write it out'
+            elif depth > _DEEPEST:
+                problem = f'nested more than {_DEEPEST} levels deep'
+            if problem:
+                self._problems.append(f'{self._source}:{_line(event)}: {problem}')
+                return False
+        return True
+
     # -- the parts of a machine --------------------------------------------------------------------------------------
 
     def _container(self, kind: str, node: yaml.Node, path: str, at: yaml.Node) -> OperatableStateMachine | None:
-        self._lines[path] = at.start_mark.line + 1
+        self._lines[path] = _line(at)
         what = f'{path} ({kind})'
-        if path.count('/') > _DEEPEST:
-            self._problem(node, f'{what} is nested too deeply')
-            return None
         entries = self._mapping(node, what)
         known = [*_KEYS, 'userdata', 'states', *(['conditions'] if kind == 'concurrency' else [])]
         self._refuse_others(entries, known, what)
@@ -150,7 +158,7 @@ class _Reader:
         return _CONTAINERS[kind](children=children, **options)
 
     def _child(self, label: str, node: yaml.Node, path: str) -> Child | None:
-        self._lines[path] = node.start_mark.line + 1
+        self._lines[path] = _line(node)
         entries = self._mapping(node, path)
         kinds = [kind for kind in ('state', *_CONTAINERS) if kind in entries]
         known = [*kinds[:1], 'transitions', 'autonomy', 'remapping', *(['parameters'] if kinds == ['state'] else [])]
@@ -256,13 +264,18 @@ class _Reader:
                 self._problem(value, f"{what} cannot have '{name}'{hint(name, list(known))}")
 
     def _problem(self, node: yaml.Node, text: str) -> None:
-        self._problems.append(f'{self._source}:{node.start_mark.line + 1}: {text}')
+        self._problems.append(f'{self._source}:{_line(node)}: {text}')
 
     def _raise_problems(self) -> None:
         if self._problems:
             raise MachineFileError(self._problems)
 
 
+def _line(place: yaml.Node | yaml.Event) -> int:
+    return place.start_mark.line + 1 if place.start_mark is not None else 1
+
+
 def _shown(node: yaml.Node) -> str:
-    kinds = {yaml.MappingNode: 'a mapping', yaml.SequenceNode: 'a list'}
-    return kinds.get(type(node)) or f"'{node.value}'"
+    if isinstance(node, yaml.MappingNode):
+        return 'a mapping'
+    return 'a list' if isinstance(node, yaml.SequenceNode) else f"'{node.value}'"

@@ -303,8 +303,12 @@ class Model:
             return True
         if seat.phase == 'left':
             return self._pass_on(seat)
-        if not seat.is_approved and (self._execute(seat) if seat.is_state else self._step_inside(seat)):
+        if seat.wish is None and (self._execute(seat) if seat.is_state else self._step_inside(seat)):
             return True
+        if seat.wish is not None and seat.occupant.runs_on and not seat.is_approved:
+            if self._consider(seat):
+                return True
+            self._execute(seat)
         return self._consider(seat)
 
     def _execute(self, seat: Seat) -> bool:

@@ -306,7 +306,7 @@ class RandomRun(RuleBasedStateMachine):
 
 TestRandomRuns = RandomRun.TestCase
 TestRandomRuns.settings = settings(
-    max_examples=int(os.environ.get('HFSM_EXAMPLES', '70')),
+    max_examples=int(os.environ.get('HFSM_EXAMPLES', '50')),
     stateful_step_count=60,
     deadline=None,
     suppress_health_check=list(HealthCheck),

@@ -7,6 +7,7 @@ clock. What a user needs is exported here.
 
 from .autonomy import Autonomy
 from .command_queue import Answer
+from .data_flow import Read, unsure_reads
 from .decision import Decision, DecisionKind
 from .definition import (
     ERROR,
@@ -46,6 +47,7 @@ __all__ = [
     'OperatableStateMachine',
     'Position',
     'PriorityContainer',
+    'Read',
     'RunObserver',
     'Severity',
     'StateDefinition',
@@ -60,6 +62,7 @@ __all__ = [
     'called_state',
     'define',
     'innermost',
+    'unsure_reads',
     'with_retry',
     'with_timeout',
 ]

@@ -27,6 +27,7 @@ class ContainerRun:
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.question: tuple[str, str | None] | None = None  # a machine asks nothing
+        self.goes_on = False  # and is frozen when it wants an outcome
         self.is_active = False
         self.ending: str | None = None
         """Outcome by which it ends as soon as everything in it is at rest."""
@@ -105,6 +106,10 @@ class ContainerRun:
         self.exit_reason = ExitReason.OUTCOME
         self.is_active = True
         self.ended.clear()
+        self.claim()
+
+    def claim(self) -> None:
+        """Have priority, if it is the kind that does."""
         if self.definition.kind is StateKind.PRIORITY:
             self._engine.claim(self.path)
 

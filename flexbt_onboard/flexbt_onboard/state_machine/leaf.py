@@ -204,8 +204,11 @@ class LeafRun:
     @property
     def _is_running(self) -> bool:
         """Whether it is executed, and not frozen until the operator has decided."""
-        if self.outcome is None:
-            return self.question is None
+        return self.question is None and (self.outcome is None or self.goes_on)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it is executed although it wants an outcome."""
         return self.state.runs_while_blocked and self.exit_reason is ExitReason.OUTCOME and self.is_entered
 
     def _begin(self) -> None:

@@ -13,6 +13,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, ClassVar, TypeVar
 
 from .autonomy import UNDECLARED
+from .data_flow import problems_of_reads
 from .definition import (
     ROOT_PATH,
     Condition,
@@ -175,7 +176,11 @@ def define(machine: OperatableStateMachine) -> MachineDefinition:
     problems = list(problems_of(machine))
     if problems:
         raise MachineError(problems)
-    return _define(machine, ROOT_PATH, '', {}, {})
+    definition = _define(machine, ROOT_PATH, '', {}, {})
+    problems = list(problems_of_reads(definition))
+    if problems:
+        raise MachineError(problems)
+    return definition
 
 
 def _define(

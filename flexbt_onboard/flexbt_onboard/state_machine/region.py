@@ -42,8 +42,6 @@ class Region:
         """Whether the child is entered again when it is at rest."""
         self.is_approved = False
         """Whether the operator wants what the child wants."""
-        self._has_news = False
-        """Whether the child took a step, after which what it wants was not considered yet."""
         self._engine = engine
         self._rest = engine.new_rest_wait()
 
@@ -82,11 +80,14 @@ class Region:
             return self._enter_what_is_coming()
         if self.is_leaving:
             return self._pass_on(child)
-        # What it wants is considered before it is executed again: one that takes long may be due again by now.
-        is_news, self._has_news = self._has_news and _wants(child), False
-        if not is_news and not self.is_approved and child.advance():
-            self._has_news = True
-            return True
+        if child.outcome is None:
+            if child.advance():
+                return True
+        elif child.goes_on and not self.is_approved:
+            # What it wants already comes first: a state that takes long may be due again all the time.
+            if self._consider(child):
+                return True
+            child.advance()
         return self._consider(child)
 
     # -- what the operator wants -------------------------------------------------------------------------------------
@@ -207,7 +208,3 @@ class Region:
             assert outcome is not None  # otherwise the child follows itself
             container.child_has_ended(child, outcome, ends)
         return True
-
-
-def _wants(child: Node) -> bool:
-    return child.outcome is not None or child.question is not None

@@ -147,6 +147,8 @@ class _Restoring:
         if left_by is not None:
             region.child, child.outcome = child, left_by or None
             region.is_leaving, region.is_repeated = True, not left_by
+            if isinstance(child, ContainerRun):
+                child.claim()
         elif isinstance(child, ContainerRun):
             region.child = child
             self.machine(child, child.new_scope(machine.scope))
