@@ -114,25 +114,34 @@ class Sample:
         self.batches: list[float] = []
 
     def turn(self) -> None:
-        self._measure()  # the interpreter adapts its code to what it meets: the first turn does not count
-        ticks, batches = self._measure()
-        self.ticks.append(statistics.median(ticks) / self._size)
-        self.batches.append(statistics.median(batches) / TICKS_A_BATCH / self._size)
+        self._measure_ticks()  # the interpreter adapts its code to what it meets: the first ones do not count
+        self.ticks.append(self._measure_ticks())
+        self.batches.append(self._measure_batches())
 
-    def _measure(self) -> tuple[list[int], list[int]]:
-        tick, after_batch, clock = self._tick, self._after_batch, time.perf_counter_ns
-        processor = time.thread_time_ns
-        ticks, batches = [], []
+    def _measure_ticks(self) -> float:
+        tick, clock = self._tick, time.perf_counter_ns
+        times = []
+        for _ in range(max(9, NODES_PER_ROUND // self._size)):
+            began = clock()
+            tick()
+            times.append(clock() - began)
+        self._end_batch()
+        return statistics.median(times) / self._size
+
+    def _measure_batches(self) -> float:
+        tick, clock = self._tick, time.thread_time_ns
+        times = []
         for _ in range(max(5, NODES_PER_ROUND // self._size // TICKS_A_BATCH)):
-            began = processor()
+            began = clock()
             for _ in range(TICKS_A_BATCH):
-                before = clock()
                 tick()
-                ticks.append(clock() - before)
-            if after_batch is not None:
-                after_batch()
-            batches.append(processor() - began)
-        return ticks, batches
+            self._end_batch()
+            times.append(clock() - began)
+        return statistics.median(times) / TICKS_A_BATCH / self._size
+
+    def _end_batch(self) -> None:
+        if self._after_batch is not None:
+            self._after_batch()
 
 
 def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel: bt_tick.Wheel) -> dict[str, Any]:
