@@ -37,6 +37,10 @@ class EventState(RosAccess, state_machine.EventState):
 
     runs_while_blocked = True
 
+    # FlexBE has nothing of these names, so that its states may have something else under them.
+    clock = _Provided(lambda state: state._bound().clock)
+    services = _Provided(lambda state: state._bound().services)
+
     _name = _Provided(lambda state: state.name)
     _outcomes = _Provided(lambda state: list(state.outcomes))
     _input_keys = _Provided(lambda state: list(state.input_keys))

@@ -361,8 +361,8 @@ class TestExceptions:
 
         going = bench.run(
             lambda: machine_of(
+                ('Writes', lambda: Traced(trace, done, output_keys=['absent']), {}),  # or so it says
                 ('subject', lambda: Traced(trace, work, input_keys=['absent']), {}),
-                ('Later', lambda: Traced(trace, done, output_keys=['absent']), {}),
             )
         )
         assert going.wait() == 'error'
@@ -416,7 +416,8 @@ def test_a_state_finds_what_flexbe_gives_to_each(bench: StateBench) -> None:
         seen.append(Traced._node is state._node is bench.runtime.node)
         seen.append(state._node.get_clock().now().nanoseconds > 0)
         state._pub = 'my own'
-        seen.append((state._pub, type(state._sub).__name__))
+        seen.append((state._pub, type(state._sub).__name__, state.clock.now() > 0))
+        state.clock = state.services = None
         return 'done'
 
     going, _ = run(bench, work, output_keys=['x'])
@@ -425,5 +426,5 @@ def test_a_state_finds_what_flexbe_gives_to_each(bench: StateBench) -> None:
         ('subject', '/subject', ['done', 'error'], [], ['x']),
         True,
         True,
-        ('my own', 'ProxySubscriberCached'),
+        ('my own', 'ProxySubscriberCached', True),
     ]
