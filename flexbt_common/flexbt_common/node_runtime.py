@@ -87,6 +87,8 @@ class NodeRuntime:
         self.steady = SteadyClock()
         self._executor = SingleThreadedExecutor(context=self._context)
         self._doorbell = self.node.create_guard_condition(self._run_posted)
+        self._rung_here = False
+        self._unheard = _Unheard(self)
         self._executor.add_node(self.node)
         self.clock = RosClock(self)
         self._thread = threading.Thread(target=self._spin, name=f'{name}_executor', daemon=True)
@@ -218,6 +220,7 @@ class NodeRuntime:
             self._doorbell.trigger()
 
     def _run_posted(self) -> None:
+        self._rung_here = False
         # One callback serves all that has been posted up to now; what comes meanwhile rings again, so that
         # messages and timers get their turn.
         try:
@@ -226,7 +229,11 @@ class NodeRuntime:
         finally:
             with self._lock:
                 if self._posted:
-                    self._doorbell.trigger()
+                    self._ring_here()
+
+    def _ring_here(self) -> None:
+        self._rung_here = True
+        self._doorbell.trigger()
 
     def _run_first_posted(self) -> None:
         fn = self._posted[0]
@@ -244,7 +251,9 @@ class NodeRuntime:
         while not self._closed.is_set():
             try:
                 # rclpy raises here whatever a callback raised: that must not be the end of the node.
-                self._executor.spin_once()
+                self._executor.spin_once_until_future_complete(self._unheard)
+                if self._unheard.done():
+                    self._ring_here()
             except ExternalShutdownException:
                 return
             except Exception as error:
@@ -254,6 +263,25 @@ class NodeRuntime:
                 faults.append(time.monotonic())
                 if len(faults) == _FAULTS_IN_A_ROW and faults[-1] - faults[0] < 1.0:
                     time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
+
+
+class _Unheard:
+    """A future, as far as the executor can tell, that is done when something was posted of which the bell may be lost.
+
+    rmw_fastrtps drops the trigger of a guard condition that comes while its wait ends for another reason: it sets back
+    those that were not triggered when it looked, a moment later. So whenever a wait has ended, the executor returns
+    when there is something to run, and its own thread rings, outside of the wait.
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+
+    def done(self) -> bool:
+        runtime = self._runtime
+        return runtime.closed or (bool(runtime._posted) and not runtime._rung_here)
+
+    def add_done_callback(self, callback: Callable[[Any], None]) -> None:
+        """Nobody needs to be told: who posts rings."""
 
 
 def run_node(name: str, setup: Callable[[NodeRuntime], object], args: list[str] | None = None) -> int:

@@ -53,6 +53,26 @@ def test_posted_work_runs_in_order_on_the_executor_thread() -> None:
         assert threads == {True}
 
 
+def test_nothing_that_is_posted_gets_lost_with_the_ring_of_the_bell(monkeypatch: pytest.MonkeyPatch) -> None:
+    runtime = NodeRuntime('deaf', args=[])
+    trigger = runtime._doorbell.trigger
+
+    def lose() -> None:
+        # As rmw_fastrtps does now and then: the wait ends, for another reason, and the trigger is gone.
+        if runtime.on_executor_thread:
+            trigger()
+        else:
+            runtime._executor.wake()
+
+    monkeypatch.setattr(runtime._doorbell, 'trigger', lose)
+    for number in range(200):
+        assert runtime.call(partial(int, number)) == number
+    closing = threading.Thread(target=runtime.close, daemon=True)
+    closing.start()
+    closing.join(DEADLINE)
+    assert not closing.is_alive()
+
+
 def test_call_gives_the_value_or_the_error_and_works_on_the_executor_thread_too() -> None:
     with NodeRuntime.open('caller') as runtime:
         assert runtime.call(lambda: 7) == 7
