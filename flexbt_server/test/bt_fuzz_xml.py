@@ -170,8 +170,8 @@ class Fuzzer:
         chance = self._chance
         for _ in range(chance.choice([1, 1, 1, 2, 3, 6])):
             damage = chance.choice([self._cut, self._insert, self._swap, self._repeat, self._splice, self._flip])
-            text = damage(text)
-        return text[: 4 * LONGEST]
+            text = damage(text)[: 4 * LONGEST]
+        return text
 
     def _span(self, text: str) -> tuple[int, int]:
         """A few tokens of a text."""
