@@ -26,7 +26,7 @@ NEAR = 0.5
 @pytest.fixture
 def stack(tmp_path: Path) -> Iterator[Stack]:
     with Stack(tmp_path) as stack:
-        stack.start('simulator', {'speed_factor': '3.0'})
+        stack.start('simulator', {'speed_factor': '2.0'})
         for name in ('navigation', 'bt_server'):
             stack.start(name)
         stack.start('onboard_executive', {'journal_directory': str(tmp_path)})
