@@ -115,6 +115,11 @@ class ActionCall:
         self._runtime.post(self._start)
 
     @property
+    def goal_id(self) -> bytes:
+        """By which the server knows the goal; 16 bytes."""
+        return bytes(self._goal_id.uuid)
+
+    @property
     def done(self) -> bool:
         """Whether the outcome is known."""
         return self._outcome is not None

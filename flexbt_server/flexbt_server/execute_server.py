@@ -148,13 +148,15 @@ class ExecuteServer:
                 slot.run.wake()
 
     def find_run(self, run_id: str) -> TreeRun[_Goal]:
-        """The run of this ID (TreeStructure.run_id), or the only one there is when the ID is empty.
+        """The run of this ID (TreeStructure.run_id), or that of the goal of this ID; the only one there is for ''.
 
         Raises:
             UnknownRunError: there is none, or there are several; says which.
         """
         runs = {slot.id: slot for slot in self._slots.values()}
-        slot = runs.get(run_id) if run_id else next(iter(runs.values())) if len(runs) == 1 else None
+        by_goal = {bytes(slot.goal.handle.goal_id.uuid).hex(): slot for slot in self._slots.values()}
+        only = next(iter(runs.values())) if len(runs) == 1 else None
+        slot = (runs | by_goal).get(run_id) if run_id else only
         if slot is not None:
             return slot.run
         known = '; '.join(f'{slot.id} ({slot.description})' for slot in runs.values())

@@ -85,8 +85,8 @@ def ticks(world: World, blackboard: str = '') -> int:
     return next((int(from_entry(entry)) for entry in entries if entry.key == 'ticks'), 0)
 
 
-def run_id(goal: Any) -> str:
-    return bytes(goal.call.goal_id.uuid).hex()
+def goal_id(goal: Any) -> str:
+    return bytes(goal.call.goal_id).hex()
 
 
 def test_a_paused_tree_is_not_ticked_and_gives_no_result_before_it_goes_on(world: World, operator: Operator) -> None:
@@ -223,7 +223,11 @@ def test_a_paused_tree_is_taken_over_and_stays_paused(world: World, operator: Op
     follow.end(0)
     until(lambda: not follow.running)
     assert not new.ended
-    assert operator.ask(STEP) == ''
+    # The run has the ID of the goal that began it, and is known by that of its present one as well.
+    structure_id = operator.statuses[-1].run_id
+    assert structure_id == goal_id(old)
+    assert operator.ask(PAUSE, structure_id) == operator.ask(PAUSE, goal_id(new)) == ''
+    assert operator.ask(STEP, goal_id(new)) == ''
     assert new.result.code == Result.SUCCESS
     assert from_entry(new.result.outputs[0]) == pose(2)
 

@@ -122,6 +122,12 @@ class BtExecuteGoalState(EventState):
     def execute(self, userdata: UserData) -> str | None:
         return self._execution.outcome(userdata)
 
+    def on_pause(self) -> None:
+        self._execution.set_paused(True)
+
+    def on_resume(self, userdata: UserData) -> None:
+        self._execution.set_paused(False)
+
     def on_exit(self, userdata: UserData) -> None:
         self._execution.leave()
 

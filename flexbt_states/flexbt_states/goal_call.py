@@ -37,6 +37,11 @@ class GoalCall:
         self._deadline: float | None = None
         self._timeout: float | None = None
 
+    @property
+    def goal_id(self) -> str:
+        """ID of the goal that is worked on, hexadecimal; '' while there is none."""
+        return '' if self._call is None else self._call.goal_id.hex()
+
     def prepare(self) -> None:
         """Look for the server already: called when the run starts, so that discovery is over when the goal is sent."""
         if self._link is None:

@@ -14,6 +14,7 @@ from flexbt_onboard.state_services import state_services
 from flexbt_states.bt_result import judge, read_values
 from flexbt_states.bt_use import BtUse
 from flexbt_states.goal_call import GoalCall
+from flexbt_states.tree_pause import TreePause
 
 
 class TreeExecution:
@@ -40,6 +41,7 @@ class TreeExecution:
         self._blackboard = blackboard
         self._timeout = timeout
         self._goal = GoalCall(state, BtExecute, topic)
+        self._pause = TreePause(state, topic)
         self._activity: Sequence[str] = ()
         self._refusal = ''
         self._changed: Callable[[], None] | None = None
@@ -51,6 +53,7 @@ class TreeExecution:
     def prepare(self) -> None:
         """Look for the server already."""
         self._goal.prepare()
+        self._pause.prepare()
 
     def start(self, goals: Sequence[Any], inputs: Iterable[tuple[str, Any, str]]) -> None:
         """Send the goal with goal poses and typed inputs (key, value, type); time counts on the state's clock."""
@@ -73,6 +76,12 @@ class TreeExecution:
             owner=services.node_name,
         )
         self._goal.send(goal, timeout=self._timeout, clock=self._state.clock, on_feedback=self._on_feedback)
+        self._pause.prepare()
+        self._pause.begin(self._goal.goal_id)
+
+    def set_paused(self, paused: bool) -> None:
+        """The state is paused, or goes on: so is the tree."""
+        self._pause.set(paused)
 
     def refuse(self, reason: str) -> None:
         """Do not run the tree: what it would run on is not acceptable."""
@@ -110,6 +119,7 @@ class TreeExecution:
     def leave(self) -> None:
         """Cancel the tree when it still runs."""
         self._activity = ()
+        self._pause.begin('')
         self._goal.leave()
 
     def settled(self) -> str | None:
@@ -121,6 +131,7 @@ class TreeExecution:
         return self._activity
 
     def _on_feedback(self, feedback: Any) -> None:
+        self._pause.run_seen()
         nodes = tuple(feedback.active_nodes)
         if nodes != self._activity:
             self._activity = nodes

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Keeps the tree that a state runs paused as long as the state is."""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+
+from flexbt_common import names
+from flexbt_common.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_msgs.srv import ControlTree
+from flexbt_onboard.state_machine import EventState
+from flexbt_onboard.state_services import state_services
+
+_RESPONSE_SECONDS: Final = 10.0
+"""A pause is answered when the tick that is under way is over."""
+
+
+class TreePause:
+    """Asks the BT server to pause and resume the run of one goal, one request at a time, until it is as wanted.
+
+    A run that the server does not know yet is asked for again when its feedback comes. From any thread.
+    """
+
+    def __init__(self, state: EventState, bt_topic: str) -> None:
+        self._state = state
+        prefix, slash, _ = bt_topic.rpartition('/')
+        self._service = f'{prefix}{slash}{names.CONTROL_TREE}'
+        self._link: ServiceLink | None = None
+        self._lock = threading.Lock()
+        self._run_id = ''
+        self._is_known = False
+        self._wanted = self._is = False
+        self._call: ServiceCall | None = None
+
+    def prepare(self) -> None:
+        """Look for the server already. Not while the executor thread waits for the caller."""
+        if self._link is None:
+            self._link = state_services(self._state).services.link(ControlTree, self._service)
+
+    def begin(self, run_id: str) -> None:
+        """Another goal was sent; '' for none."""
+        with self._lock:
+            self._run_id = run_id
+            self._is_known = self._wanted = self._is = False
+            self._call = None
+
+    def set(self, paused: bool) -> None:
+        """The tree is to be paused, or not."""
+        with self._lock:
+            self._wanted = paused
+            self._agree()
+
+    def run_seen(self) -> None:
+        """The run exists, and knows its goal."""
+        if self._wanted is not self._is:
+            with self._lock:
+                self._is_known = True
+                self._agree()
+
+    def _agree(self) -> None:
+        link = self._link
+        if link is None or self._call is not None or not self._run_id or self._wanted is self._is:
+            return
+        wanted, run_id, is_known = self._wanted, self._run_id, self._is_known
+        command = ControlTree.Request.PAUSE if wanted else ControlTree.Request.RESUME
+        self._call = ServiceCall(
+            link,
+            ControlTree.Request(command=command, run_id=run_id),
+            on_done=lambda outcome: self._answered(run_id, wanted, is_known, outcome),
+            response_timeout=_RESPONSE_SECONDS,
+        )
+
+    def _answered(self, run_id: str, wanted: bool, was_known: bool, outcome: ServiceOutcome) -> None:
+        reason = outcome.reason if outcome.response is None else str(outcome.response.message)
+        with self._lock:
+            if run_id != self._run_id:
+                return
+            self._call = None
+            if was_known or not reason:
+                self._is = wanted
+            if was_known or self._is_known or not reason:
+                self._agree()  # otherwise it is asked again by run_seen
+        if reason and was_known:
+            self._state.log_warn(f'the tree was not {"paused" if wanted else "resumed"}: {reason}')

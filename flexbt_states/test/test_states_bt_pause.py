@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A state that is paused pauses its tree, whenever that comes."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_common import names
+from flexbt_msgs.action import BtExecute
+from flexbt_msgs.srv import ControlTree
+from flexbt_states import BtExecuteGoalState, BtExecuteState
+from flexbt_states.testing import Run, ScriptedServer, StateBench, wait_until
+
+RESULT = BtExecute.Result
+PAUSE, RESUME = ControlTree.Request.PAUSE, ControlTree.Request.RESUME
+
+
+class TreeServer:
+    """A BT server whose tree runs until it is let go; knows its run only when ``knows`` is set."""
+
+    def __init__(self, bench: StateBench, prefix: str = '') -> None:
+        self.knows = True
+        self.refusal = ''
+        self.commands: list[tuple[int, str]] = []
+        self.handle: Any = None
+        self._release: Any = None
+        self.actions: ScriptedServer = bench.serve(BtExecute, f'{prefix}{names.BT_EXECUTOR}', self._run)
+        runtime = self.actions.runtime
+        runtime.call(
+            lambda: runtime.node.create_service(
+                ControlTree, f'{prefix}{names.CONTROL_TREE}', self._control, qos_profile=names.deep_services()
+            )
+        )
+
+    async def _run(self, handle: Any) -> Any:
+        self.handle = handle
+        from rclpy.task import Future
+
+        self._release = Future()
+        await self._release
+        if handle.is_cancel_requested:
+            handle.canceled()
+            return RESULT(code=RESULT.CANCELED)
+        handle.succeed()
+        return RESULT(code=RESULT.SUCCESS)
+
+    def end(self) -> None:
+        self.actions.resolve(self._release)
+
+    def tell(self) -> bool:
+        """Sends feedback: the tree runs."""
+        feedback = BtExecute.Feedback(active_nodes=['main'])
+        self.actions.runtime.call(lambda: self.handle.publish_feedback(feedback))
+        return True
+
+    @property
+    def run_id(self) -> str:
+        return bytes(self.handle.goal_id.uuid).hex()
+
+    def _control(self, request: Any, response: Any) -> Any:
+        if not self.knows:
+            response.message = f'no run has the ID {request.run_id!r}'
+            return response
+        self.commands.append((request.command, request.run_id))
+        response.success, response.message = not self.refusal, self.refusal
+        return response
+
+
+def state() -> BtExecuteState:
+    return BtExecuteState(bt_file='navigate')
+
+
+def start(bench: StateBench, server: TreeServer, made: Any = state) -> Run:
+    run = bench.run_state(made, {'goal': PoseStamped()})
+    wait_until(lambda: server.handle is not None, 'the goal')
+    return run
+
+
+def pause(run: Run, paused: bool) -> None:
+    machine = wait_until(lambda: run.behavior_run._machine, 'the machine')
+    answers: list[str | None] = []
+    (machine.pause if paused else machine.resume)(answers.append)
+    wait_until(lambda: answers, 'the answer')
+    assert answers == [None]
+
+
+@pytest.mark.parametrize('kind', [BtExecuteState, BtExecuteGoalState])
+@pytest.mark.parametrize('prefix', ['', 'robot/'])
+def test_the_tree_is_paused_and_resumed_with_the_state(bench: StateBench, prefix: str, kind: Any) -> None:
+    server = TreeServer(bench, prefix)
+    run = start(bench, server, lambda: kind(bt_topic=f'{prefix}{names.BT_EXECUTOR}', bt_file='navigate'))
+    pause(run, True)
+    wait_until(lambda: server.commands, 'the pause')
+    pause(run, False)
+    wait_until(lambda: len(server.commands) == 2, 'the resume')
+    assert server.commands == [(PAUSE, server.run_id), (RESUME, server.run_id)]
+    server.end()
+    assert run.wait() == 'done', run.lines
+    assert run.errors() == ''
+
+
+def test_a_run_that_is_not_known_yet_is_paused_when_it_is(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    server.knows = False
+    run = start(bench, server)
+    pause(run, True)
+    server.tell()
+    server.knows = True
+    wait_until(lambda: server.tell() and server.commands, 'the pause')
+    assert server.commands == [(PAUSE, server.run_id)]
+    pause(run, False)
+    wait_until(lambda: server.commands[1:], 'the resume')
+    server.end()
+    assert run.wait() == 'done', run.lines
+
+
+def test_a_tree_that_is_not_paused_is_told_to_the_operator(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    server.refusal = 'the brake is loose'
+    run = start(bench, server)
+    server.tell()
+    pause(run, True)
+    wait_until(lambda: server.tell() and 'the tree was not paused: the brake is loose' in run.errors(), 'the warning')
+    pause(run, False)
+    server.end()
+    assert run.wait() == 'done', run.lines
+
+
+def test_pauses_in_quick_succession_end_as_the_last_one_wants(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    run = start(bench, server)
+    server.tell()
+    for _ in range(20):
+        pause(run, True)
+        pause(run, False)
+    pause(run, True)
+    wait_until(lambda: server.tell() and server.commands[-1:] == [(PAUSE, server.run_id)], 'the last pause')
+    kinds = [command for command, _ in server.commands]
+    assert all(one != other for one, other in itertools.pairwise(kinds)), kinds
+    pause(run, False)
+    wait_until(lambda: server.commands[-1:] == [(RESUME, server.run_id)], 'the last resume')
+    server.end()
+    assert run.wait() == 'done', run.lines
+
+
+def test_a_paused_state_that_is_stopped_cancels_its_tree(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    run = start(bench, server)
+    pause(run, True)
+    wait_until(lambda: server.commands, 'the pause')
+    run.behavior_run.stop('test')
+    wait_until(lambda: server.actions.cancels, 'the cancel')
+    server.end()
+    run.wait()
+    assert [command for command, _ in server.commands] == [PAUSE]
