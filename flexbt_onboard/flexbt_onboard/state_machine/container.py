@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from .definition import MachineDefinition, StateKind, are_apart
@@ -47,6 +47,10 @@ class ContainerRun:
                 self.children[label] = LeafRun(engine, child)
         self.regions = tuple(dict.fromkeys(self.regions))
         self._only_region = self.regions[0] if len(self.regions) == 1 else None
+        self.advance: Callable[[], bool] = self._advance_regions
+        """Take one step if there is one to take; whether there was. Only while no outcome is wanted."""
+        if definition.kind is not StateKind.CONCURRENCY:  # it is where its region is, and so is what has priority
+            self.advance = self.regions[0].advance
         remap = definition.remap
         self._inputs = {key: remap.get(key, key) for key in definition.input_keys}
         self._outputs = {key: remap.get(key, key) for key in definition.output_keys}
@@ -143,22 +147,13 @@ class ContainerRun:
             return self._only_region.next_wake()
         return min((due for region in self.regions if (due := region.next_wake()) is not None), default=None)
 
-    def advance(self) -> bool:
-        """Take one step if there is one to take; whether there was."""
-        if self.outcome is not None:
-            return False
+    def _advance_regions(self) -> bool:
         if self.ending is not None:
             return self._come_to_rest(self.ending)
-        if self._only_region is not None:  # it is where the machine is, and so is whatever has priority
-            return self._only_region.advance()
         focus = self._engine.focus
         return any((focus is None or not are_apart(one.path, focus)) and one.advance() for one in self.regions)
 
     # -- how it goes on and ends -------------------------------------------------------------------------------------
-
-    def sibling(self, label: str | None) -> Node | None:
-        """A child by its label."""
-        return self.children[label] if label is not None else None
 
     def outcome_after(self, child: Node, outcome: str) -> str | None:
         """Outcome by which this container ends when a child is left by an outcome; None when it goes on."""

@@ -198,8 +198,8 @@ class LeafRun:
 
     def next_wake(self) -> float | None:
         """When it is to be executed next, apart from wake-ups, on the clock of the run."""
-        due = self._due() if self._is_running and not self.is_paused else None
-        return None if due is None else self.clock.on_base(due)
+        due = self._due()
+        return None if due is None or self.is_paused or not self._is_running else self.clock.on_base(due)
 
     @property
     def _is_running(self) -> bool:
@@ -217,7 +217,8 @@ class LeafRun:
         self.question = None
         self.entered_at = self._engine.clock.now()
         self.is_paused = False
-        self.clock.catch_up()
+        if self.clock.is_behind:
+            self.clock.catch_up()
         self._wake_times.clear()
         self._never_settled = None
 
@@ -229,15 +230,19 @@ class LeafRun:
 
     def _is_due(self) -> bool:
         """Whether there is a reason to execute the state, which is taken by that."""
-        now = self.clock.now()
-        due = self._due()
-        if not self._woken and (due is None or due > now):
-            return False
+        if not self._woken:
+            due = self._due()
+            if due is None or due > self.clock.now():
+                return False
         self._woken = False
-        while self._wake_times and self._wake_times[0] <= now:
-            heapq.heappop(self._wake_times)
         rate = self.state.desired_rate
-        self._next_poll = None if rate is None else now + 1.0 / rate
+        if rate is not None or self._wake_times:
+            now = self.clock.now()
+            self._next_poll = None if rate is None else now + 1.0 / rate
+            while self._wake_times and self._wake_times[0] <= now:
+                heapq.heappop(self._wake_times)
+        else:
+            self._next_poll = None
         return True
 
     def _execute(self) -> str | None:

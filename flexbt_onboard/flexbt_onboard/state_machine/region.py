@@ -194,7 +194,8 @@ class Region:
         following: Node | None = child
         ends = None
         if outcome is not None:
-            following = container.sibling(child.definition.transitions[outcome].state)
+            label = child.definition.transitions[outcome].state
+            following = container.children[label] if label is not None else None
             ends = container.outcome_after(child, outcome) if following is None else None
         shown = following.path if following is not None else f'={ends}' if ends is not None else ''
         engine.observer.transition(child.path, outcome or '', shown, child.exit_reason)

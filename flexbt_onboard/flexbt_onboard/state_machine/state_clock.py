@@ -41,6 +41,11 @@ class StateClock:
             time = math.nextafter(time, math.inf)
         return time
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether it shows another time than the run, or stands still."""
+        return self.behind != 0.0 or self._stopped_at is not None
+
     def stop(self) -> None:
         """Stand still."""
         self._stopped_at = self.now()
