@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 from flexbt_common.node_runtime import NodeRuntime
-from flexbt_server.behavior_tree import NodeStatus, Tree, TreeNode
+from flexbt_server.behavior_tree import Tree
 from flexbt_server.errors import ServerParameterError
+from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.parameters import ServerParameters
 from flexbt_server.ros_json import RosJsonTypes
 from flexbt_server.run_watchers import RunWatch
@@ -45,19 +47,19 @@ class Groot2Runs:
 
 class _Groot2Run:
     def __init__(self, server: Groot2Server, shown: TreeObserver) -> None:
+        self.log = MarkLog(time.perf_counter_ns)
         self._server = server
         self._shown = shown
         self._watched: WatchedTree | None = None
 
     def started(self, tree: Tree) -> None:
-        self._watched = self._server.add(tree, self._shown.paused)
-
-    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        if self._watched is not None:
-            self._watched.changed(node, before, after)
+        self._watched = self._server.add(tree, self.log, self._shown.paused)
 
     def ticked(self) -> None:
-        pass
+        if self._watched is not None:
+            self._watched.settle()
+        else:
+            self.log.take()
 
     def ended(self) -> None:
         if self._watched is not None:

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_common.node_runtime import NodeRuntime
-from flexbt_server.behavior_tree import NodeStatus, Tree, TreeNode
+from flexbt_server.behavior_tree import Tree
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.log_file import SUFFIX, LogWriter
+from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.run_watchers import RunWatch
 from flexbt_server.tree_run import TreeObserver
 
@@ -34,7 +35,6 @@ class RunLogs:
             raise ServerParameterError(f"parameter 'btlog_directory': {directory}: {error.strerror}") from error
         self._directory = directory
         self._keep = keep
-        self._steady = runtime.steady
         self._error = runtime.node.get_logger().error
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='btlog')
         runtime.on_close(self._writer.shutdown)
@@ -43,12 +43,13 @@ class RunLogs:
         """Watches one run."""
         return _RunLog(self._begin, run_id)
 
-    def _begin(self, tree: Tree, run_id: str) -> LogWriter:
+    def _begin(self, tree: Tree, run_id: str, marks: MarkLog) -> LogWriter:
+        start = time.perf_counter_ns()
         epoch = time.time()
         started = datetime.fromtimestamp(epoch, UTC)
         name = _UNFIT.sub('_', tree.key.id)[:_NAME_LIMIT]
         path = self._directory / f'{started:%Y%m%dT%H%M%S.%fZ}_{name}_{run_id[:8]}{SUFFIX}'
-        log = LogWriter(path, tree, self._steady, epoch, write=self._writer.submit, on_error=self._error)
+        log = LogWriter(path, tree, marks, start, epoch, write=self._writer.submit, on_error=self._error)
         self._writer.submit(self._prune)
         return log
 
@@ -62,21 +63,18 @@ class RunLogs:
 
 
 class _RunLog:
-    def __init__(self, begin: Callable[[Tree, str], LogWriter], run_id: str) -> None:
+    def __init__(self, begin: Callable[[Tree, str, MarkLog], LogWriter], run_id: str) -> None:
+        self.log = MarkLog(time.perf_counter_ns, timed=True)
         self._begin = begin
         self._run_id = run_id
-        self._log: LogWriter | None = None
+        self._writer: LogWriter | None = None
 
     def started(self, tree: Tree) -> None:
-        self._log = self._begin(tree, self._run_id)
-
-    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        if self._log is not None:
-            self._log.changed(node, before, after)
+        self._writer = self._begin(tree, self._run_id, self.log)
 
     def ticked(self) -> None:
-        if self._log is not None:
-            self._log.flush()
+        if self._writer is not None:
+            self._writer.flush()
 
     def ended(self) -> None:
         self.ticked()

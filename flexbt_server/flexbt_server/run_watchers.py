@@ -6,19 +6,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from flexbt_server.behavior_tree import NodeStatus, Tree, TreeNode
+from flexbt_server.behavior_tree import Tree
 from flexbt_server.behavior_tree.transition_log import Log
+from flexbt_server.groot2.mark_log import LogOfSeveral
 from flexbt_server.tree_run import TreeObserver
 
 
 class RunWatch(Protocol):
     """Watches one run, on its thread."""
 
+    @property
+    def log(self) -> Log:
+        """Where the tree is to log changes of statuses; always the same."""
+
     def started(self, tree: Tree) -> None:
         """The nodes exist; the first tick is next."""
-
-    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        """A node has another status."""
 
     def ticked(self) -> None:
         """A round of a tick is over."""
@@ -43,20 +45,15 @@ class _Observers:
     def __init__(self, stream: TreeObserver, watches: Sequence[RunWatch]) -> None:
         self._stream = stream
         self._watches = watches
+        logs = [watch.log for watch in watches]
+        if stream.log is not None:
+            logs.append(stream.log)
+        self.log: Log | None = LogOfSeveral(logs) if len(logs) > 1 else logs[0]
 
     def started(self, tree: Tree) -> None:
         self._stream.started(tree)
         for watch in self._watches:
             watch.started(tree)
-        tree.observe(self._watches[0].changed if len(self._watches) == 1 else self._changed)
-
-    @property
-    def log(self) -> Log | None:
-        return self._stream.log
-
-    def _changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        for watch in self._watches:
-            watch.changed(node, before, after)
 
     def ticked(self) -> None:
         self._stream.ticked()

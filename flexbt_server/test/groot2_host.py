@@ -27,10 +27,12 @@ from bt_scripted import LETTERS, Act, Cond, Deco, Script, Sync, registry
 from bt_wheel import _attributes_by_name
 
 from flexbt_common.clock import SteadyClock
-from flexbt_server.behavior_tree import NodeStatus, Tree, TreeLibrary, TreeNode, load_xml
+from flexbt_server.behavior_tree import Tree, TreeLibrary, load_xml
 from flexbt_server.groot2 import protocol
 from flexbt_server.groot2.log_file import LogWriter
+from flexbt_server.groot2.mark_log import LogOfSeveral, MarkLog
 from flexbt_server.groot2.server import Groot2Server
+from flexbt_server.groot2.watched_tree import clock
 
 DEADLINE = 20.0
 
@@ -61,9 +63,11 @@ class EngineHost:
                 node.script = Script(node, definition.extra, [])
         self._server = CountingServer(port, silence=silence)
         self._holds = 0
-        self._watched = self._server.add(self._tree, self._on_held)
-        self._log: LogWriter | None = None
-        self._tree.observe(self._changed)
+        self._log = MarkLog(clock)
+        self._watched = self._server.add(self._tree, self._log, self._on_held)
+        assert self._watched is not None
+        self._writer: LogWriter | None = None
+        self._tree.record(self._log, self._watched.settle)
 
     def _on_held(self, held: bool) -> None:
         if held:
@@ -76,12 +80,6 @@ class EngineHost:
         held = self._watched.breakpoints.held
         return f'? {held} {self._holds}'
 
-    def _changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        assert self._watched is not None
-        self._watched.changed(node, before, after)
-        if self._log is not None:
-            self._log.changed(node, before, after)
-
     def obey(self, command: str) -> str:
         if command == 'tick':
             status = self._tree.tick_exactly_once().name
@@ -90,10 +88,12 @@ class EngineHost:
             status = 'halted'
         else:
             path = Path(command.removeprefix('log '))
-            self._log = LogWriter(path, self._tree, SteadyClock(), time.time(), on_error=sys.exit)
+            log = MarkLog(clock, timed=True)
+            self._writer = LogWriter(path, self._tree, log, clock(), time.time(), on_error=sys.exit)
+            self._tree.record(LogOfSeveral([self._log, log]), self._writer.flush)
             status = 'logging'
-        if self._log is not None:
-            self._log.flush()
+        if self._writer is not None:
+            self._writer.flush()
         return f'{status} {self._server.told}'
 
 

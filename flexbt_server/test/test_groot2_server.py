@@ -20,9 +20,10 @@ from hypothesis import strategies as st
 
 from flexbt_common.clock import ManualClock
 from flexbt_server.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
+from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.groot2.server import Groot2Server
-from flexbt_server.groot2.watched_tree import RECORDED, WatchedTree
+from flexbt_server.groot2.watched_tree import RECORDED, WatchedTree, clock
 
 DEADLINE = 20.0
 _PORTS = itertools.count(10_000 + os.getpid() % 5_000 * 2, 2)
@@ -42,9 +43,10 @@ def tree(id: str = 'One', board: Blackboard | None = None) -> Tree:
 
 
 def observed(server: Groot2Server, shown: Tree) -> WatchedTree:
-    watched = server.add(shown)
+    log = MarkLog(clock)
+    watched = server.add(shown, log)
     assert watched is not None
-    shown.observe(watched.changed)
+    shown.record(log, watched.settle)
     return watched
 
 
@@ -180,7 +182,7 @@ def test_the_newest_tree_is_shown(server: Groot2Server) -> None:
 
 def test_only_one_tree_is_shown_if_asked_for() -> None:
     with Groot2Server(next(_PORTS), only='Two') as server:
-        assert server.add(tree('One')) is None
+        assert server.add(tree('One'), MarkLog(clock)) is None
         assert ask(server, RequestType.STATUS)[0] == b'error'
         two = observed(server, tree('Two'))
         assert shown_tree(server) == two.uuid
@@ -192,10 +194,11 @@ class Held:
     def __init__(self, server: Groot2Server, shown: Tree, uid: int) -> None:
         self.news: list[bool] = []
         self.arrived = threading.Event()
-        watched = server.add(shown, self._on_held)
+        log = MarkLog(clock)
+        watched = server.add(shown, log, self._on_held)
         assert watched is not None
         self.watched = watched
-        shown.observe(watched.changed)
+        shown.record(log, watched.settle)
         ask(server, RequestType.HOOK_INSERT, breakpoint(uid))
         self.result: list[Any] = []
         self.thread = threading.Thread(target=self._tick, args=(shown,))
@@ -288,3 +291,12 @@ def test_the_topmost_blackboard_comes_with_others(server: Groot2Server) -> None:
     assert replies[0] == {'One': {'x': 1}, 'ROOT': {'far': [str(1 << 70)]}}
     assert replies[1] == {**replies[0], 'two': {'y': 1}}
     assert replies[2] is None
+
+
+def test_a_program_shows_a_tree(server: Groot2Server) -> None:
+    """Statuses that are asked for late are those of the end, each change on the way counted."""
+    shown = tree()
+    with server.watch(shown):
+        for _ in range(500):
+            assert shown.tick_once() is NodeStatus.SUCCESS
+    assert ask(server, RequestType.STATUS)[1][2::3] == bytes([12] * 7)

@@ -22,7 +22,7 @@ import msgpack
 import pytest
 from groot2_host import Host
 
-from flexbt_server.groot2.log_file import read_log
+from flexbt_server.groot2.log_file import LogError, read_log
 from flexbt_server.groot2.protocol import RequestType
 
 pytestmark = pytest.mark.skipif(not bt_wheel.available(), reason='behaviortreepy is not installed')
@@ -319,7 +319,7 @@ def test_log_files(pairs: Any, tmp_path: Path) -> None:
     ours = logs[0].read_bytes()
     # Its thread writes every 10 ms, and is not waited for at the end.
     deadline = time.monotonic() + 20.0
-    while len(read_log(logs[1]).transitions) < len(read_log(logs[0]).transitions):
+    while count(logs[1]) < count(logs[0]):
         assert time.monotonic() < deadline
     assert ours[:19] == logs[1].read_bytes()[:19] == b'BTCPP4-FileLogger2\x01'
     read = [read_log(path) for path in logs]
@@ -328,6 +328,14 @@ def test_log_files(pairs: Any, tmp_path: Path) -> None:
     assert read[0].left_over == read[1].left_over == 0
     assert abs(read[0].epoch - read[1].epoch) < 60.0
     assert all(0.0 <= entry.time < 60.0 for log in read for entry in log.transitions)
+
+
+def count(log: Path) -> int:
+    """Transitions in a log file. Of one that the library has begun not even the head may be there."""
+    try:
+        return len(read_log(log).transitions)
+    except LogError:
+        return 0
 
 
 @pytest.mark.parametrize('type', 'AXR')

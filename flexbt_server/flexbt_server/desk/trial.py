@@ -29,6 +29,7 @@ from flexbt_server.desk.errors import RefusedError, UsageError
 from flexbt_server.desk.mock_plan import MockPlan
 from flexbt_server.desk.mocks import Mocking, written
 from flexbt_server.groot2.log_file import LogWriter
+from flexbt_server.groot2.mark_log import MarkLog
 
 DEFAULT_RATE: Final = 10.0
 NO_ENTRIES: Final = BlackboardFile()
@@ -82,16 +83,13 @@ class Trial:
             raise RefusedError(errors)
         blackboard.fill(board)
         _fill(board, plan.blackboard)
-        self._on_transition = on_transition
-        self._log = None if log is None else LogWriter(log, self.tree, self._clock, time.time(), on_error=_cannot_write)
-        if on_transition is not None or log is not None:
-            self.tree.observe(self._changed)
-
-    def _changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        if self._log is not None:
-            self._log.changed(node, before, after)
-        if self._on_transition is not None:
-            self._on_transition(self.time, node, before, after)
+        self._log: LogWriter | None = None
+        if log is not None:
+            marks = MarkLog(lambda: round(self.time * 1e9), timed=True)
+            self._log = LogWriter(log, self.tree, marks, 0, time.time(), on_error=_cannot_write)
+            self.tree.record(marks, self._log.flush)
+        if on_transition is not None:
+            self.tree.observe(lambda node, before, after: on_transition(self.time, node, before, after))
 
     @property
     def time(self) -> float:
@@ -125,7 +123,7 @@ class Trial:
 
     def close(self) -> None:
         """Halts what runs. Raises UsageError when the log cannot be written."""
-        self._on_transition = None
+        self.tree.observe(None)
         with contextlib.suppress(NodeExecutionError):
             self.tree.halt()
         if self._log is not None:

@@ -13,11 +13,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from flexbt_common.clock import Clock
-from flexbt_server.behavior_tree import NodeStatus, Tree, TreeLoadError, TreeNode
+from flexbt_server.behavior_tree import NodeStatus, Tree, TreeLoadError
 from flexbt_server.behavior_tree.node import node_path
+from flexbt_server.behavior_tree.transition_log import LogReader
 from flexbt_server.behavior_tree.xml_parser import Element, Source, parse
 from flexbt_server.groot2 import protocol
+from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.groot2.tree_document import tree_document
 
 SUFFIX: Final = '.btlog'
@@ -38,59 +39,62 @@ class LogError(Exception):
 class LogWriter:
     """Writes the transitions of one run into a file.
 
-    They are collected, and handed to ``write`` (which does what it is given, in order, at once or on another thread)
-    at the end of each tick. An error of the file system is told to ``on_error``, once, and ends the log.
+    The tree writes to a log, and at the end of each round what is there is handed to ``write``, which does what it is
+    given, in order, at once or on another thread. An error of the file system is told to ``on_error``, once, and ends
+    the log.
     """
 
     def __init__(
         self,
         path: Path,
         tree: Tree,
-        clock: Clock,
+        log: MarkLog,
+        start: int,
         epoch: float,
         *,
         write: Callable[[Step], object] = lambda step: step(),
         on_error: Callable[[str], None],
     ) -> None:
-        """Begins the file. ``epoch`` is the time of the beginning since 1970, s; ``clock`` tells the time since."""
+        """Begins the file. ``log`` is timed; ``start`` is the time of the beginning on its clock, ns, and ``epoch``
+        since 1970, s."""
         self._path = path
-        self._clock = clock
-        self._start = clock.now()
+        self._log = log
+        self._start = start
         self._write = write
         self._on_error = on_error
-        self._transitions: list[tuple[float, int, NodeStatus]] = []
-        self._failed = False
-        self._too_large = len(tree.nodes) > protocol.MAX_UID
-        if self._too_large:
+        self._reader = LogReader(tree.nodes, _change)
+        self._ended = len(tree.nodes) > protocol.MAX_UID
+        if self._ended:
             on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')
-            return
-        self._write(lambda: self._store('wb', _header(tree, epoch)))
-
-    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        """A node has another status."""
-        self._transitions.append((self._clock.now(), node.uid, after))
+        else:
+            write(lambda: self._store('wb', _header(tree, epoch)))
 
     def flush(self) -> None:
-        """Hands over what was collected."""
-        transitions, self._transitions = self._transitions, []
-        if transitions and not self._too_large:
-            self._write(lambda: self._store('ab', self._records(transitions)))
+        """Hands over what was logged. On the thread that ticks the tree."""
+        marks = self._log.take()
+        if marks and not self._ended:
+            self._write(lambda: self._store('ab', self._records(marks)))
 
-    def _records(self, transitions: list[tuple[float, int, NodeStatus]]) -> bytes:
-        start = self._start
+    def _records(self, marks: list[int]) -> bytes:
         return b''.join(
-            protocol.record(max(0, round((when - start) * 1e6)), uid, status) for when, uid, status in transitions
+            protocol.record(max(0, ~when - self._start) // 1000, uid, status)
+            for mark, when in zip(marks[::2], marks[1::2], strict=True)
+            for uid, status in self._reader.read((mark,))
         )
 
     def _store(self, mode: str, data: bytes) -> None:
-        if self._failed:
+        if self._ended:
             return
         try:
             with self._path.open(mode) as file:
                 file.write(data)
         except OSError as error:
-            self._failed = True
+            self._ended = True
             self._on_error(f'{self._path}: the log of this run ends here: {error}')
+
+
+def _change(uid: int, before: int, after: int) -> tuple[int, int]:
+    return uid, after
 
 
 def _header(tree: Tree, epoch: float) -> bytes:

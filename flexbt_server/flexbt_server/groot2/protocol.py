@@ -59,12 +59,12 @@ def status_bytes(uid: int, status: NodeStatus) -> bytes:
     return _STATUS.pack(uid, status)
 
 
-def status_byte(before: NodeStatus, after: NodeStatus) -> int:
-    """A status as clients see it; of a node that is IDLE again they see what it was before."""
+def status_byte(before: int, after: int) -> int:
+    """The number of a status as clients see it; of a node that is IDLE again they see what it was before."""
     return after or _WENT_IDLE + before
 
 
-def record(microseconds: int, uid: int, status: NodeStatus) -> bytes:
+def record(microseconds: int, uid: int, status: int) -> bytes:
     """A transition in a recording or a log file; ``microseconds`` since its beginning, 48 bits of them."""
     return _RECORD.pack(microseconds & 0xFFFFFFFF, microseconds >> 32 & 0xFFFF, uid, status)
 

@@ -13,11 +13,12 @@ from typing import Final
 
 import zmq
 
-from flexbt_server.behavior_tree import JsonTypes, NodeStatus, Tree, TreeNode
+from flexbt_server.behavior_tree import JsonTypes, Tree
 from flexbt_server.groot2 import protocol
 from flexbt_server.groot2.json_requests import RequestError, parse
+from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.groot2.protocol import RequestType
-from flexbt_server.groot2.watched_tree import WatchedTree
+from flexbt_server.groot2.watched_tree import WatchedTree, clock
 
 SILENCE: Final = 5.0
 """After so many seconds without a request the client has gone: its hooks hold nothing up until it is back, s."""
@@ -102,9 +103,13 @@ class Groot2Server:
 
     # -- the trees -----------------------------------------------------------------------------------------------------
 
-    def add(self, tree: Tree, on_held: Callable[[bool], None] = lambda held: None) -> WatchedTree | None:
-        """Shows a tree whose first tick is next; None when it is not to be shown. Its transitions have to be told to
-        what is returned. ``on_held`` hears, on the ticking thread, when a breakpoint holds the tree up, or lets go."""
+    def add(self, tree: Tree, log: MarkLog, on_held: Callable[[bool], None] = lambda held: None) -> WatchedTree | None:
+        """Shows a tree whose first tick is next; None when it is not to be shown.
+
+        The tree writes to ``log``, whose clock is that of ``watched_tree``; ``settle`` of what is returned is to be
+        called after each round. ``on_held`` hears, on the ticking thread, when a breakpoint holds the tree up, or lets
+        go.
+        """
         if self._only and tree.key.id != self._only:
             return None
         if len(tree.nodes) > protocol.MAX_UID:
@@ -112,7 +117,7 @@ class Groot2Server:
                 'tree [%s] has %d nodes: Groot2 can show %d', tree.key.id, len(tree.nodes), protocol.MAX_UID
             )
             return None
-        watched = WatchedTree(tree, self._types, self._tell, on_held)
+        watched = WatchedTree(tree, log, self._types, self._tell, on_held)
         with self._lock:
             before = self._shown
             if before is not None and before.same_tree(watched):
@@ -221,7 +226,7 @@ _WITH_CONTENT: Final[dict[int, Callable[[WatchedTree, bytes], bytes | None]]] = 
 
 
 class Watch:
-    """Shows a tree while the context is open. It takes the place of the tree's observer."""
+    """Shows a tree while the context is open. The tree is recorded for that (:meth:`Tree.record`)."""
 
     def __init__(self, server: Groot2Server, tree: Tree) -> None:
         self._server = server
@@ -229,17 +234,15 @@ class Watch:
         self._watched: WatchedTree | None = None
 
     def __enter__(self) -> Watch:
-        self._watched = self._server.add(self._tree)
-        self._tree.observe(self._changed)
+        log = MarkLog(clock)
+        self._watched = self._server.add(self._tree, log)
+        if self._watched is not None:
+            self._tree.record(log, self._watched.settle)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._tree.observe(None)
         if self._watched is not None:
+            self._tree.record(None)
             self._server.remove(self._watched)
-
-    def _changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        if self._watched is not None:
-            self._watched.changed(node, before, after)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import uuid
 from collections import deque
@@ -11,26 +12,39 @@ from typing import Any, Final
 
 import msgpack
 
-from flexbt_server.behavior_tree import Blackboard, JsonTypes, NodeStatus, Tree, TreeNode, show_blackboard
+from flexbt_server.behavior_tree import Blackboard, JsonTypes, Tree, TreeNode, show_blackboard
+from flexbt_server.behavior_tree.transition_log import LogReader
 from flexbt_server.groot2 import protocol
 from flexbt_server.groot2.breakpoints import Breakpoints
 from flexbt_server.groot2.json_requests import RequestError
+from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.groot2.tree_document import tree_document
 
 RECORDED: Final = 1000
 """Transitions that a recording keeps, the newest ones, until the client takes them."""
 
+clock = time.perf_counter_ns
+"""That of the logs of watched trees."""
+
 ROOT: Final = 'ROOT'
 """Name of the topmost blackboard in the reply to a request for others."""
+
+_MANY: Final = 2000
+"""Marks that are read although nobody asks."""
 
 _LARGEST: Final = (-(1 << 63), (1 << 64) - 1)
 
 
 class WatchedTree:
-    """Observes one run of a tree, and answers questions about it from the thread of the server."""
+    """One run of a tree. What the tree writes to the log is read when a client asks, on the thread of the server."""
 
     def __init__(
-        self, tree: Tree, types: JsonTypes, on_reached: Callable[[int], None], on_held: Callable[[bool], None]
+        self,
+        tree: Tree,
+        log: MarkLog,
+        types: JsonTypes,
+        on_reached: Callable[[int], None],
+        on_held: Callable[[bool], None],
     ) -> None:
         self.tree = tree
         self.uuid = uuid.uuid4().bytes
@@ -40,9 +54,6 @@ class WatchedTree:
         self._boards: dict[str, Blackboard] = {}
         for subtree in tree.subtrees:
             self._boards.setdefault(subtree.path or subtree.tree_id, subtree.blackboard)
-        self._recording = False
-        self._recorded: deque[tuple[int, int, NodeStatus]] = deque(maxlen=RECORDED)
-        self._recorded_from = 0
         # Where the status of each node is: sub-tree by sub-tree, in the order of their making, as clients expect.
         self._places = [0] * (len(tree.nodes) + 1)
         self._statuses = bytearray()
@@ -53,20 +64,47 @@ class WatchedTree:
             for node in group:
                 self._statuses += protocol.status_bytes(node.uid, node.status)
                 self._places[node.uid] = len(self._statuses) - 1
+        self._log = log
+        self._reader = LogReader(tree.nodes, self._change)
+        self._reading = threading.Lock()
+        self._recorded: deque[tuple[int, int, int]] = deque(maxlen=RECORDED)
+        self._recorded_from = 0
+        # Changes whose time has not been read yet.
+        self._untimed: list[tuple[int, int]] = []
+
+    def _change(self, uid: int, before: int, after: int) -> tuple[int, int, int, int]:
+        """Where and what clients see of it, and what is recorded."""
+        return self._places[uid], protocol.status_byte(before, after), uid, after
 
     def same_tree(self, other: WatchedTree) -> bool:
         """Whether both are runs of one tree, with the same nodes."""
         ours, theirs = self.tree.definitions, other.tree.definitions
         return len(ours) == len(theirs) and all(one is two for one, two in zip(ours, theirs, strict=True))
 
-    # -- on the thread of the run --------------------------------------------------------------------------------------
+    def settle(self) -> None:
+        """A round of a tick is over. Reads what was written, if it is much."""
+        if len(self._log) > _MANY:
+            self._read()
 
-    def changed(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        """A node has another status."""
-        uid = node.uid
-        self._statuses[self._places[uid]] = protocol.status_byte(before, after)
-        if self._recording:
-            self._recorded.append((time.perf_counter_ns(), uid, after))
+    def _read(self) -> None:
+        with self._reading:
+            marks = self._log.take()
+            if self._log.timed:
+                self._read_timed(marks)
+                return
+            statuses = self._statuses
+            for place, shown, _, _ in self._reader.read([mark for mark in marks if mark >= 0]):
+                statuses[place] = shown
+
+    def _read_timed(self, marks: list[int]) -> None:
+        for mark in marks:
+            if mark < 0:
+                self._recorded.extend((~mark, *change) for change in self._untimed)
+                self._untimed.clear()
+                continue
+            for place, shown, uid, after in self._reader.read((mark,)):
+                self._statuses[place] = shown
+                self._untimed.append((uid, after))
 
     # -- on the thread of the server -----------------------------------------------------------------------------------
 
@@ -76,24 +114,29 @@ class WatchedTree:
         return self._document.encode()
 
     def statuses(self) -> bytes:
+        self._read()
         return bytes(self._statuses)
 
     def toggle_recording(self, command: bytes) -> bytes | None:
         """Begins to record, and gives the time since the epoch in µs, or ends it."""
-        if command == b'start':
-            self._recorded_from = time.perf_counter_ns()
-            self._recorded = deque(maxlen=RECORDED)
-            self._recording = True
-            return str(time.time_ns() // 1000).encode()
+        if command not in (b'start', b'stop'):
+            return None
+        self._read()
+        self._untimed.clear()
+        self._log.timed = command == b'start'
         if command == b'stop':
-            self._recording = False
-        return None
+            return None
+        self._recorded.clear()
+        self._recorded_from = clock()
+        return str(time.time_ns() // 1000).encode()
 
     def transitions(self) -> bytes:
         """What was recorded since the last call."""
-        recorded, self._recorded = self._recorded, deque(maxlen=RECORDED)
+        self._read()
         start = self._recorded_from
-        return b''.join(protocol.record(max(0, when - start) // 1000, uid, status) for when, uid, status in recorded)
+        records = [protocol.record(max(0, when - start) // 1000, uid, status) for when, uid, status in self._recorded]
+        self._recorded.clear()
+        return b''.join(records)
 
     def blackboards(self, names: str) -> bytes:
         """Blackboards by the paths of their sub-trees (the tree ID for the main one), separated by ``;``, as msgpack.
