@@ -196,7 +196,7 @@ def resident_megabytes() -> float:
 
 
 def test_a_random_walk_is_as_the_model_predicts(tmp_path: Path) -> None:
-    with open_world(allowed_directories=[str(tmp_path)]) as world:
+    with open_world(allowed_directories=[str(tmp_path)], cancel_timeout=10.0) as world:
         world.navigation.hold.add(names.BACKUP)
         world.client.load_tree('<Runs ms="1000000"/>', 'Endless')
         walk = Walk(world, tmp_path, SEED)
