@@ -145,9 +145,13 @@ class RunStream:
         self._reader = RoundReader(tree.nodes)
         self._statuses = bytearray(self._reader.statuses)
         self._structure = _structure(tree, self._run_id, self._blackboard, self._stream.now())
-        self._open = True
-        self.show_structure()
-        self._stream.begin(self)
+        try:
+            self.show_structure()
+        except Exception as error:
+            self._stop(error)
+        else:
+            self._open = True
+            self._stream.begin(self)
 
     def ticked(self) -> None:
         log = self.log
@@ -191,9 +195,14 @@ class RunStream:
                 for count, changes, is_last in self._batches():
                     if count or always:
                         self._send(count, changes, finished and is_last)
-            except Exception as error:  # a tree runs on, watched or not
-                self._open = False
-                self._stream.report(error)
+            except Exception as error:
+                self._stop(error)
+
+    def _stop(self, error: Exception) -> None:
+        """A message could not be sent. The tree runs on, watched or not."""
+        self._open = False
+        self._stream.end(self)
+        self._stream.report(error)
 
     def _batches(self) -> Iterator[tuple[int, list[bytes], bool]]:
         """What was logged, in encoded batches: the number of changes of each, and whether it is the last.

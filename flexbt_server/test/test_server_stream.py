@@ -311,11 +311,15 @@ def test_marks_can_be_sent_while_another_thread_ticks_the_tree(server: NodeRunti
 def test_a_tree_runs_on_when_its_statuses_cannot_be_sent(server: NodeRuntime) -> None:
     stream = TreeStream(server)
     watched = Watched(stream, 'run', '<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>')
-    server.call(stream._statuses.destroy)
+    server.call(lambda: server.node.destroy_publisher(stream._statuses))
     for _ in range(MAX_MARKS):
         assert watched.tree.tick_once() is NodeStatus.FAILURE
     assert len(watched.run.log) < MAX_MARKS + 10
     watched.end()
+    server.call(lambda: server.node.destroy_publisher(stream._structures))
+    another = Watched(stream, 'another', '<AlwaysSuccess/>')
+    assert another.tree.tick_once() is NodeStatus.SUCCESS
+    another.end()
 
 
 @settings(deadline=None, max_examples=50)

@@ -11,6 +11,10 @@ for observed nodes the methods of the engine are compiled anew, from their own s
                                           self.stored = status
                                           self.context.log.append(self.marks[status])
 
+    self.child.status = IDLE          self.child.stored = IDLE
+    self.status = SUCCESS             self.stored = SUCCESS
+                                      self.context.log.append(self.marks[FIRST_CHILDREN_IDLE + 2])
+
     for child in self.children:       for child in self.children:
         if child.status is RUNNING:       if child.stored is RUNNING:
             child.halt()                      self.context.log.append(self.marks[EARLIER_CHILDREN_IDLE])
@@ -100,6 +104,7 @@ def _inner_code(code: types.CodeType) -> Iterator[types.CodeType]:
 
 
 _JOINED: Final = 'status_after_that_of_child'
+_FIRST_PLACES: Final = {'status': 0, _JOINED: FIRST_CHILDREN_IDLE}
 
 
 class _Inliner(ast.NodeTransformer):
@@ -117,13 +122,9 @@ class _Inliner(ast.NodeTransformer):
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST | list[ast.stmt]:
         match node.targets:
-            case [ast.Attribute(ast.Name() | ast.Attribute(ast.Name()) as owner, attribute)] if attribute in (
-                'status',
-                _JOINED,
-            ):
+            case [ast.Attribute(ast.Name() | ast.Attribute(ast.Name()) as owner, name)] if name in _FIRST_PLACES:
                 self.generic_visit(node)
-                lines = _store(ast.unparse(owner), node.value, FIRST_CHILDREN_IDLE if attribute == _JOINED else 0)
-                return _statements(node, *lines)
+                return _statements(node, *_store(ast.unparse(owner), node.value, _FIRST_PLACES[name]))
         return self.generic_visit(node)
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:

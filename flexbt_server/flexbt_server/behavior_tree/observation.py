@@ -70,7 +70,7 @@ def _plain_class(node_class: type[TreeNode]) -> type[TreeNode]:
 def make_observed(node_class: type[TreeNode], config: NodeConfig) -> TreeNode:
     """A node that is observed from the beginning.
 
-    If it has a ``__dict__``, its methods are faster than those of one whose class was exchanged (up to Python 3.12).
+    If it has a ``__dict__``, its methods are faster than those of one whose class was exchanged (Python 3.11).
     """
     node: TreeNode = object.__new__(_observed_class(node_class))
     _set(node, IDLE)
