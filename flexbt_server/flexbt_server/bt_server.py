@@ -16,6 +16,7 @@ from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime, run_node
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BtLoadReport
+from flexbt_server.behavior_tree import JsonTypes
 from flexbt_server.blackboards import Blackboards
 from flexbt_server.control_server import ControlServer
 from flexbt_server.data_servers import DataServers
@@ -26,6 +27,7 @@ from flexbt_server.leaf_services import LeafServices
 from flexbt_server.load_server import LoadServer
 from flexbt_server.node_types import node_registry
 from flexbt_server.parameters import ServerParameters, declare_parameters
+from flexbt_server.ros_json import RosJsonTypes
 from flexbt_server.run_logs import RunLogs
 from flexbt_server.run_watchers import RunWatcher
 from flexbt_server.topic_cache import TopicCaches
@@ -64,7 +66,7 @@ class BtServer:
         reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
 
-        watchers = self._watchers(runtime, parameters)
+        watchers = self._watchers(runtime, parameters, RosJsonTypes(registry.json_types))
         self.execute = runtime.call(
             lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, watchers)
         )
@@ -74,10 +76,10 @@ class BtServer:
         self.alive = LivelinessToken(runtime)
         logger.info(f'ready: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
 
-    def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters) -> list[RunWatcher]:
+    def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
         watchers: list[RunWatcher] = []
         if parameters.groot2_port:
-            watchers.append(Groot2Runs(runtime, parameters))
+            watchers.append(Groot2Runs(runtime, parameters, types))
         if parameters.btlog_directory is not None:
             watchers.append(RunLogs(runtime, parameters.btlog_directory, parameters.btlog_keep))
         return watchers

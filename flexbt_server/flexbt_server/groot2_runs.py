@@ -7,11 +7,10 @@ import time
 from typing import TYPE_CHECKING
 
 from flexbt_common.node_runtime import NodeRuntime
-from flexbt_server.behavior_tree import Tree
+from flexbt_server.behavior_tree import JsonTypes, Tree
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.parameters import ServerParameters
-from flexbt_server.ros_json import RosJsonTypes
 from flexbt_server.run_watchers import RunWatch
 from flexbt_server.tree_run import TreeObserver
 
@@ -23,8 +22,8 @@ if TYPE_CHECKING:
 class Groot2Runs:
     """Opens the port, and closes it with the node."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: ServerParameters) -> None:
-        """Raises ServerParameterError when the port cannot be opened."""
+    def __init__(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> None:
+        """``types`` of what is on blackboards. Raises ServerParameterError when the port cannot be opened."""
         try:
             # Only who wants it needs pyzmq.
             from flexbt_server.groot2.server import Groot2Server
@@ -34,7 +33,7 @@ class Groot2Runs:
             ) from error
         try:
             self._server = Groot2Server(
-                parameters.groot2_port, parameters.groot2_address, only=parameters.groot2_tree, types=RosJsonTypes()
+                parameters.groot2_port, parameters.groot2_address, only=parameters.groot2_tree, types=types
             )
         except OSError as error:
             raise ServerParameterError(f"parameter 'groot2_port': {error.strerror}") from error

@@ -14,24 +14,28 @@ from flexbt_server.leaves.ros_ports import message_type
 
 
 class RosJsonTypes(JsonTypes):
-    """The classes that are registered, and every message.
+    """Every message, and the classes of ``others``.
 
     The fields of a message are those of :func:`flexbt_common.values.value_to_text`, which loses nothing.
     """
 
+    def __init__(self, others: JsonTypes | None = None) -> None:
+        super().__init__()
+        self._others = others if others is not None else JsonTypes()
+
     def of_class(self, python_type: type[Any]) -> JsonObject | None:
         if hasattr(python_type, 'get_fields_and_field_types'):
             return _message(message_type_name(python_type))
-        return super().of_class(python_type)
+        return super().of_class(python_type) or self._others.of_class(python_type)
 
     def of_name(self, name: str) -> JsonObject | None:
         resolved = _resolved(name)
         if resolved is not None and resolved.message is not None and not resolved.is_array:
             return _message(resolved.name)
-        return super().of_name(name)
+        return super().of_name(name) or self._others.of_name(name)
 
     def port_type(self, name: str) -> PortType | None:
-        known = super().port_type(name)
+        known = super().port_type(name) or self._others.port_type(name)
         if known is None:
             resolved = _resolved(name)
             if resolved is not None and resolved.is_array:

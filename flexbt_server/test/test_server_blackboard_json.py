@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import pytest
@@ -14,11 +15,24 @@ from hypothesis import strategies as st
 from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import ByteMultiArray, String
 
-from flexbt_server.behavior_tree import Blackboard, BlackboardError, export_blackboard, import_blackboard
+from flexbt_server.behavior_tree import (
+    Blackboard,
+    BlackboardError,
+    builtin_registry,
+    export_blackboard,
+    import_blackboard,
+)
 from flexbt_server.leaves.ros_ports import PATH, POSES
 from flexbt_server.ros_json import RosJsonTypes
 
 TYPES = RosJsonTypes()
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    name: str
+
+
 TEXT = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=5)
 POINTS = st.builds(Point, x=st.floats(), y=st.floats(), z=st.floats())
 
@@ -103,6 +117,25 @@ def test_a_person_may_leave_fields_out_and_is_told_of_wrong_ones() -> None:
             import_blackboard(board, {'goal': {**pose, **fields}}, TYPES)
     with pytest.raises(BlackboardError, match='os/msg/Path'):
         import_blackboard(board, {'goal': {'__type': 'os/msg/Path'}}, TYPES)
+
+
+def test_classes_of_a_package_are_there_beside_the_messages() -> None:
+    registry = builtin_registry()
+    registry.json_types.register('demo::Waypoint', Waypoint, asdict, lambda fields: Waypoint(**fields))
+    types = RosJsonTypes(registry.json_types)
+    board = Blackboard()
+    board.set('both', [Waypoint('a'), Point(x=1.0)])
+    board.declare('later', types.port_type('Waypoint'))
+    document, problems = export_blackboard(board, types)
+    assert not problems
+    again = Blackboard()
+    import_blackboard(again, json.loads(json.dumps(document)), types)
+    assert again.get('both') == board.get('both')
+    again.set('later', Waypoint('b'))
+    with pytest.raises(BlackboardError):
+        again.set('later', Point())
+    with pytest.raises(ValueError, match='registered'):
+        registry.json_types.register('demo::Waypoint', PoseStamped, vars, lambda fields: PoseStamped())
 
 
 def test_a_message_that_no_ros_type_fits_is_told() -> None:

@@ -22,6 +22,7 @@ from . import (
     timing,
     try_catch,
 )
+from .blackboard_json import JsonTypes
 from .errors import ConversionError, RegistrationError
 from .leaves import LeafNode
 from .node import ControlNode, DecoratorNode, TreeNode
@@ -97,6 +98,8 @@ class NodeRegistry:
         """``scripts`` has the enum constants that scripts know."""
         self._manifests: dict[str, NodeManifest] = {}
         self.scripts = scripts if scripts is not None else ScriptLibrary()
+        self.json_types = JsonTypes()
+        """Classes whose objects can be part of the JSON of a blackboard."""
 
     def register(self, id: str, node_class: type[TreeNode]) -> NodeManifest:
         """Makes ``node_class`` known as ``id``.

@@ -12,25 +12,28 @@ from flexbt_server.behavior_tree import (
     Blackboard,
     BlackboardError,
     JsonTypes,
+    NodeRegistry,
     export_blackboard,
     import_blackboard,
 )
 from flexbt_server.desk.errors import UsageError
 
 
-def _json_types() -> JsonTypes:
+def json_types(registry: NodeRegistry) -> JsonTypes:
+    """What may be in the files: what is registered, and messages where there is ROS."""
     try:
         from flexbt_server.ros_json import RosJsonTypes
     except ImportError:
-        return JsonTypes()
-    return RosJsonTypes()
+        return registry.json_types
+    return RosJsonTypes(registry.json_types)
 
 
 class BlackboardFile:
     """The content of a file; without a name, nothing. Raises UsageError when it cannot be read."""
 
-    def __init__(self, name: str | None = None) -> None:
+    def __init__(self, name: str | None = None, types: JsonTypes | None = None) -> None:
         self._name = name
+        self._types = types if types is not None else JsonTypes()
         self._document: Mapping[str, Any] = {}
         if name is None:
             return
@@ -52,14 +55,14 @@ class BlackboardFile:
 
     def _write(self, board: Blackboard, document: Mapping[str, Any]) -> None:
         try:
-            import_blackboard(board, document, _json_types())
+            import_blackboard(board, document, self._types)
         except BlackboardError as error:
             raise UsageError(f'--blackboard {self._name}: {error}') from error
 
 
-def save_blackboard(board: Blackboard, name: str) -> list[str]:
+def save_blackboard(board: Blackboard, name: str, types: JsonTypes) -> list[str]:
     """Writes a file; gives what could not be saved. Raises UsageError when the file cannot be written."""
-    document, problems = export_blackboard(board, _json_types())
+    document, problems = export_blackboard(board, types)
     try:
         Path(name).write_text(json.dumps(document, indent=2, allow_nan=False) + '\n', encoding='utf-8')
     except OSError as error:

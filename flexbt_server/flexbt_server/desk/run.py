@@ -14,7 +14,7 @@ from typing import Any, Final
 from flexbt_common.escaping import one_line
 from flexbt_server.behavior_tree import NodeExecutionError, NodeStatus, Reasons, TreeKey, TreeLibrary, TreeNode
 from flexbt_server.desk import arguments
-from flexbt_server.desk.blackboard_file import BlackboardFile, save_blackboard
+from flexbt_server.desk.blackboard_file import BlackboardFile, json_types, save_blackboard
 from flexbt_server.desk.errors import ExitCode, UsageError
 from flexbt_server.desk.files import read_library
 from flexbt_server.desk.mock_plan import read_plan
@@ -84,8 +84,10 @@ def _log_file(text: str) -> Path:
 
 def run(options: argparse.Namespace) -> ExitCode:
     plan = read_plan(options.mock, options.set)
-    library = read_library(options.files, arguments.registry(options, allow_unknown=True))
+    registry = arguments.registry(options, allow_unknown=True)
+    library = read_library(options.files, registry)
     printer = _Json() if options.json else _Text()
+    types = json_types(registry)
     trial = Trial(
         library,
         find_tree(library, options.tree) if options.tree is not None else _main_tree(library),
@@ -93,7 +95,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         real_time=options.real_time,
         rate=options.rate,
         read_inputs=options.read_inputs,
-        blackboard=BlackboardFile(options.blackboard),
+        blackboard=BlackboardFile(options.blackboard, types),
         on_transition=None if options.quiet else printer.transition,
         log=options.btlog,
     )
@@ -101,7 +103,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         result, reason, reasons = _outcome(trial, options.timeout)
         printer.result(_report(trial, result, reason, reasons))
         if options.save_blackboard is not None:
-            for problem in save_blackboard(trial.tree.blackboard, options.save_blackboard):
+            for problem in save_blackboard(trial.tree.blackboard, options.save_blackboard, types):
                 print(one_line(f'not saved: {problem}'), file=sys.stderr)
     finally:
         trial.close()
