@@ -214,10 +214,10 @@ def test_a_random_walk_is_as_the_model_predicts(tmp_path: Path) -> None:
         assert set(new_threads) <= {'steady_clock'} and new_threads.total() <= 3  # those of nodes start when needed
         grown = resident_megabytes() - memory
         busy = time.process_time()
-        time.sleep(0.3)
-        busy = (time.process_time() - busy) / 0.3
+        time.sleep(1.0)  # during which nothing should happen
+        busy = time.process_time() - busy
         took = time.monotonic() - began
         print(f'\n{STEPS} steps, seed {SEED}, {took:.0f} s; memory {grown:+.1f} MB; at rest {busy:.1%} of a core')
         print(dict(walk.counts))
         assert grown < 5.0 + STEPS / 500
-        assert busy < 0.1
+        assert busy < 0.2
