@@ -33,6 +33,7 @@ lost            ``number`` of events that could not be written before this one
 from __future__ import annotations
 
 import json
+import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -169,8 +170,19 @@ def rotated(file: Path, number: int) -> Path:
 
 
 def record_file(directory: str, node_name: str) -> Path | None:
-    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for ''."""
-    return Path(directory).expanduser() / f'{file_stem(node_name)}.jsonl' if directory else None
+    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for ''.
+
+    Where there is no home directory, that of temporary files stands for it.
+    """
+    return home_path(directory) / f'{file_stem(node_name)}.jsonl' if directory else None
+
+
+def home_path(directory: str) -> Path:
+    """A directory that may begin with ``~``."""
+    try:
+        return Path(directory).expanduser()
+    except RuntimeError:  # there is no home directory
+        return Path(directory.replace('~', tempfile.gettempdir(), 1))
 
 
 def file_stem(node_name: str) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from flexbt_common.errors import FlexbtError
@@ -20,7 +19,7 @@ from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.journal import Decided as Result
 from flexbt_onboard.journal import Journal
 from flexbt_onboard.plain_form import from_plain_form, to_plain_form
-from flexbt_onboard.record import file_stem
+from flexbt_onboard.record import file_stem, home_path
 from flexbt_onboard.run_building import RunRequest
 from flexbt_onboard.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError
 
@@ -93,7 +92,7 @@ class RunJournal:
         self._lost: set[str] = set()
         self._journal: Journal | None = None
         if directory:
-            self._journal = Journal(Path(directory).expanduser() / f'{file_stem(node_name)}.journal', on_problem)
+            self._journal = Journal(home_path(directory) / f'{file_stem(node_name)}.journal', on_problem)
 
     @property
     def results(self) -> Sequence[CommandResult]:
