@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from flexbt_onboard.run_context import RunContext, current_run
@@ -24,111 +25,53 @@ class _Throttle:
         return is_due
 
 
-class Logger:
-    """Lines for the operator (``log...``), or for the log of the node only (``local...``).
-
-    A text is formatted with ``%`` only when there are arguments, so that it may contain percent signs.
-    """
-
-    REPORT_INFO: Final = 0
-    REPORT_WARN: Final = 1
-    REPORT_HINT: Final = 2
-    REPORT_ERROR: Final = 3
-    REPORT_DEBUG: Final = 10
-
-    @staticmethod
-    def initialize(node: Any) -> None:
-        """Does nothing: lines go to the run on whose thread they are written."""
-
-    @staticmethod
-    def log(text: object, severity: int) -> None:
-        """Tell the operator something, in the name of the state that is being called."""
-        state = called_state()
-        current_run().log(severity_of(severity), state.path if state is not None else '', str(text))
-
-    @staticmethod
-    def local(text: object, severity: int) -> None:
-        """Write to the log of the node."""
-        logger = current_run().services.runtime.node.get_logger()
-        level = severity_of(severity)
-        # Each has a call of its own: rclpy does not let the severity at one place of the code change.
-        if level is Severity.DEBUG:
-            logger.debug(str(text))
-        elif level is Severity.WARN:
-            logger.warning(str(text))
-        elif level is Severity.ERROR:
-            logger.error(str(text))
-        else:
-            logger.info(str(text))
-
-    @staticmethod
-    def log_throttle(period: float, text: object, severity: int) -> None:
-        """Tell the operator something, at most once in ``period`` seconds."""
-        if current_run().shared(_Throttle).is_due((called_state(), text, severity), period):
-            Logger.log(text, severity)
-
-    @staticmethod
-    def logdebug(text: object, *args: Any) -> None:
-        Logger.log(_formatted(text, args), Logger.REPORT_DEBUG)
-
-    @staticmethod
-    def loginfo(text: object, *args: Any) -> None:
-        Logger.log(_formatted(text, args), Logger.REPORT_INFO)
-
-    @staticmethod
-    def logwarn(text: object, *args: Any) -> None:
-        Logger.log(_formatted(text, args), Logger.REPORT_WARN)
-
-    @staticmethod
-    def loghint(text: object, *args: Any) -> None:
-        Logger.log(_formatted(text, args), Logger.REPORT_HINT)
-
-    @staticmethod
-    def logerr(text: object, *args: Any) -> None:
-        Logger.log(_formatted(text, args), Logger.REPORT_ERROR)
-
-    @staticmethod
-    def loginfo_throttle(period: float, text: object, *args: Any) -> None:
-        Logger.log_throttle(period, _formatted(text, args), Logger.REPORT_INFO)
-
-    @staticmethod
-    def logwarn_throttle(period: float, text: object, *args: Any) -> None:
-        Logger.log_throttle(period, _formatted(text, args), Logger.REPORT_WARN)
-
-    @staticmethod
-    def logerr_throttle(period: float, text: object, *args: Any) -> None:
-        Logger.log_throttle(period, _formatted(text, args), Logger.REPORT_ERROR)
-
-    @staticmethod
-    def localdebug(text: object, *args: Any) -> None:
-        Logger.local(_formatted(text, args), Logger.REPORT_DEBUG)
-
-    @staticmethod
-    def localinfo(text: object, *args: Any) -> None:
-        Logger.local(_formatted(text, args), Logger.REPORT_INFO)
-
-    @staticmethod
-    def localwarn(text: object, *args: Any) -> None:
-        Logger.local(_formatted(text, args), Logger.REPORT_WARN)
-
-    @staticmethod
-    def localerr(text: object, *args: Any) -> None:
-        Logger.local(_formatted(text, args), Logger.REPORT_ERROR)
-
-    debug = logdebug
-    info = loginfo
-    warning = logwarn
-    hint = loghint
-    error = logerr
-
+REPORT_INFO: Final = 0
+REPORT_WARN: Final = 1
+REPORT_HINT: Final = 2
+REPORT_ERROR: Final = 3
+REPORT_DEBUG: Final = 10
 
 _SEVERITIES: Final = {
-    Logger.REPORT_INFO: Severity.INFO,
-    Logger.REPORT_WARN: Severity.WARN,
-    Logger.REPORT_HINT: Severity.HINT,
-    Logger.REPORT_ERROR: Severity.ERROR,
-    Logger.REPORT_DEBUG: Severity.DEBUG,
+    REPORT_INFO: Severity.INFO,
+    REPORT_WARN: Severity.WARN,
+    REPORT_HINT: Severity.HINT,
+    REPORT_ERROR: Severity.ERROR,
+    REPORT_DEBUG: Severity.DEBUG,
 }
+
+
+def log(text: object, severity: int) -> None:
+    """Tell the operator something, in the name of the state that is being called."""
+    state = called_state()
+    current_run().log(severity_of(severity), state.path if state is not None else '', str(text))
+
+
+def local(text: object, severity: int) -> None:
+    """Write to the log of the node."""
+    logger = current_run().services.runtime.node.get_logger()
+    level = severity_of(severity)
+    # Each has a call of its own: rclpy does not let the severity at one place of the code change.
+    if level is Severity.DEBUG:
+        logger.debug(str(text))
+    elif level is Severity.WARN:
+        logger.warning(str(text))
+    elif level is Severity.ERROR:
+        logger.error(str(text))
+    else:
+        logger.info(str(text))
+
+
+def log_throttle(period: float, text: object, severity: int) -> None:
+    """Tell the operator something, at most once in ``period`` seconds."""
+    if current_run().shared(_Throttle).is_due((log, text, severity), period):
+        log(text, severity)
+
+
+def local_throttle(period: float, text: object, severity: int, *args: Any) -> None:
+    """Write to the log of the node, at most once in ``period`` seconds."""
+    shown = _formatted(text, args) if args else str(text)
+    if current_run().shared(_Throttle).is_due((local, shown, severity), period):
+        local(shown, severity)
 
 
 def severity_of(constant: int) -> Severity:
@@ -136,5 +79,71 @@ def severity_of(constant: int) -> Severity:
     return _SEVERITIES.get(constant, Severity.DEBUG)
 
 
+def _line(tell: Callable[[object, int], None], severity: int) -> Callable[..., None]:
+    def line(text: object, *args: Any) -> None:
+        tell(_formatted(text, args), severity)
+
+    return staticmethod(line)
+
+
+def _throttled(tell: Callable[[float, object, int], None], severity: int) -> Callable[..., None]:
+    def line(period: float, text: object, *args: Any) -> None:
+        tell(period, _formatted(text, args), severity)
+
+    return staticmethod(line)
+
+
 def _formatted(text: object, args: tuple[Any, ...]) -> str:
-    return str(text) % args if args else str(text)
+    """The text with its arguments. Without arguments ``%%`` is a percent sign, and any other one is what it is."""
+    try:
+        return str(text) % args
+    except (TypeError, ValueError):
+        if args:
+            raise
+        return str(text)
+
+
+class Logger:
+    """Lines for the operator (``log...``), or for the log of the node only (``local...``).
+
+    ``..._throttle`` takes a period in seconds in front, in which the same line is written once.
+    """
+
+    REPORT_INFO: Final = REPORT_INFO
+    REPORT_WARN: Final = REPORT_WARN
+    REPORT_HINT: Final = REPORT_HINT
+    REPORT_ERROR: Final = REPORT_ERROR
+    REPORT_DEBUG: Final = REPORT_DEBUG
+
+    log = staticmethod(log)
+    local = staticmethod(local)
+    log_throttle = staticmethod(log_throttle)
+    local_throttle = staticmethod(local_throttle)
+
+    logdebug = debug = _line(log, REPORT_DEBUG)
+    loginfo = info = _line(log, REPORT_INFO)
+    logwarn = warning = _line(log, REPORT_WARN)
+    loghint = hint = _line(log, REPORT_HINT)
+    logerr = error = _line(log, REPORT_ERROR)
+
+    localdebug = _line(local, REPORT_DEBUG)
+    localinfo = _line(local, REPORT_INFO)
+    localwarn = _line(local, REPORT_WARN)
+    localhint = _line(local, REPORT_HINT)
+    localerr = _line(local, REPORT_ERROR)
+
+    logdebug_throttle = _throttled(log_throttle, REPORT_DEBUG)
+    loginfo_throttle = _throttled(log_throttle, REPORT_INFO)
+    logwarn_throttle = _throttled(log_throttle, REPORT_WARN)
+    loghint_throttle = _throttled(log_throttle, REPORT_HINT)
+    logerr_throttle = _throttled(log_throttle, REPORT_ERROR)
+
+    localdebug_throttle = _throttled(local_throttle, REPORT_DEBUG)
+    localinfo_throttle = _throttled(local_throttle, REPORT_INFO)
+    localwarn_throttle = _throttled(local_throttle, REPORT_WARN)
+    localhint_throttle = _throttled(local_throttle, REPORT_HINT)
+    localerr_throttle = _throttled(local_throttle, REPORT_ERROR)
+
+    @staticmethod
+    def initialize(node: Any) -> None:
+        """Does nothing: lines go to the run on whose thread they are written."""

@@ -374,6 +374,7 @@ class TestLogger:
     def test_lines_name_the_state_and_keep_percent_signs(self, bench: StateBench) -> None:
         def work(state: Traced, userdata: Any) -> str:
             Logger.loginfo('100 % of %s')
+            Logger.loginfo('100 %% of it')
             Logger.logwarn('%d of %s', 3, 'four')
             Logger.loghint('hint')
             Logger.logerr('error')
@@ -383,12 +384,14 @@ class TestLogger:
             for _ in range(3):
                 Logger.logwarn_throttle(60.0, 'once')
             Logger.localinfo('in the log of the node only')
+            Logger.localwarn_throttle(60.0, 'as %s', 'this')
             return 'done'
 
         going, _ = run(bench, work)
         assert going.wait() == 'finished'
         assert going.lines == [
             (Severity.INFO.value, '/subject', '100 % of %s'),
+            (Severity.INFO.value, '/subject', '100 % of it'),
             (Severity.WARN.value, '/subject', '3 of four'),
             (Severity.HINT.value, '/subject', 'hint'),
             (Severity.ERROR.value, '/subject', 'error'),

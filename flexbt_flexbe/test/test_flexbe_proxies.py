@@ -212,6 +212,25 @@ class TestTopics:
         assert run(bench, steps).wait() == 'done'
         assert steps.seen == [True, False]
 
+    def test_methods_may_be_called_on_the_class(self, bench: StateBench) -> None:
+        class Classy(Steps):
+            def execute(self, state: Script) -> str:
+                subscribe: Any = ProxySubscriberCached.subscribe
+                subscribe('classy', String)
+                available: Any = ProxySubscriberCached.is_available
+                self.seen.append(available('classy'))
+                unsubscribe: Any = ProxySubscriberCached.unsubscribe_topic
+                unsubscribe('classy')
+                self.seen.append(available('classy'))
+                create: Any = ProxyPublisher.create_publisher
+                create('classy', String)
+                self.seen.append(ProxyPublisher().is_available('classy'))
+                return 'done'
+
+        steps = Classy()
+        assert run(bench, steps).wait() == 'done'
+        assert steps.seen == [True, False, True]
+
     @pytest.mark.parametrize(
         ('use', 'words'),
         [

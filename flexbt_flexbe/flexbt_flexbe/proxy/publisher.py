@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 
 from flexbt_flexbe.errors import ProxyError
 from flexbt_flexbe.proxy.qos import QOS_DEFAULT
-from flexbt_flexbe.proxy.run_proxy import RunProxy, message_class
+from flexbt_flexbe.proxy.run_proxy import RunProxy, message_class, on_class_too
 from flexbt_onboard.run_context import RunContext
 
 
@@ -65,6 +65,7 @@ class ProxyPublisher(RunProxy):
         for topic, message in (topics or {}).items():
             self.createPublisher(topic, message, qos)
 
+    @on_class_too
     def createPublisher(
         self, topic: str, msg_type: type[Any] | str, qos: QoSProfile | int | None = None, **ignored: Any
     ) -> None:
@@ -77,10 +78,12 @@ class ProxyPublisher(RunProxy):
 
     create_publisher = createPublisher
 
+    @on_class_too
     def is_available(self, topic: str) -> bool:
         """Whether the run publishes on the topic."""
         return self._publishers.get(topic) is not None
 
+    @on_class_too
     def publish(self, topic: str, msg: Any) -> None:
         """Publish a message.
 
@@ -92,10 +95,12 @@ class ProxyPublisher(RunProxy):
             raise ProxyError(f'topic {topic!r}: a message is a {known.message_class.__name__}, not {msg!r:.80}')
         known.publisher.publish(msg)
 
+    @on_class_too
     def number_of_subscribers(self, topic: str) -> int:
         """How many subscriptions match the publisher, as far as discovery knows."""
         return int(self._topic(topic).publisher.get_subscription_count())
 
+    @on_class_too
     def wait_for_any(self, topic: str, timeout: float = 5.0) -> bool:
         """Whether there is a subscriber now; ``timeout`` is not waited for."""
         return self.number_of_subscribers(topic) > 0

@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from types import MethodType
+from typing import Any, TypeVar, cast
 
 from flexbt_common.errors import FlexbtError
 from flexbt_common.values import resolve_type
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.run_context import current_run
 from flexbt_onboard.state_machine import EventState, called_state, innermost
+
+Method = TypeVar('Method', bound=Callable[..., Any])
 
 
 class RunProxy:
@@ -27,6 +31,22 @@ class RunProxy:
     @staticmethod
     def shutdown() -> None:
         """Does nothing: what proxies hold ends with the run."""
+
+
+class _OnClassToo:
+    """See :func:`on_class_too`."""
+
+    def __init__(self, method: Callable[..., Any]) -> None:
+        self._method = method
+        self.__doc__ = method.__doc__
+
+    def __get__(self, proxy: Any, owner: type[Any]) -> Callable[..., Any]:
+        return MethodType(self._method, owner() if proxy is None else proxy)
+
+
+def on_class_too(method: Method) -> Method:
+    """A method that may be called on the class, as in FlexBE: of proxies that share what they have within a run."""
+    return cast(Method, _OnClassToo(method))
 
 
 def calling_state() -> EventState | None:

@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_flexbe.errors import ProxyError
 from flexbt_flexbe.proxy.qos import QOS_DEFAULT
-from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy, message_class
+from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy, message_class, on_class_too
 from flexbt_onboard.run_context import RunContext
 
 MessageCallback = Callable[[Any], None]
@@ -142,6 +142,7 @@ class ProxySubscriberCached(RunProxy):
         for topic, message in (topics or {}).items():
             self.subscribe(topic, message, qos=qos, inst_id=inst_id)
 
+    @on_class_too
     def subscribe(
         self,
         topic: str,
@@ -163,46 +164,56 @@ class ProxySubscriberCached(RunProxy):
         if buffered:
             feed.set_buffered(True)
 
+    @on_class_too
     def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = -1) -> None:
         """Have something called for each message, on the executor's thread: it must not block."""
         self._feed(topic).set_callback(inst_id, callback)
 
+    @on_class_too
     def enable_buffer(self, topic: str) -> None:
         """Keep all messages from now on."""
         self._feed(topic).set_buffered(True)
 
+    @on_class_too
     def disable_buffer(self, topic: str) -> None:
         """Keep the newest message only."""
         self._feed(topic).set_buffered(False)
 
+    @on_class_too
     def is_available(self, topic: str) -> bool:
         """Whether the run listens to the topic."""
         return self._asked(topic) is not None
 
+    @on_class_too
     def has_msg(self, topic: str) -> bool:
         """Whether a message has come and was not removed."""
         return self.get_last_msg(topic) is not None
 
+    @on_class_too
     def get_last_msg(self, topic: str) -> Any:
         """The newest message, None when there is none."""
         feed = self._asked(topic)
         return feed.newest() if feed is not None else None
 
+    @on_class_too
     def has_buffered(self, topic: str) -> bool:
         """Whether the buffer has messages."""
         feed = self._asked(topic)
         return feed is not None and feed.has_buffered()
 
+    @on_class_too
     def get_from_buffer(self, topic: str) -> Any:
         """Take the oldest message of the buffer; None when it is empty."""
         feed = self._asked(topic)
         return feed.take_oldest() if feed is not None else None
 
+    @on_class_too
     def peek_at_buffer(self, topic: str) -> Any:
         """The oldest message of the buffer, which stays there."""
         feed = self._asked(topic)
         return feed.peek_oldest() if feed is not None else None
 
+    @on_class_too
     def remove_last_msg(self, topic: str, clear_buffer: bool = False) -> None:
         """Forget the newest message, unless the topic is persistent."""
         feed = self._asked(topic)
@@ -211,12 +222,14 @@ class ProxySubscriberCached(RunProxy):
             if clear_buffer:
                 feed.clear_buffer()
 
+    @on_class_too
     def make_persistant(self, topic: str) -> None:
         """Let :meth:`remove_last_msg` leave the newest message where it is."""
         self._feed(topic).is_persistent = True
 
     make_persistent = make_persistant
 
+    @on_class_too
     def unsubscribe_topic(self, topic: str, inst_id: Any = -1) -> None:
         """``inst_id`` listens no more; with the last one the subscription ends."""
         feed = self._feeds.get(topic)
