@@ -42,6 +42,8 @@ class TickHooks:
         self._nodes = nodes
         self._before: dict[TreeNode, BeforeTick] = {}
         self._after: dict[TreeNode, AfterTick] = {}
+        self.replaced: set[TreeNode] = set()
+        """Nodes whose last result a hook has given."""
         self._lock = threading.Lock()
         self._released = False
         self.on_release: Callable[[], None] | None = None
@@ -97,12 +99,13 @@ class TickHooks:
         hooks = self._after
 
         def execute_and_ask() -> NodeStatus:
+            self.replaced.discard(node)
             status = begin()
             hook = hooks.get(node)
             if hook is not None:
                 given = _opinion(node, lambda: hook(node, status))
                 if given is not None and given is not status:
-                    return _complete(node, given)
+                    return self._complete(node, given)
             return status
 
         return execute_and_ask
@@ -116,10 +119,17 @@ class TickHooks:
             if hook is not None and (node.status is IDLE or node.status is RUNNING):
                 given = _opinion(node, lambda: hook(node))
                 if given is not None:
-                    return _complete(node, given)
+                    return self._complete(node, given)
             return execute()
 
         return ask_and_execute
+
+    def _complete(self, node: TreeNode, result: NodeStatus) -> NodeStatus:
+        if node.status is RUNNING:
+            node.halt()
+        node.status = result
+        self.replaced.add(node)
+        return result
 
 
 def _opinion(node: TreeNode, hook: Callable[[], NodeStatus]) -> NodeStatus | None:
@@ -131,10 +141,3 @@ def _opinion(node: TreeNode, hook: Callable[[], NodeStatus]) -> NodeStatus | Non
     except BaseException as error:
         raise node.fault(error) from error
     return given if given is SUCCESS or given is FAILURE else None
-
-
-def _complete(node: TreeNode, result: NodeStatus) -> NodeStatus:
-    if node.status is RUNNING:
-        node.halt()
-    node.status = result
-    return result

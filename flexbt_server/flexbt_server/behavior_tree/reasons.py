@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Sequence
 
     from .node import TreeNode
 
@@ -58,11 +58,14 @@ class Reasons(NamedTuple):
         return [*map(str, steps[:head]), between, *map(str, steps[len(steps) - tail :])]
 
 
-def failure_of(root: TreeNode) -> Reasons:
-    """Why ``root`` has failed in its last tick."""
+def failure_of(root: TreeNode, replaced: Container[TreeNode]) -> Reasons:
+    """Why ``root`` has failed in its last tick. Hooks have given the result of the nodes that are ``replaced``."""
     steps: list[Reason] = []
     node: TreeNode | None = root
     while node is not None:
+        if node in replaced:
+            steps.append(Reason(node.path, 'a hook has given FAILURE'))
+            break
         steps.append(Reason(node.path, node.failure_reason()))
         node = node.failure_cause()
     return Reasons(tuple(reversed(steps)))

@@ -260,7 +260,7 @@ class Tree:
         """Why the last tick gave FAILURE, if it did. The nodes know until the next tick; nothing is put together before
         somebody asks."""
         if self._status is FAILURE and self._failure is None:
-            self._failure = failure_of(self.root)
+            self._failure = failure_of(self.root, self.hooks.replaced)
         return self._failure if self._status is FAILURE else None
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
