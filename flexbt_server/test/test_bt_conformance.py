@@ -137,6 +137,8 @@ SUB_TREE = '<SubTree ID="Sub" name="sub" x="{x}"/>'
         ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := 1; y := \'2\'"/></Fallback>', ''),
         ('<Fallback><WasEntryUpdated entry="{y}"/><SetBlackboard value="a" output_key="y"/></Fallback>', ''),
         ('<Fallback><WasEntryUpdated entry="{y}"/><Act name="v" _write="y:s:a;y:s:b;y:i:2" _read="y"/></Fallback>', ''),
+        # A condition whose result stands, and is not asked anew.
+        ('<IfThenElse><Act name="c" _script="F" _post="n += 1"/><AlwaysSuccess/></IfThenElse>', ''),
         # Integers of a script that the type of their entry has no room for.
         ('<Sequence><Script code="n = 3000000000"/><Script code="n = n - 1"/></Sequence>', ''),
         ('<Sequence><Script code="n = 3000000000"/><Repeat num_cycles="{n}"><AlwaysFailure/></Repeat></Sequence>', ''),

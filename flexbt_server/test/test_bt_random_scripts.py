@@ -25,6 +25,7 @@ def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
 def test_a_tree_does_the_same_when_nobody_looks() -> None:
     for seed in range(250):
         case = bt_random_scripts.make_case(seed)
+        case['ops'] *= 2  # more of it by the code that is made of the scripts
         seen, unseen = (bt_scripted.Run(case, observed=observed).trace() for observed in (True, False))
         for step in [*seen['steps'], seen['final']]:
             step['events'] = [event for event in step['events'] if event[0] != 'st']

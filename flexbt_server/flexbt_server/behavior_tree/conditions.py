@@ -16,13 +16,14 @@ from __future__ import annotations
 import functools
 import types
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-from .errors import NodeExecutionError, ScriptError
+from .errors import ScriptError
 from .hooks import TickHooks
 from .node import Execute, TreeNode
 from .observation import get_status, set_and_tell, tells
-from .script import BoundScript, CompiledScript, gate_factory, kinds_of
+from .post_conditions import NodeScript, PostConditions
+from .script import CompiledScript, gate_factory, kinds_of
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 # What a pre-condition has to be for it to decide, and the result then.
@@ -32,19 +33,7 @@ _DECISIONS: Final[Mapping[str, tuple[bool, NodeStatus]]] = {
     '_skipIf': (True, SKIPPED),
     '_while': (False, SKIPPED),
 }
-
-
-class _Script(NamedTuple):
-    """A script of a node, and the attribute that it is in. A pre-condition decides when it is ``decisive``."""
-
-    attribute: str
-    bound: BoundScript
-    decisive: bool
-    result: NodeStatus
-
-
 _COMPLETING: Final = ('_onSuccess', '_onFailure', '_post')
-_NOTHING: Final[Mapping[NodeStatus, tuple[_Script, ...]]] = {SUCCESS: (), FAILURE: ()}
 
 
 class Conditions:
@@ -52,13 +41,12 @@ class Conditions:
 
     __slots__ = (
         '_bare',
-        '_completed',
         '_countdown',
         '_execute',
         '_halted',
         '_hooks',
         '_node',
-        '_pending',
+        '_post',
         '_start',
         '_telling',
         'decided',
@@ -66,9 +54,9 @@ class Conditions:
     )
 
     def __init__(self, node: TreeNode, scripts: Mapping[str, CompiledScript]) -> None:
-        def bound(*attributes: str) -> tuple[_Script, ...]:
+        def bound(*attributes: str) -> tuple[NodeScript, ...]:
             return tuple(
-                _Script(
+                NodeScript(
                     attribute,
                     scripts[attribute].bind(node.blackboard, condition=attribute in _DECISIONS),
                     *_DECISIONS.get(attribute, (True, IDLE)),
@@ -79,14 +67,13 @@ class Conditions:
 
         self._node = node
         self._start = bound(*_DECISIONS)
-        self._completed = _NOTHING
+        self._post: PostConditions | None = None
         if any(attribute in scripts for attribute in _COMPLETING):
-            self._completed = {SUCCESS: bound('_onSuccess', '_post'), FAILURE: bound('_onFailure', '_post')}
-        # Whether the scripts of the completion are still to be run in this tick.
-        self._pending = False
+            completed = {SUCCESS: bound('_onSuccess', '_post'), FAILURE: bound('_onFailure', '_post')}
+            self._post = PostConditions(node, completed, self._exchange)
         self._halted = bound('_onHalted')
         # The pre-condition because of which the node failed; None when it failed by itself.
-        self.decided: _Script | None = None
+        self.decided: NodeScript | None = None
         self._bare: Execute = node.execute
         self._hooks: TickHooks | None = None
         self._telling = False
@@ -95,9 +82,18 @@ class Conditions:
     def _surround(self) -> None:
         """Puts the scripts around the tick of the node, and around the hook before it."""
         tick = self._bare if self._hooks is None else self._hooks.before(self._node, self._bare)
-        self._execute: Execute = tick if self._completed is _NOTHING else self._execute_and_complete(tick)
+        self._begin(tick if self._post is None else self._post.around(tick, self._telling))
+
+    def _begin(self, execute: Execute) -> None:
+        """Puts the pre-conditions before ``execute``."""
+        self._execute: Execute = execute
         self._countdown = self._start[0].bound.script.warm_up if self._start else 0
-        self.execute: Execute = self._decide_and_execute if self._start else self._execute
+        self.execute: Execute = self._decide_and_execute if self._start else execute
+
+    def _exchange(self, execute: Execute) -> None:
+        """Takes a faster ``execute``."""
+        self._begin(execute)
+        self._node.context.exchanged.append(self._node)
 
     def entry_point(self) -> Execute:
         """The callable by which the node is ticked, for its parent."""
@@ -124,14 +120,14 @@ class Conditions:
             try:
                 decided = script.bound.run() is script.decisive
             except ScriptError as error:
-                raise self._fault(script, error) from error
+                raise script.fault(self._node, error) from error
             if decided:
                 return self.decide(place)
         self.decided = None
         return self._execute()
 
     @property
-    def _while(self) -> tuple[_Script, ...]:
+    def _while(self) -> tuple[NodeScript, ...]:
         """The pre-condition that is asked while the node is RUNNING; it is the last one."""
         return self._start[-1:] if self._start[-1].attribute == '_while' else ()
 
@@ -139,10 +135,13 @@ class Conditions:
         """The result that this pre-condition gives. The node completes with it, or is halted when it was RUNNING."""
         script = self._start[place]
         node, result = self._node, script.result
-        self._pending = False
+        post = self._post
+        if post is not None:
+            post.decided()
         if result is not SKIPPED:
             self.decided = script if result is FAILURE else None
-            self._run(self._completed[result])
+            if post is not None:
+                post.run(result)
             node.status = result
         elif node.status is RUNNING:
             node.halt()
@@ -171,59 +170,18 @@ class Conditions:
 
     # -- post-conditions ---------------------------------------------------------------------------------------------
 
-    def _execute_and_complete(self, execute: Execute) -> Execute:
-        """``execute`` with the scripts of the completion.
-
-        They run before the status is stored: when one raises, the node has not completed. A node that is observed, or
-        of a class that does not say what it stores before its result, tells them the moment (:meth:`complete`). With
-        others the status is put back.
-        """
-        node = self._node
-        running_first = node.running_first
-        success, failure = (tuple(script.bound for script in self._completed[status]) for status in (SUCCESS, FAILURE))
-
-        def execute_and_tell() -> NodeStatus:
-            self._pending = True
-            return execute()
-
-        def execute_and_complete() -> NodeStatus:
-            before = node.status
-            status = execute()
-            if status is SUCCESS:
-                scripts = success
-            elif status is FAILURE:
-                scripts = failure
-            else:
-                return status
-            try:
-                for script in scripts:
-                    script.run()
-            except ScriptError as error:
-                node.status = RUNNING if running_first else before
-                raise self._fault(self._completed[status][scripts.index(script)], error) from error
-            return status
-
-        return execute_and_tell if self._telling else execute_and_complete
-
     def complete(self, status: NodeStatus) -> None:
         """Runs the scripts for the node's completing with this status, once in a tick."""
-        if self._pending:
-            self._pending = False
-            self._run(self._completed[status])
+        if self._post is not None:
+            self._post.complete(status)
 
     def halted(self) -> None:
         """Runs the script for the node's having been halted."""
-        self._run(self._halted)
-
-    def _run(self, scripts: tuple[_Script, ...]) -> None:
-        for script in scripts:
+        for script in self._halted:
             try:
                 script.bound.run()
             except ScriptError as error:
-                raise self._fault(script, error) from error
-
-    def _fault(self, script: _Script, error: ScriptError) -> NodeExecutionError:
-        return self._node.fault(ScriptError(error.script, error.offset, f'{script.attribute}: {error.reason}'))
+                raise script.fault(self._node, error) from error
 
 
 def add_conditions(node: TreeNode, scripts: Mapping[str, CompiledScript]) -> None:

@@ -21,41 +21,37 @@ from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStat
 _PORTS: Final[Mapping[str, Port]] = {'entry': input_port(ANY, literal=KEY, description='the entry: {key}, or just key')}
 
 
-class _Watch:
-    """The writes of the entry to which the port ``entry`` of a node points. ``seen`` is how many were seen."""
+def _key(config: NodeConfig) -> str:
+    given = config.values['entry']
+    return given.text if given.key is None else given.key
 
-    __slots__ = ('_board', 'entry', 'key', 'seen')
 
-    def __init__(self, config: NodeConfig) -> None:
-        given = config.values['entry']
-        self.key = given.text if given.key is None else given.key
-        self._board = config.blackboard
-        self.entry = MISSING
-        self.seen = 0
-
-    def updated(self) -> bool:
-        """Whether the entry was written since the last call. One that is missing was not."""
-        entry = self.entry
-        if not entry.present:
-            self.entry = entry = self._board.entry(self.key) or MISSING
-        writes = entry.sequence
-        if writes == self.seen or entry is MISSING:
-            return False
-        self.seen = writes
-        return True
+def _updated(node: _UpdateDecorator | WasEntryUpdated) -> bool:
+    """Whether the entry was written since the node has last seen so. One that is missing was not."""
+    entry = node._entry
+    if not entry.present:
+        node._entry = entry = node.blackboard.entry(node._key) or MISSING
+    writes = entry.sequence
+    if writes == node._seen or entry is MISSING:
+        return False
+    node._seen = writes
+    return True
 
 
 class _UpdateDecorator(DecoratorNode):
     """Ticks the child when the entry was written since the last time, and then until the child is no longer RUNNING."""
 
-    __slots__ = ('_child_running', '_watch')
+    __slots__ = ('_child_running', '_entry', '_key', '_seen')
 
     running_first = None
     ports = _PORTS
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._watch = _Watch(config)
+        self._key = _key(config)
+        self._entry = MISSING
+        # The number of writes that was seen last.
+        self._seen = 0
         self._child_running = False
 
     def _run(self) -> NodeStatus:
@@ -78,11 +74,9 @@ class SkipUnlessUpdated(_UpdateDecorator):
     __slots__ = ()
 
     def execute(self) -> NodeStatus:
-        if not self._child_running:
-            watch = self._watch
-            # Nothing new is what most ticks find; a call would take longer than that.
-            if watch.entry.sequence == watch.seen or not watch.updated():
-                return SKIPPED
+        # Nothing new is what most ticks find; a call would take longer than that.
+        if not self._child_running and (self._entry.sequence == self._seen or not _updated(self)):
+            return SKIPPED
         return self._run()
 
 
@@ -95,30 +89,31 @@ class WaitValueUpdate(_UpdateDecorator):
     __slots__ = ()
 
     def execute(self) -> NodeStatus:
-        if not self._child_running:
-            watch = self._watch
-            if watch.entry.sequence == watch.seen or not watch.updated():
-                self.status = RUNNING
-                return RUNNING
+        if not self._child_running and (self._entry.sequence == self._seen or not _updated(self)):
+            self.status = RUNNING
+            return RUNNING
         return self._run()
 
 
 class WasEntryUpdated(LeafNode):
     """SUCCESS when ``entry`` was written since the last tick of this node; FAILURE when not, or when it is missing."""
 
-    __slots__ = ('_watch',)
+    __slots__ = ('_entry', '_key', '_seen')
 
     kind = NodeKind.ACTION
     ports = _PORTS
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._watch = _Watch(config)
+        self._key = _key(config)
+        self._entry = MISSING
+        # The number of writes that was seen last.
+        self._seen = 0
 
     def execute(self) -> NodeStatus:
-        status = SUCCESS if self._watch.updated() else FAILURE
+        status = SUCCESS if _updated(self) else FAILURE
         self.status = status
         return status
 
     def failure_reason(self) -> str:
-        return f'{self.id}: entry [{self._watch.key}] was not written since the last tick'
+        return f'{self.id}: entry [{self._key}] was not written since the last tick'

@@ -15,7 +15,7 @@ from .port_types import PortType
 from .script_closures import ClosureCompiler, Scope
 from .script_code import NotSpecializable, Variable, variable_of
 from .script_parser import Comparison, Expression, parse_script
-from .script_specialization import Factory, specialize, specialize_gate
+from .script_specialization import Factory, specialize, specialize_completion, specialize_gate
 from .script_values import Value, truth
 
 WARM_UP: Final = 8
@@ -112,6 +112,26 @@ def gate_factory(
         return specialize_gate(conditions, variables, first._enums, ongoing=ongoing, forgetful=forgetful)
 
     key = (*scripts[1:], *decisive, *variables.items(), ongoing, forgetful)
+    return first._made(key, make)
+
+
+def completion_factory(
+    sides: Sequence[Sequence[CompiledScript] | None], variables: Mapping[str, Variable]
+) -> Factory | None:
+    """What makes the code that ticks a node with these post-conditions, see ``specialize_completion``.
+
+    None when that is for the closures. All scripts are of one library.
+    """
+    first = next(script for side in sides for script in side or ())
+
+    def make() -> Factory:
+        statements = [
+            None if side is None else [statement for script in side for statement in script._statements]
+            for side in sides
+        ]
+        return specialize_completion(statements, variables, first._enums)
+
+    key = (*(None if side is None else tuple(side) for side in sides), *variables.items())
     return first._made(key, make)
 
 

@@ -103,8 +103,8 @@ class CodeWriter:
             result = self._assign(statement) if isinstance(statement, Assignment) else self._expression(statement)
         return result
 
-    def guards(self) -> list[str]:
-        """Reads the entries, and calls ``slow`` unless they are as expected."""
+    def guards(self, slow: str = 'slow()') -> list[str]:
+        """Reads the entries, and gives what ``slow`` gives unless they are as expected."""
         lines = []
         for place, (name, variable) in enumerate(self._variables.items()):
             if name not in self._used:
@@ -116,7 +116,7 @@ class CodeWriter:
                 if name in self._writes:
                     # The bounds of the type are a part of the code.
                     wrong += f' or e{place}.type is not t{place}'
-            lines.append(f'if {wrong}: return slow()')
+            lines.append(f'if {wrong}: return {slow}')
         return lines
 
     def commits(self) -> list[str]:

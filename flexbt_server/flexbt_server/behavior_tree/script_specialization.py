@@ -15,7 +15,7 @@ from typing import Any
 
 from .script_code import CodeWriter, NotSpecializable, Variable
 from .script_parser import Expression
-from .status import IDLE, RUNNING, SKIPPED
+from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 
 Factory = Callable[..., Callable[[], Any]]
 
@@ -72,6 +72,38 @@ def specialize_gate(
     return _compiled(len(variables), ['slow', 'node', 'execute', 'conditions'], gate)
 
 
+def specialize_completion(
+    sides: Sequence[Sequence[Expression] | None],
+    variables: Mapping[str, Variable],
+    enums: Mapping[str, int],
+) -> Factory:
+    """Gives ``bind(entries, types, slow, node, execute)``, which makes the code that ticks a node with post-conditions.
+
+    The ``sides`` are the statements for SUCCESS and for FAILURE; None: there is no code for them. When there is none,
+    or when it does not fit, ``slow(status, before)`` does it all: ``before`` is the status of the node before the tick.
+    Raises NotSpecializable.
+    """
+    slow = 'slow(status, before)'
+
+    def side(statements: Sequence[Expression] | None) -> list[str]:
+        if statements is None:
+            return [f'return {slow}']
+        if not statements:
+            return ['pass']
+        writer = CodeWriter(variables, enums)
+        writer.statements(statements)
+        return [*writer.guards(slow), *_guarded(writer.lines, slow), *writer.commits()]
+
+    success, failure = sides
+    body = ['before = node.status', 'status = execute()']
+    if success == failure:
+        body += ['if status is SUCCESS or status is FAILURE:', *_indented(side(success))]
+    else:
+        body += ['if status is SUCCESS:', *_indented(side(success))]
+        body += ['elif status is FAILURE:', *_indented(side(failure))]
+    return _compiled(len(variables), ['slow', 'node', 'execute'], [*body, 'return status'])
+
+
 def _decision(
     conditions: Sequence[tuple[Sequence[Expression], bool]],
     first: int,
@@ -96,12 +128,12 @@ def _decision(
     return [*writer.guards(), *_guarded(lines), 'if place >= 0: return conditions.decide(place)']
 
 
-def _guarded(lines: Sequence[str]) -> list[str]:
+def _guarded(lines: Sequence[str], slow: str = 'slow()') -> list[str]:
     return [
         'try:',
         *_indented(lines or ['pass']),
         'except (ArithmeticError, ValueError):',
-        '    return slow()',
+        f'    return {slow}',
     ]
 
 
@@ -123,7 +155,8 @@ def _compiled(variables: int, names: Sequence[str], body: Sequence[str]) -> Fact
         *_indented(_indented(body)),
         '    return run',
     ]
-    namespace: dict[str, Any] = {'IDLE': IDLE, 'RUNNING': RUNNING, 'SKIPPED': SKIPPED}
+    statuses = (IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED)
+    namespace: dict[str, Any] = {status.name: status for status in statuses}
     exec(compile('\n'.join(lines), '<script>', 'exec'), namespace)  # noqa: S102 - made by CodeWriter, which says of what
     factory: Factory = namespace['bind']
     return factory
