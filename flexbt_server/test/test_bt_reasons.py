@@ -173,7 +173,7 @@ def test_a_hook_that_has_given_the_result_is_named(before: bool, conditions: str
 
 
 def test_of_very_many_reasons_those_in_the_middle_are_left_out() -> None:
-    reasons = Reasons(tuple(Reason(str(number), 'failed') for number in range(500)))
+    reasons = Reasons(tuple(Reason(str(number), 'failed') for number in range(1000)))
     lines = reasons.lines(10)
     assert len(lines) == 10
     assert [line.partition(':')[0] for line in lines] == [
