@@ -117,10 +117,15 @@ class Journal:
             raise OnboardError(f'parameter journal_directory: {file} cannot be written: {error}') from error
 
     def write(self, commands: Sequence[Decided] = (), **line: Any) -> None:
-        """Append a line with the given parts. It survives the death of the process at once, see :meth:`sync`."""
+        """Append a line with the given parts. It survives the death of the process at once, see :meth:`sync`.
+
+        After :meth:`close` nothing is written.
+        """
         if commands:
             line['commands'] = [list(command) for command in commands]
         with self._lock:
+            if self._guard < 0:
+                return  # closed: a run that was left behind at the end of the process
             self.state.apply(line)
             try:
                 if self._has_problem or self._size > max(_LARGEST, 4 * self._least_size):

@@ -88,8 +88,13 @@ def test_two_executives_do_not_share_a_journal(tmp_path: Path) -> None:
     journal = Journal(tmp_path / 'e.journal', no_problem)
     with pytest.raises(OnboardError, match='in use by another'):
         Journal(tmp_path / 'e.journal', no_problem)
+    journal.write(begin={'run': 'first'})
     journal.close()
-    Journal(tmp_path / 'e.journal', no_problem).close()
+    second = Journal(tmp_path / 'e.journal', no_problem)
+    journal.write(begin={'run': 'too late'})
+    second.write(position=1)
+    second.close()
+    assert Journal(tmp_path / 'e.journal', no_problem).state.begin == {'run': 'first'}
 
 
 def test_a_directory_that_cannot_be_used_is_refused_by_name(tmp_path: Path) -> None:
