@@ -68,13 +68,12 @@ def _plain_class(node_class: type[TreeNode]) -> type[TreeNode]:
 
 
 def make_observed(node_class: type[TreeNode], config: NodeConfig) -> TreeNode:
-    """A node that is observed from the beginning.
+    """A node that is observed from the beginning, to be watched before it is ticked.
 
     If it has a ``__dict__``, its methods are faster than those of one whose class was exchanged (Python 3.11).
     """
     node: TreeNode = object.__new__(_observed_class(node_class))
     _set(node, IDLE)
-    node.marks = marks_of(config.uid)
     node_class.__init__(node, config)
     return node
 
@@ -90,7 +89,7 @@ def watch(nodes: Sequence[TreeNode], log: Log | None, on_transition: TransitionO
     for node in nodes:
         node_class = _plain_class(type(node))
         if log is not None:
-            node.marks = marks_of(node.uid)
+            node.marks = marks_of(node)
             node_class = _observed_class(node_class)
         if node_class is not type(node):
             node.__class__ = node_class

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
-from .status import NodeStatus
+from .status import NodeKind, NodeStatus
 
 if TYPE_CHECKING:
     from .node import TreeNode
@@ -40,9 +40,11 @@ class Log(Protocol):
     def append(self, mark: int, /) -> None: ...
 
 
-def marks_of(uid: int) -> tuple[int, ...]:
-    """The marks of a node."""
-    return tuple(range(uid << _SHIFT, (uid << _SHIFT) + FIRST_CHILDREN_IDLE + len(NodeStatus)))
+def marks_of(node: TreeNode) -> tuple[int, ...]:
+    """The marks of a node, in their places; of a leaf only those that say nothing of children."""
+    leaf = node.kind in (NodeKind.ACTION, NodeKind.CONDITION)
+    first = node.uid << _SHIFT
+    return tuple(range(first, first + len(NodeStatus) + (0 if leaf else FIRST_CHILDREN_IDLE)))
 
 
 class LogReader(Generic[T]):
