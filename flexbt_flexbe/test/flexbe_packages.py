@@ -233,6 +233,36 @@ class TreesSM(Behavior):
         return _state_machine
 """
 
+HOLD = """
+from flexbe_core import Autonomy, Behavior, EventState, Logger, OperatableStateMachine
+from flexbe_states.log_state import LogState
+
+
+class HoldState(EventState):
+
+    def __init__(self):
+        super().__init__(outcomes=['done'])
+
+    def on_enter(self, userdata):
+        Logger.loginfo('holding')
+
+
+class HoldSM(Behavior):
+
+    def __init__(self, node):
+        super().__init__()
+        self.name = 'Hold'
+        self.add_parameter('title', 'first')
+
+    def create(self):
+        machine = OperatableStateMachine(outcomes=['finished'])
+        with machine:
+            OperatableStateMachine.add('Hold', HoldState(), transitions={'done': 'Say'})
+            OperatableStateMachine.add('Say', LogState(self.title, Logger.REPORT_INFO),
+                                       transitions={'done': 'finished'})
+        return machine
+"""
+
 MANIFEST = """<?xml version="1.0" encoding="UTF-8"?>
 
 <behavior name="{name}">

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from flexbe_packages import GREET, PARAMS, PATROL, TREES, manifest, write_package
+from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_package
 
 from flexbt_flexbe import discovery, shim
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.building import building
 from flexbt_onboard.errors import OnboardError, ParameterError
+from flexbt_onboard.run_building import RunRequest
 from flexbt_onboard.state_machine import define
 from flexbt_states.testing import StateBench, wait_until
 
@@ -235,3 +236,22 @@ def test_behaviors_with_the_states_of_the_paper_s_package_get_ours(package: Inst
     assert uses['Plan'].writes == {'goal': 'geometry_msgs/msg/PoseStamped'}
     assert uses['Plan'].reads == uses['Get'].reads == {'path': 'nav_msgs/msg/Path'}
     assert uses['Follow'].tree == f'{package.name}/config/plan.xml'
+
+
+def test_a_running_behavior_is_switched_to_another_and_keeps_its_active_state(
+    package: Installed, bench: StateBench
+) -> None:
+    title = '<params><param type="text" name="title" default="" label="" hint="" /></params>'
+    manifests = {'hold.xml': manifest(package.name, 'Hold', 'hold_sm', 'HoldSM', title)}
+    write_package(package.prefix, package.name, manifests=manifests, sources={'hold_sm.py': HOLD})
+    entry = package.entries()['Hold']
+    going = bench.run_behavior(entry, ('title', 'first'))
+    wait_until(going.behavior_run.active_states, 'active')
+    answers: list[str | None] = []
+    going.behavior_run.switch(RunRequest(entry, [('title', 'second')], (), 3), answers.append)
+    wait_until(lambda: answers, 'switched')
+    assert answers == [None]
+    wait_until(lambda: 'holding' in [text for _, _, text in going.lines], 'entered')
+    going.behavior_run.force('/Hold', 'done', '', answers.append)
+    assert going.wait() == 'finished'
+    assert [text for _, _, text in going.lines if text in ('holding', 'first', 'second')] == ['holding', 'second']
