@@ -18,7 +18,7 @@ from flexbt_common import names
 from flexbt_common.errors import FlexbtError
 from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
-from flexbt_onboard.behavior_run import BehaviorRun
+from flexbt_onboard.behavior_run import BehaviorRun, RunPhase
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.executive_commands import run_request
 from flexbt_onboard.state_machine import ERROR, PREEMPTED
@@ -121,7 +121,9 @@ class BehaviorActionServer:
 
         def built(reason: str | None) -> None:
             if reason is not None:
-                goal.result.set_result(Result(code=Result.FAILURE, message=reason))
+                is_stopped = goal.run is not None and goal.run.phase is RunPhase.STOPPING
+                code = Result.CANCELED if is_stopped else Result.FAILURE
+                goal.result.set_result(Result(code=code, message=reason))
 
         def ended(run: BehaviorRun, outcome: str, message: str) -> None:
             goal.result.set_result(_result(run, outcome, message, wanted.output_encoding))

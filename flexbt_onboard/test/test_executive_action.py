@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +15,7 @@ from rclpy.action import ActionClient
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
-from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand
+from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
 
@@ -88,9 +89,24 @@ class Client:
         return self.result()
 
 
+BUILDING = threading.Event()
+BUILT = threading.Event()
+
+
+class Slow(Behavior):
+    manifest = BehaviorManifest('Slow')
+
+    def create(self) -> OperatableStateMachine:
+        BUILDING.set()
+        BUILT.wait(10.0)
+        return Multiply().create()
+
+
 @pytest.fixture
 def bench() -> Iterator[ExecutiveBench]:
-    bench = ExecutiveBench(Multiply)
+    BUILDING.clear()
+    BUILT.clear()
+    bench = ExecutiveBench(Multiply, Slow)
     yield bench
     bench.close()
 
@@ -151,6 +167,18 @@ def test_canceling_stops_the_run_and_an_operator_may_stop_it_too(bench: Executiv
     status, result = client.result()
     assert (status, result.code) == (GoalStatus.STATUS_CANCELED, Result.CANCELED)
     assert bench.wait_idle() == 'preempted'
+
+
+def test_a_goal_that_is_canceled_while_its_behavior_is_built_is_canceled(bench: ExecutiveBench, client: Client) -> None:
+    client.send(1, behavior='Slow')
+    wait_until(BUILDING.is_set, 'building')
+    client.runtime.call(client.handle.cancel_goal_async)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.STOPPING, 'canceled')
+    BUILT.set()
+    status, result = client.result()
+    assert (status, result.code) == (GoalStatus.STATUS_CANCELED, Result.CANCELED)
+    assert 'before it began' in result.message
+    assert client.run(4)[1].code == Result.SUCCESS
 
 
 def test_a_run_whose_client_is_gone_is_stopped(bench: ExecutiveBench, client: Client) -> None:
