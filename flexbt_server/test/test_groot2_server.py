@@ -6,6 +6,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import random
 import socket
 import threading
 from collections.abc import Iterator
@@ -300,3 +301,56 @@ def test_a_program_shows_a_tree(server: Groot2Server) -> None:
         for _ in range(500):
             assert shown.tick_once() is NodeStatus.SUCCESS
     assert ask(server, RequestType.STATUS)[1][2::3] == bytes([12] * 7)
+
+
+def test_requests_of_any_moment_lose_nothing(server: Groot2Server) -> None:
+    """While the tree is ticked: the statuses at the end, and what was recorded, are those of every change, in order."""
+    shown = tree()
+    watched = observed(server, shown)
+    over = threading.Event()
+    records: list[bytes] = []
+
+    def request() -> None:
+        chance = random.Random(1)
+        ask(server, RequestType.TOGGLE_RECORDING, b'start')
+        while not over.is_set():
+            match chance.choice('IRADSttt'):
+                case 'I':
+                    hook = breakpoint(
+                        chance.randrange(1, 8), mode=1, once=chance.random() < 0.5, position=chance.randrange(2)
+                    )
+                    ask(server, RequestType.HOOK_INSERT, hook)
+                case 'R':
+                    ask(
+                        server,
+                        RequestType.HOOK_REMOVE,
+                        breakpoint(chance.randrange(1, 8), position=chance.randrange(2)),
+                    )
+                case 't':
+                    records.append(ask(server, RequestType.GET_TRANSITIONS)[1])
+                case choice:
+                    assert ask(server, ord(choice))[0] != b'error'
+
+    thread = threading.Thread(target=request)
+    thread.start()
+    ticks = 0
+    while ticks < 300 or len(records) < 100:
+        assert shown.tick_once() is NodeStatus.SUCCESS
+        ticks += 1
+    over.set()
+    thread.join(DEADLINE)
+    ask(server, RequestType.REMOVE_ALL_HOOKS)
+    assert shown.tick_once() is NodeStatus.SUCCESS
+    assert ask(server, RequestType.STATUS)[1][2::3] == bytes([12] * 7)
+    records.append(ask(server, RequestType.GET_TRANSITIONS)[1])
+    if all(len(part) < 9 * RECORDED for part in records):
+        data = b''.join(records)
+        statuses: dict[int, list[int]] = {}
+        for at in range(0, len(data), 9):
+            statuses.setdefault(data[at + 6], []).append(data[at + 8])
+        # A leaf is IDLE, then SUCCESS; all others are RUNNING in between. The recording may begin in the middle.
+        for uid, seen in statuses.items():
+            cycle = [0, 2] if uid in (2, 3, 6, 7) else [0, 1, 2]
+            start = cycle.index(seen[0])
+            assert seen == [cycle[(start + step) % len(cycle)] for step in range(len(seen))], uid
+    assert watched.breakpoints.all() == []
