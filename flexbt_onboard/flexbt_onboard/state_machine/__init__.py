@@ -23,8 +23,9 @@ from .definition import (
 from .errors import MachineError, StateError, StateMachineError, UserDataError
 from .event_state import EventState, ExitReason, Severity, called_state
 from .machine import Child, ConcurrencyContainer, OperatableStateMachine, PriorityContainer, define
+from .observer import RunObserver
 from .position import Position
-from .run import MachineRun, RunObserver
+from .run import MachineRun
 from .userdata import UserData
 from .wrappers import StateWrapper, innermost, with_retry, with_timeout
 

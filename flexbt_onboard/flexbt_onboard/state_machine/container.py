@@ -34,22 +34,19 @@ class ContainerRun:
         self.ended: dict[str, str] = {}
         """Outcomes of the children of a concurrency container that have ended."""
         self.scope = Scope({})
+        is_concurrent = definition.kind is StateKind.CONCURRENCY
+        paths = [child.path for child in definition.children.values()] if is_concurrent else [self.path]
+        self.regions = tuple(Region(engine, self, path) for path in paths)
         self.children: dict[str, Node] = {}
-        self.regions: tuple[Region, ...]
-        if definition.kind is StateKind.CONCURRENCY:
-            self.regions = tuple(Region(engine, self, child.path) for child in definition.children.values())
-        else:
-            self.regions = (Region(engine, self, self.path),) * len(definition.children)
-        for region_of_it, (label, child) in zip(self.regions, definition.children.items(), strict=True):
+        for number, (label, child) in enumerate(definition.children.items()):
             if isinstance(child, MachineDefinition):
-                self.children[label] = ContainerRun(engine, child, region_of_it)
+                self.children[label] = ContainerRun(engine, child, self.regions[number if is_concurrent else 0])
             else:
                 self.children[label] = LeafRun(engine, child)
-        self.regions = tuple(dict.fromkeys(self.regions))
         self._only_region = self.regions[0] if len(self.regions) == 1 else None
         self.advance: Callable[[], bool] = self._advance_regions
         """Take one step if there is one to take; whether there was. Only while no outcome is wanted."""
-        if definition.kind is not StateKind.CONCURRENCY:  # it is where its region is, and so is what has priority
+        if not is_concurrent:  # it is where its region is, and so is what has priority
             self.advance = self.regions[0].advance
         remap = definition.remap
         self._inputs = {key: remap.get(key, key) for key in definition.input_keys}

@@ -12,7 +12,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from flexbt_common.clock import Clock
 
@@ -25,8 +25,9 @@ from .controls import Controls
 from .decision import Decision, DecisionKind
 from .definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, are_apart, is_inside
 from .errors import StateMachineError
-from .event_state import ExitReason, Severity
+from .event_state import ExitReason
 from .leaf import LeafRun
+from .observer import RunObserver
 from .position import Position
 from .region import Region
 from .rest import EXIT_TIMEOUT, RestWait
@@ -45,26 +46,6 @@ class _End:
     outcome: str
     message: str
     reason: ExitReason
-
-
-class RunObserver(Protocol):
-    """Hears of a run, on the thread of the run; lines of states may come from any thread."""
-
-    def changed(self) -> None:
-        """Something that the operator is shown has changed."""
-
-    def log(self, severity: Severity, path: str, text: str) -> None:
-        """A line for the operator."""
-
-    def fault(self, path: str, text: str) -> None:
-        """A state raised, or did not come to rest."""
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        """A state or machine was left.
-
-        ``target`` is the path of what follows, ``=OUTCOME`` of the machine around it, or '' for a child of a
-        concurrency container which goes on without it. One that is repeated has no outcome, and follows itself.
-        """
 
 
 class MachineRun:
