@@ -32,7 +32,7 @@ lint:  ## ruff, mypy, shellcheck
 bench:  ## the benchmarks; figures into out/bench
 	@tools/workspace.sh bench
 
-conformance:  ## the BT engine against BehaviorTree.CPP, event by event: N=20000 random trees from SEED=0 on
+conformance:  ## the BT engine against BehaviorTree.CPP, event by event: N=20000 random trees of each profile, from SEED=0 on
 	@tools/workspace.sh run python3 flexbt_server/test/bt_conformance.py --count $(N) --seed $(SEED)
 
 clean:  ## remove what was built: build, install, log, out
