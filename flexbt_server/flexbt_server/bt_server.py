@@ -17,6 +17,7 @@ from flexbt_common.node_runtime import NodeRuntime, run_node
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.behavior_tree import JsonTypes
+from flexbt_server.behavior_tree.observation import prepare
 from flexbt_server.blackboards import Blackboards
 from flexbt_server.control_server import ControlServer
 from flexbt_server.data_servers import DataServers
@@ -49,6 +50,8 @@ class BtServer:
         registry = node_registry(
             lambda source, error: logger.error(f'nodes of [{source}] not added: {error!r}'), parameters.nav2_dialect
         )
+        if parameters.publish_statuses:
+            prepare(manifest.node_class for manifest in registry)
         store = TreeStore(registry, parameters.allowed_directories, parameters.max_file_size, parameters.max_depth)
         self._preload(store, parameters.preload)
         boards = Blackboards()
