@@ -290,6 +290,20 @@ def test_a_switch_is_refused_while_something_is_left_and_when_a_new_state_cannot
     assert '/S1: its state is part of a run already' in refusal
 
 
+def test_inputs_of_the_new_machine_come_from_the_userdata_or_its_defaults() -> None:
+    def made(**options: Any) -> OperatableStateMachine:
+        return machine(Place('A', Scripted(), {'done': 'ended'}), input_keys=['k'], **options)
+
+    bench = Bench(made(), userdata={'k': 1})
+    assert bench.switch(made()) is None
+    assert bench.switch(made(defaults={'k': 2})) is None
+    assert bench.run.userdata() == {'k': 1}
+    bench = Bench(line(Scripted()))
+    inner = machine(Place('S0', Scripted(), {'done': 'ended'}), input_keys=['k'], defaults={'k': 2})
+    assert bench.switch(inner) is None
+    assert bench.run.userdata() == {'k': 2}
+
+
 def test_settings_of_what_both_machines_have_stay() -> None:
     bench = Bench(line(Scripted(), nested(Scripted(), 'A')))
     bench.lock('/S1/A')
