@@ -217,7 +217,9 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
         if snapshot is None:
             return None
         if snapshot.executive_id != executive_id:
-            raise RefusedError('the executive was restarted; the run is gone')
+            is_kept = snapshot.state is ExecutiveState.INTERRUPTED and snapshot.run_id in run
+            what = 'interrupted; "resume" goes on with it' if is_kept else 'gone'
+            raise RefusedError(f'the executive was restarted; the run is {what}')
         if starting and snapshot.run_id == run_before:
             return None
         run[:] = run or [snapshot.run_id]

@@ -84,7 +84,8 @@ def spoiling() -> OperatableStateMachine:
 
 def setup(runtime: NodeRuntime) -> Any:
     """Make the executive."""
-    library = BehaviorLibrary([entry_of(behavior_of(counting)), entry_of(behavior_of(spoiling, 'Spoil'))])
+    behaviors = (behavior_of(counting), behavior_of(counting, 'Changed'), behavior_of(spoiling, 'Spoil'))
+    library = BehaviorLibrary(map(entry_of, behaviors))
     parameters = ExecutiveParameters(peers=(), journal_directory=sys.argv[1], record_directory=sys.argv[1])
     return open_executive(runtime, parameters, library)
 

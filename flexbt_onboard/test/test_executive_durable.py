@@ -142,9 +142,11 @@ def test_what_was_set_for_a_run_holds_again_and_a_stop_is_not_forgotten(bench: D
     bench.applied(C.LOCK, path='/Inner')
     bench.applied(C.BREAKPOINT, path='/Inner/Add')
     bench.applied(C.AUTONOMY, autonomy=1, path='/Inner')
+    bench.applied(C.SWITCH, behavior='Changed')
     bench.applied(C.PAUSE)
     bench.kill()
     bench.launch()
+    assert bench.status.behavior == 'Changed'
 
     def marks() -> list[object]:
         status = bench.status
