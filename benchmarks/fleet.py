@@ -33,7 +33,7 @@ from domain_coordinator import domain_id
 DEADLINE = 120.0
 REST_SECONDS = 10.0
 BETWEEN_ROUNDS = 0.3  # a picture is sent 20 times a second at most, on average
-ROS_ARGUMENTS = ('--ros-args', '--log-level', 'error', '-p', 'peers:=[""]')
+ROS_ARGUMENTS = ('--ros-args', '--log-level', 'error', '-p', 'peers:=[""]', '-p', 'record_directory:=""')
 
 
 class Station:
