@@ -30,7 +30,7 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from flexbt_common.value_types import ValueType, resolve_type
+from flexbt_common.value_types import ValueType, resolve_type, shown
 
 _INTEGER_BITS = {'int8': 8, 'int16': 16, 'int32': 32, 'int64': 64}
 _INTEGER_BITS |= {f'u{name}': bits for name, bits in _INTEGER_BITS.items()}
@@ -39,6 +39,7 @@ _ARRAY_CODES = {
     'int64': 'q', 'uint64': 'Q', 'float': 'f', 'double': 'd', 'char': 'B',
 }  # fmt: skip
 _NUMPY_TYPES = {'float': 'float32', 'double': 'float64', 'char': 'uint8'}
+_YAML_DEPTH = 50
 _FLOAT32_MAX = struct.unpack('<f', b'\xff\xff\x7f\x7f')[0]
 _NAMED_FLOATS = {'nan': math.nan, '.nan': math.nan, 'inf': math.inf, '.inf': math.inf, 'infinity': math.inf}
 
@@ -74,10 +75,24 @@ def parse_text(text: str, resolved: ValueType) -> Any:
     if is_string:
         return text
     try:
+        _refuse_bombs(text)
         return yaml.safe_load(text)
+    except FieldError:
+        raise
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         problem = getattr(error, 'problem', None) or str(error) or 'nested too deeply'
         raise FieldError('', f'the text is neither JSON nor YAML: {problem}') from error
+
+
+def _refuse_bombs(text: str) -> None:
+    """Reads YAML only as far as it is harmless: PyYAML takes a time that grows with the square of the depth."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise FieldError('', 'aliases (*name) are refused in YAML: a few of them can stand for any amount of data')
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _YAML_DEPTH:
+            raise FieldError('', f'the text is nested more than {_YAML_DEPTH} deep')
 
 
 def to_plain(value: Any, resolved: ValueType) -> Any:
@@ -89,7 +104,7 @@ def to_plain(value: Any, resolved: ValueType) -> Any:
     if resolved.is_array:
         element = resolve_type(resolved.name.removesuffix('[]'))
         if not _is_sequence(value):
-            raise FieldError('', f'expected a list of {element}, got {value!r:.60}')
+            raise FieldError('', f'expected a list of {element}, got {shown(value)}')
         if element.slot is not None and isinstance(value, array | numpy.ndarray):
             value = value.tolist()
         return [_at(f'[{index}]', to_plain, item, element) for index, item in enumerate(value)]
@@ -98,7 +113,7 @@ def to_plain(value: Any, resolved: ValueType) -> Any:
     if isinstance(value, Mapping):  # the plain form itself
         value = _message_from_plain(value, resolved.message, '')
     if not isinstance(value, resolved.message):
-        raise FieldError('', f'expected a {resolved}, got {type(value).__name__} {value!r:.60}')
+        raise FieldError('', f'expected a {resolved}, got {type(value).__name__} {shown(value)}')
     return _plain_message(value, '')
 
 
@@ -111,7 +126,7 @@ def from_plain(plain: Any, resolved: ValueType) -> Any:
     if resolved.is_array:
         element = resolve_type(resolved.name.removesuffix('[]'))
         if not isinstance(plain, list):
-            raise FieldError('', f'expected a list of {element}, got {plain!r:.60}')
+            raise FieldError('', f'expected a list of {element}, got {shown(plain)}')
         return [_at(f'[{index}]', from_plain, item, element) for index, item in enumerate(plain)]
     if resolved.message is None:
         return _value_of_slot(plain, resolved.slot, '')
@@ -154,11 +169,11 @@ def _plain_slot(value: Any, slot: Any, path: str) -> Any:
     if isinstance(slot, NamespacedType):
         expected = _class_of(slot)
         if not isinstance(value, expected):
-            raise FieldError(path, f'expected a {expected.__name__}, got {value!r:.60}')
+            raise FieldError(path, f'expected a {expected.__name__}, got {shown(value)}')
         return _plain_message(value, path)
     if isinstance(slot, Array | AbstractSequence):
         if not _is_sequence(value):
-            raise FieldError(path, f'expected a list, got {value!r:.60}')
+            raise FieldError(path, f'expected a list, got {shown(value)}')
         _check_size(len(value), slot, path)
         elements = value.tolist() if isinstance(value, array | numpy.ndarray) else value
         return [_plain_slot(item, slot.value_type, f'{path}[{i}]') for i, item in enumerate(elements)]
@@ -175,7 +190,7 @@ def _message_from_plain(plain: Any, message: type[Any], path: str) -> Any:
     if plain is None:
         plain = {}
     if not isinstance(plain, Mapping):
-        raise FieldError(path, f'expected the fields of a {message.__name__} ({", ".join(fields)}), got {plain!r:.60}')
+        raise FieldError(path, f'expected the fields of a {message.__name__} ({", ".join(fields)}), got {shown(plain)}')
     for name in plain:
         if name not in fields:
             near = difflib.get_close_matches(str(name), fields, n=1)
@@ -195,7 +210,7 @@ def _value_of_slot(plain: Any, slot: Any, path: str) -> Any:
         return _message_from_plain(plain, _class_of(slot), path)
     if isinstance(slot, Array | AbstractSequence):
         if not isinstance(plain, list):
-            raise FieldError(path, f'expected a list, got {plain!r:.60}')
+            raise FieldError(path, f'expected a list, got {shown(plain)}')
         _check_size(len(plain), slot, path)
         items = [_value_of_slot(item, slot.value_type, f'{path}[{i}]') for i, item in enumerate(plain)]
         return _as_rclpy_list(items, slot)
@@ -220,15 +235,15 @@ def _checked_scalar(value: Any, slot: Any, path: str) -> Any:
     if kind == 'boolean':
         if isinstance(value, bool):
             return value
-        raise FieldError(path, f'expected true or false, got {value!r:.60}')
+        raise FieldError(path, f'expected true or false, got {shown(value)}')
     if kind in ('float', 'double'):
         return _checked_float(value, kind, path)
     bits, signed = _INTEGER_BITS.get(kind, 8), kind.startswith('int')
     if isinstance(value, bool) or not isinstance(value, int):
-        raise FieldError(path, f'expected an integer, got {value!r:.60}')
+        raise FieldError(path, f'expected an integer, got {shown(value)}')
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
     if not low <= value <= high:
-        raise FieldError(path, f'{value} is outside {low} to {high}')
+        raise FieldError(path, f'{shown(value)} is outside {low} to {high}')
     return value
 
 
@@ -238,9 +253,9 @@ def _checked_float(value: Any, kind: str, path: str) -> float:
         try:
             value = sign * (_NAMED_FLOATS[name.lower()] if name.lower() in _NAMED_FLOATS else float(name))
         except ValueError:
-            raise FieldError(path, f'expected a number, got {value!r:.60}') from None
+            raise FieldError(path, f'expected a number, got {shown(value)}') from None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise FieldError(path, f'expected a number, got {value!r:.60}')
+        raise FieldError(path, f'expected a number, got {shown(value)}')
     try:
         number = float(value)
     except OverflowError:
@@ -252,7 +267,7 @@ def _checked_float(value: Any, kind: str, path: str) -> float:
 
 def _checked_string(value: Any, slot: Any, path: str) -> str:
     if not isinstance(value, str):
-        raise FieldError(path, f'expected a string, got {value!r:.60}')
+        raise FieldError(path, f'expected a string, got {shown(value)}')
     if isinstance(slot, BoundedString | BoundedWString) and len(value) > slot.maximum_size:
         raise FieldError(path, f'{len(value)} characters, at most {slot.maximum_size} are allowed')
     if path and '\0' in value:

@@ -65,6 +65,14 @@ class ValueType:
         return self.name
 
 
+def shown(value: object, limit: int = 80) -> str:
+    """``value`` for a message to people, cut to ``limit`` characters. Never raises."""
+    try:
+        return f'{value!r:.{limit}}'
+    except Exception:  # an integer of too many digits, data nested too deeply, code of others
+        return f'a {type(value).__name__} that cannot be shown'
+
+
 @functools.cache
 def resolve_type(name: str) -> ValueType:
     """Find a type by its name.
@@ -125,7 +133,7 @@ def type_name(value: Any) -> str:
         return _sequence_type_name(value)
     raise UnknownTypeError(
         type(value).__name__,
-        f'no ROS type fits {value!r:.80} of Python type {type(value).__name__}; declare its type',
+        f'no ROS type fits {shown(value)} of Python type {type(value).__name__}; declare its type',
     )
 
 

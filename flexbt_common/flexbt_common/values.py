@@ -19,7 +19,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
 from flexbt_common.value_text import FieldError, from_plain, parse_text, plain_text, to_plain
-from flexbt_common.value_types import ValueType, message_type_name, resolve_type, type_name
+from flexbt_common.value_types import ValueType, message_type_name, resolve_type, shown, type_name
 from flexbt_msgs.msg import BlackboardEntry
 
 __all__ = [
@@ -58,7 +58,7 @@ def check_value(value: Any, type: str) -> Any:
     try:
         return from_plain(to_plain(value, resolved), resolved)
     except FieldError as error:
-        raise ValueConversionError('', resolved.name, f'{value!r:.80}', str(error)) from error
+        raise ValueConversionError('', resolved.name, shown(value), str(error)) from error
 
 
 def to_entry(key: str, value: Any, type: str | None = None, encoding: Encoding = Encoding.BINARY) -> BlackboardEntry:
@@ -72,7 +72,7 @@ def to_entry(key: str, value: Any, type: str | None = None, encoding: Encoding =
     try:
         resolved = resolve_type(type or type_name(value))
     except UnknownTypeError as error:
-        raise ValueConversionError(key, type or '', f'{value!r:.80}', str(error)) from error
+        raise ValueConversionError(key, type or '', shown(value), str(error)) from error
     entry = BlackboardEntry(key=key, type=resolved.name)
     try:
         plain = to_plain(value, resolved)
@@ -81,7 +81,7 @@ def to_entry(key: str, value: Any, type: str | None = None, encoding: Encoding =
         else:
             entry.text = plain_text(plain)
     except FieldError as error:
-        raise ValueConversionError(key, resolved.name, f'{value!r:.80}', str(error)) from error
+        raise ValueConversionError(key, resolved.name, shown(value), str(error)) from error
     return entry
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import random
 import struct
+import time
 from typing import Any
 
 import pytest
@@ -263,3 +264,27 @@ def test_an_empty_array_of_messages_survives_both_encodings() -> None:
         entry = to_entry('k', [], 'geometry_msgs/msg/Pose[]', encoding)
         assert from_entry(entry) == []
     assert from_entry(BlackboardEntry(key='k', type='geometry_msgs/msg/Pose[]')) == []
+
+
+def nested(opening: str, closing: str, depth: int) -> str:
+    return opening * depth + '1' + closing * depth
+
+
+LAUGHS = 'a0: &a0 [x, x]\n' + ''.join(f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 10)}]\n' for n in range(1, 12))
+BOMBS = {
+    'nested lists': nested('[', ']', 100_000), 'nested less': nested('[', ']', 900), 'never closed': '[' * 100_000,
+    'nested maps': nested('{"a":', '}', 50_000), 'nested YAML': '- ' * 5000, 'aliases': LAUGHS, 'a cycle': '&a [*a]',
+    'many digits': '9' * 200_000, 'many hexadecimal digits': '0x' + 'f' * 100_000,
+    'sexagesimal': ':'.join(['1'] * 20_000),
+    'code': '!!python/object/apply:os.system ["true"]', 'quotes': '"' * 100_000, 'keys': '? ' * 20_000, 'NUL': '\0',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('text', BOMBS.values(), ids=BOMBS)
+@pytest.mark.parametrize('type', ['int64', 'float64', 'bool', 'float64[]', 'geometry_msgs/msg/PoseStamped'])
+def test_text_that_is_meant_to_do_harm_is_refused_in_time(type: str, text: str) -> None:
+    began = time.process_time()
+    with pytest.raises(ValueConversionError) as caught:
+        from_entry(BlackboardEntry(key='k', type=type, text=text))
+    assert time.process_time() - began < 1.0
+    assert len(str(caught.value)) < 1000
