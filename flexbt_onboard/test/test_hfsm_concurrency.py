@@ -267,6 +267,26 @@ def test_outcomes_by_which_a_child_never_ends_need_no_condition() -> None:
     assert define(made).structure()[1].targets == ('=done', '')
 
 
+def test_outcomes_that_a_nested_machine_reaches_need_one() -> None:
+    def inner(way: str) -> OperatableStateMachine:
+        return machine(Place('S', Scripted('a', 'b'), {'a': 'good', 'b': way}), outcomes=['good', 'bad'])
+
+    def around(child: OperatableStateMachine) -> OperatableStateMachine:
+        return machine(Place('A', child), outcomes=['done'], conditions=[('done', [('A', 'good')])])
+
+    text = "/: when its children have ended A by 'bad', no condition holds"
+    for child in (
+        inner('bad'),
+        machine(Place('M', inner('bad'), {'good': 'good', 'bad': 'bad'}), outcomes=['good', 'bad']),
+    ):
+        with pytest.raises(MachineError, match=text):
+            define(around(child))
+    both = machine(Place('S', Scripted()), outcomes=['good', 'bad'], conditions=[('bad', [('S', 'done')])])
+    with pytest.raises(MachineError, match=text):
+        define(around(both))
+    define(around(inner('good')))
+
+
 def test_children_lead_to_outcomes_of_the_container_only() -> None:
     made = machine(
         Place('A', Scripted(), {'done': 'B'}), Place('B', Scripted()), conditions=[('ended', [('A', 'done')])]

@@ -37,9 +37,7 @@ class Region:
         """Whether what is coming goes on where an interrupted run was."""
         self.decision: Decision | None = None
         self.is_leaving = False
-        """Whether the child was left, and comes to rest."""
-        self.is_repeated = False
-        """Whether the child is entered again when it is at rest."""
+        """Whether the child was left, and comes to rest: by the outcome that it wants, or to be entered again."""
         self.is_approved = False
         """Whether the operator wants what the child wants."""
         self._engine = engine
@@ -56,7 +54,7 @@ class Region:
 
     def leave(self, reason: ExitReason) -> None:
         """Leave the child; whoever does that waits for it to come to rest."""
-        self.is_leaving = self.is_repeated = self.is_approved = False
+        self.is_leaving = self.is_approved = False
         self.coming = None
         self._rest.cancel()
         self._withdraw_decision()
@@ -106,7 +104,6 @@ class Region:
     def repeat(self) -> None:
         """The operator wants the child to be left and entered again."""
         assert self.child is not None  # checked by the caller
-        self.is_repeated = True
         self.child.exit_reason = ExitReason.REPEATED
         self._leave_child(self.child, None)
 
@@ -199,7 +196,7 @@ class Region:
             ends = container.outcome_after(child, outcome) if following is None else None
         shown = following.path if following is not None else f'={ends}' if ends is not None else ''
         engine.observer.transition(child.path, outcome or '', shown, child.exit_reason)
-        self.is_leaving = self.is_repeated = False
+        self.is_leaving = False
         self.child = None
         if engine.focus is not None:
             engine.release(child.path)

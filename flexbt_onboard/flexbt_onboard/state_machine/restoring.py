@@ -146,7 +146,7 @@ class _Restoring:
         left_by = position.leaving.get(child.path)
         if left_by is not None:
             region.child, child.outcome = child, left_by or None
-            region.is_leaving, region.is_repeated = True, not left_by
+            region.is_leaving = True
             if isinstance(child, ContainerRun):
                 child.claim()
         elif isinstance(child, ContainerRun):
