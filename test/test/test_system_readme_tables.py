@@ -12,6 +12,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+import flexbt_console.recording.recorder
 import flexbt_onboard.executive_parameters
 import flexbt_server.parameters
 import flexbt_sim.navigation_parameters
@@ -65,6 +66,7 @@ def test_executables() -> None:
         ('onboard_executive', flexbt_onboard.executive_parameters.declare_parameters),
         ('simulator', flexbt_sim.simulator_parameters.declare_parameters),
         ('navigation', flexbt_sim.navigation_parameters.declare_parameters),
+        ('recorder', flexbt_console.recording.recorder.declare_parameters),
     ],
 )
 def test_parameters(executable: str, declare: Callable[[Node], object]) -> None:
