@@ -67,6 +67,9 @@ def within_a_thread(work: Callable[[], None]) -> BaseException | None:
 def other_tests_count_their_own_work() -> Iterator[None]:
     """Of leaves that raise here, the count of what goes on is left as it may be."""
     yield
+    for thread in threading.enumerate():
+        if thread.name.startswith('leaf '):
+            thread.join(10.0)
     bt_faulty_leaves.Work._running.clear()
 
 
