@@ -247,6 +247,16 @@ def test_repeat_leaves_and_enters() -> None:
     assert bench.repeat('/x') == "there is no state '/x'"
 
 
+def test_since_when_a_state_is_active_is_told_on_the_clock_of_the_run() -> None:
+    _, bench = subject()
+    bench.pause()
+    bench.pass_time(2.0)
+    bench.resume()
+    assert [leaf.entered_at for leaf in bench.run.active_states()] == [0.0]
+    bench.repeat('/M/subject')
+    assert [leaf.entered_at for leaf in bench.run.active_states()] == [2.0]
+
+
 def test_repeat_waits_for_rest_and_forgets_what_was_wanted() -> None:
     busy: list[str] = []
     state = Scripted('done', outcome='done', do={'settled': lambda *_: busy[0] if busy else None})
