@@ -82,6 +82,8 @@ def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
         logs = at.mirror.log()
         sequence = view.snapshot.sequence + 15
         view = at.wait(lambda view: view.snapshot.sequence >= sequence)
+        written = file.stat
+        assert at.link.wait_for(lambda _: written().st_size > 0 or None, DEADLINE, every=0.05), 'nothing is written'
         process.send_signal(end)
         code = process.wait(10)
         assert code == (0 if end == signal.SIGINT else -end)
