@@ -103,6 +103,23 @@ def test_what_was_being_left_is_passed_on() -> None:
     assert (second.trace, after.active) == (['on_start', 'on_enter', 'execute'], ('/S1',))
 
 
+def test_what_had_to_wait_for_something_with_priority_is_not_resumed_but_entered() -> None:
+    def made(urgent: Scripted, beside: Scripted) -> OperatableStateMachine:
+        first = machine(Place('U', urgent, {'done': 'ended'}), priority=True)
+        return machine(Place('P', first), Place('B', beside), conditions=[('ended', [('B', 'done')])])
+
+    before = Bench(made(Scripted(), Scripted()))
+    position = through_json(before.run.position())
+    assert (position.active, position.coming) == (('/P', '/P/U'), ('/B',))
+    urgent, beside = Scripted(), Scripted()
+    after = Bench(made(urgent, beside), at=position)
+    assert after.run.position() == position
+    assert (urgent.trace, beside.trace) == (['on_start', 'on_enter again', 'execute'], ['on_start'])
+    urgent.end('done')
+    after.settle()
+    assert beside.trace == ['on_start', 'on_enter', 'execute']
+
+
 def test_a_paused_run_goes_on_when_it_is_resumed() -> None:
     before = Bench(line(Scripted()))
     before.pause()

@@ -41,8 +41,7 @@ def position_of(root: ContainerRun, controls: Controls, decision_count: int, *, 
             if region.child is not None:
                 take_child(region, region.child)
             elif region.coming is not None:
-                is_again = region.is_resumed and isinstance(region.coming, LeafRun)
-                (active if is_again else coming).append(region.coming.path)
+                (active if region.is_resumed else coming).append(region.coming.path)
 
     def take_child(region: Region, child: Node) -> None:
         active.append(child.path)
