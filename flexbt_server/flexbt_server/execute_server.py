@@ -46,7 +46,7 @@ MESSAGE_LIMIT = 10_000
 REASON_LIMIT = 1000
 """Characters of a message for people: a leaf may give any text as its reason."""
 
-STOP_SECONDS = 1.0
+STOP_SECONDS = 0.8
 """How long the end of the process waits for running trees to come to rest, s."""
 
 OWNER_SECONDS = 5.0

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import resource
 import signal
+import statistics
 import subprocess
 import sys
 import threading
@@ -292,7 +294,8 @@ def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPa
         until(lambda: len(ticks) >= 42, 'the ticks')
         goal.call.cancel(DEADLINE)
         assert goal.result.code == Result.CANCELED
-    period = (ticks[41] - ticks[1]) / 40
+    # The median: on a busy machine some come late, and the next one early.
+    period = statistics.median(later - earlier for earlier, later in itertools.pairwise(ticks))
     assert period == pytest.approx(0.05, rel=0.02)
 
 
