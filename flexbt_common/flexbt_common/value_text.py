@@ -30,6 +30,7 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
+from flexbt_common.nested_json import load_json
 from flexbt_common.value_types import ValueType, resolve_type, shown
 
 _INTEGER_BITS = {'int8': 8, 'int16': 16, 'int32': 32, 'int64': 64}
@@ -66,7 +67,7 @@ def parse_text(text: str, resolved: ValueType) -> Any:
     """
     is_string = resolved.name == 'string'
     try:
-        plain = json.loads(text)
+        plain = load_json(text)
         if not is_string or isinstance(plain, str):
             return plain
     except (ValueError, RecursionError):

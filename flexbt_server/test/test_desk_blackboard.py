@@ -79,7 +79,7 @@ def test_messages_are_read_and_written(tmp_path: Path) -> None:
         ({'x': {'a': 1}}, 'entry [x]'),
         ({'wait': 'soon', 'n': 0, 'q': '', 'text': ''}, 'soon'),
         ({'wait': {'type': 'Nothing'}}, "'Nothing' is not known"),
-        ('[' * 100_000, 'recursion'),
+        ('[' * 100_000, 'nested'),
     ],
 )
 def test_a_file_that_does_not_fit_is_a_usage_error_that_names_it(tmp_path: Path, before: Any, fragment: str) -> None:

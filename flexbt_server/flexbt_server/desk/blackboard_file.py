@@ -38,7 +38,7 @@ class BlackboardFile:
         if name is None:
             return
         try:
-            document = json.loads(Path(name).read_text(encoding='utf-8'))
+            document = load_json(Path(name).read_text(encoding='utf-8'))
         except (OSError, ValueError, RecursionError) as error:
             raise UsageError(f'--blackboard {name}: {error}') from error
         if not isinstance(document, dict):

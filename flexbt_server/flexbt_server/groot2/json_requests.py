@@ -10,6 +10,8 @@ import json
 import math
 from typing import Any, Final, NoReturn
 
+from flexbt_common.nested_json import load_json
+
 _NAMES: Final = {
     type(None): 'null',
     dict: 'object',
@@ -32,7 +34,7 @@ def parse(data: bytes) -> Any:
     except UnicodeDecodeError as error:
         raise _parse_error(1, error.start + 1, 'invalid string: ill-formed UTF-8 byte') from error
     try:
-        return json.loads(text, parse_constant=_no_constant, parse_float=_finite)
+        return load_json(text, parse_constant=_no_constant, parse_float=_finite)
     except json.JSONDecodeError as error:
         raise _parse_error(error.lineno, error.colno, f'syntax error while parsing value - {error.msg}') from error
     except RecursionError as error:
