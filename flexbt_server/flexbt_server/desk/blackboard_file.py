@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from flexbt_common.nested_json import load_json
 from flexbt_server.behavior_tree import (
     Blackboard,
     BlackboardError,
