@@ -16,6 +16,7 @@ KEY_CLASH: Final = Rule('key-clash', Severity.ERROR, 'a state and a tree have di
 NO_END: Final = Rule('no-end', Severity.WARNING, 'a state from which no outcome of its machine can be reached')
 DEAD_OUTCOME: Final = Rule('dead-outcome', Severity.WARNING, 'an outcome of a machine to which nothing leads')
 ENDLESS_LOOP: Final = Rule('endless-loop', Severity.WARNING, 'a loop that waits for nothing: operator, time or world')
+UNSURE_READ: Final = Rule('unsure-read', Severity.WARNING, 'userdata is read that is not written on every way there')
 UNREAD_KEY: Final = Rule('unread-key', Severity.WARNING, 'a state writes a blackboard key that nothing reads')
 UNWRITTEN_KEY: Final = Rule('unwritten-key', Severity.WARNING, 'a blackboard key is read that nothing writes')
 ALWAYS_ASKS: Final = Rule('always-asks', Severity.INFO, 'a transition that needs the operator at every level')
@@ -28,6 +29,7 @@ RULES: Final = (
     NO_END,
     DEAD_OUTCOME,
     ENDLESS_LOOP,
+    UNSURE_READ,
     UNREAD_KEY,
     UNWRITTEN_KEY,
     ALWAYS_ASKS,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 
-from flexbt_desk.findings import ALWAYS_ASKS, DEAD_OUTCOME, ENDLESS_LOOP, NO_END, Finding
-from flexbt_onboard.state_machine import Autonomy
+from flexbt_desk.findings import ALWAYS_ASKS, DEAD_OUTCOME, ENDLESS_LOOP, NO_END, UNSURE_READ, Finding
+from flexbt_onboard.state_machine import Autonomy, Read, unsure_reads
 from flexbt_onboard.state_machine.definition import MachineDefinition, StateDefinition, StateKind, Transition
 
 Node = StateDefinition | MachineDefinition
@@ -27,6 +27,14 @@ def findings_of(machine: MachineDefinition) -> Iterator[Finding]:
         elif isinstance(node, MachineDefinition):
             yield from _ends(node)
             yield from _endless_loops(node)
+    for read in unsure_reads(machine):
+        yield Finding(UNSURE_READ, read.path, f'{_shown(read)} is not written on every way that leads here')
+
+
+def _shown(read: Read) -> str:
+    writers = f' ({" or ".join(read.writers)} writes it)' if read.writers else ''
+    remapped = f' (remapped to {read.name!r})' if read.name != read.key else ''
+    return f'userdata key {read.key!r}{remapped}{writers}'
 
 
 def _always_asks(node: Node) -> Iterator[Finding]:

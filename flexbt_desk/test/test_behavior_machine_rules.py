@@ -89,3 +89,14 @@ def test_containers_end_by_their_conditions() -> None:
     with machine:
         OperatableStateMachine.add('Both', both, {'done': 'done', 'never': 'done'})
     assert found(machine) == [('dead-outcome', '/Both')]
+
+
+def test_what_only_some_ways_write() -> None:
+    machine = OperatableStateMachine(outcomes=['done'])
+    writer, reader = Leaf('next'), Leaf('out')
+    writer.output_keys, reader.input_keys = ('data',), ('data',)
+    with machine:
+        OperatableStateMachine.add('Ask', Leaf('yes', 'no'), {'yes': 'Write', 'no': 'Read'})
+        OperatableStateMachine.add('Write', writer, {'next': 'Read'})
+        OperatableStateMachine.add('Read', reader, {'out': 'done'})
+    assert found(machine) == [('unsure-read', '/Read')]
