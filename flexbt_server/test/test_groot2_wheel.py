@@ -359,7 +359,7 @@ def test_a_held_tick_goes_on(pairs: Any, type: str) -> None:
 
 def test_silence(pairs: Any) -> None:
     """After some time without a request breakpoints hold nothing up; hooks are back with the next request."""
-    hosts = pairs(EVERYTHING, 0.4)
+    hosts = pairs(EVERYTHING, 1.5)  # a breakpoint has to be reached before, on a busy machine too
     hook = {'enabled': True, 'uid': 3, 'mode': 0, 'once': False, 'desired_status': 'SKIPPED', 'position': 0}
     for host in hosts:
         host.ask(RequestType.HOOK_INSERT, json.dumps(hook).encode())
