@@ -24,6 +24,9 @@ def test_a_wrong_parameter_is_found() -> None:
     done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml')
     assert done.code == 0  # a warning: the tree is not given its goal
     assert '/Drive' in done.out and "'goal'" in done.out and '[unread-key]' in done.out
+    assert done.err == '1 behavior: 1 warning, 1 info\n'
+    twice = tool('check', 'Navigate', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml')
+    assert twice.err == '2 behaviors: 2 warnings, 2 info\n'
     assert tool('check', 'Navigate', '--strict', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml').code == 1
     done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/none.xml')
     assert done.code == 1 and 'no such file' in done.out and '[refused]' in done.out
