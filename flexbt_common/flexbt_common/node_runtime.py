@@ -59,6 +59,7 @@ class NodeRuntime:
         args: Sequence[str] | None = None,
         parameters: Mapping[str, Any] | None = None,
         namespace: str | None = None,
+        node_class: type[Node] = Node,
     ) -> None:
         """Start a node in a context of its own.
 
@@ -79,7 +80,7 @@ class NodeRuntime:
         )
         try:
             overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
-            self.node = Node(name, context=self._context, namespace=namespace, parameter_overrides=overrides)
+            self.node = node_class(name, context=self._context, namespace=namespace, parameter_overrides=overrides)
         except BaseException:
             rclpy.try_shutdown(context=self._context)
             raise
@@ -103,9 +104,10 @@ class NodeRuntime:
         args: Sequence[str] | None = (),
         parameters: Mapping[str, Any] | None = None,
         namespace: str | None = None,
+        node_class: type[Node] = Node,
     ) -> Iterator[NodeRuntime]:
         """A runtime for the length of a ``with`` block; by default without the arguments of the process."""
-        runtime = cls(name, args=args, parameters=parameters, namespace=namespace)
+        runtime = cls(name, args=args, parameters=parameters, namespace=namespace, node_class=node_class)
         try:
             yield runtime
         finally:
@@ -190,13 +192,7 @@ class NodeRuntime:
 
     def close(self) -> None:
         """End everything in the documented order. May be called twice, not from the executor thread."""
-        with self._lock:
-            callbacks, self._on_close = self._on_close, []
-        for callback in reversed(callbacks):
-            try:
-                callback()
-            except Exception as error:
-                self.report_fault(error, f'closing {getattr(callback, "__qualname__", callback)}')
+        self._close_components()
         with self._lock:
             if self.closed:
                 return
@@ -213,6 +209,15 @@ class NodeRuntime:
                 waitable.destroy()  # the node does not do it, and would stay in the graph with them
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
+
+    def _close_components(self) -> None:
+        with self._lock:
+            callbacks, self._on_close = self._on_close, []
+        for callback in reversed(callbacks):
+            try:
+                callback()
+            except Exception as error:
+                self.report_fault(error, f'closing {getattr(callback, "__qualname__", callback)}')
 
     def _post_locked(self, fn: Callable[[], object]) -> None:
         self._posted.append(fn)
@@ -284,7 +289,12 @@ class _Unheard:
         """Nobody needs to be told: who posts rings."""
 
 
-def run_node(name: str, setup: Callable[[NodeRuntime], object], args: list[str] | None = None) -> int:
+def run_node(
+    name: str,
+    setup: Callable[[NodeRuntime], object],
+    args: list[str] | None = None,
+    node_class: type[Node] = Node,
+) -> int:
     """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
 
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
@@ -294,7 +304,7 @@ def run_node(name: str, setup: Callable[[NodeRuntime], object], args: list[str] 
     with _signals_as_bytes() as signals:
         runtime: NodeRuntime | None = None
         try:
-            runtime = NodeRuntime(name, args=args)
+            runtime = NodeRuntime(name, args=args, node_class=node_class)
             setup(runtime)
         except Exception as error:
             print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
