@@ -17,7 +17,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy
-import yaml
 from rosidl_parser.definition import (
     AbstractSequence,
     AbstractString,
@@ -31,6 +30,7 @@ from rosidl_parser.definition import (
 )
 
 from flexbt_common.nested_json import load_json
+from flexbt_common.nested_yaml import YamlError, load_yaml
 from flexbt_common.value_types import ValueType, resolve_type, shown
 
 _INTEGER_BITS = {'int8': 8, 'int16': 16, 'int32': 32, 'int64': 64}
@@ -40,7 +40,6 @@ _ARRAY_CODES = {
     'int64': 'q', 'uint64': 'Q', 'float': 'f', 'double': 'd', 'char': 'B',
 }  # fmt: skip
 _NUMPY_TYPES = {'float': 'float32', 'double': 'float64', 'char': 'uint8'}
-_YAML_DEPTH = 50
 _FLOAT32_MAX = struct.unpack('<f', b'\xff\xff\x7f\x7f')[0]
 _NAMED_FLOATS = {'nan': math.nan, '.nan': math.nan, 'inf': math.inf, '.inf': math.inf, 'infinity': math.inf}
 
@@ -76,24 +75,9 @@ def parse_text(text: str, resolved: ValueType) -> Any:
     if is_string:
         return text
     try:
-        _refuse_bombs(text)
-        return yaml.safe_load(text)
-    except FieldError:
-        raise
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        problem = getattr(error, 'problem', None) or str(error) or 'nested too deeply'
-        raise FieldError('', f'the text is neither JSON nor YAML: {problem}') from error
-
-
-def _refuse_bombs(text: str) -> None:
-    """Reads YAML only as far as it is harmless: PyYAML takes a time that grows with the square of the depth."""
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            raise FieldError('', 'aliases (*name) are refused in YAML: a few of them can stand for any amount of data')
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _YAML_DEPTH:
-            raise FieldError('', f'the text is nested more than {_YAML_DEPTH} deep')
+        return load_yaml(text)
+    except YamlError as error:
+        raise FieldError('', f'the text is no JSON, and {error.reason}') from error
 
 
 def to_plain(value: Any, resolved: ValueType) -> Any:

@@ -26,6 +26,7 @@ from rosidl_parser.definition import (
 from std_msgs.msg import Byte, String
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
+from flexbt_common.testing import HOSTILE_YAML
 from flexbt_common.value_types import PRIMITIVES, resolve_type, type_name
 from flexbt_common.values import Encoding, check_value, from_entry, text_to_value, to_entry, value_to_text
 from flexbt_msgs.msg import BlackboardEntry
@@ -204,7 +205,7 @@ def test_yaml_as_people_write_it() -> None:
         ('yes please', 'bool', ['true or false']),
         ('1e39', 'float32', ['float32']),
         ('{covariance: [1.0]}', 'geometry_msgs/msg/PoseWithCovariance', ['covariance', 'exactly 36']),
-        ('{a: [', 'geometry_msgs/msg/Pose', ['neither JSON nor YAML']),
+        ('{a: [', 'geometry_msgs/msg/Pose', ['no JSON, and no YAML: ']),
         ('1', 'geometry_msgs/msg/Poze', ['Poze', 'geometry_msgs/msg/Pose']),
         ('1', 'geometri_msgs/msg/Pose', ['geometri_msgs', 'geometry_msgs']),
         ('1', 'os.path', ['not a type name']),
@@ -266,18 +267,12 @@ def test_an_empty_array_of_messages_survives_both_encodings() -> None:
     assert from_entry(BlackboardEntry(key='k', type='geometry_msgs/msg/Pose[]')) == []
 
 
-def nested(opening: str, closing: str, depth: int) -> str:
-    return opening * depth + '1' + closing * depth
-
-
-LAUGHS = 'a0: &a0 [x, x]\n' + ''.join(f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 10)}]\n' for n in range(1, 12))
 BOMBS = {
-    'nested lists': nested('[', ']', 100_000), 'nested less': nested('[', ']', 900), 'never closed': '[' * 100_000,
-    'nested maps': nested('{"a":', '}', 50_000), 'nested YAML': '- ' * 5000, 'aliases': LAUGHS, 'a cycle': '&a [*a]',
-    'many digits': '9' * 200_000, 'many hexadecimal digits': '0x' + 'f' * 100_000,
-    'sexagesimal': ':'.join(['1'] * 20_000),
-    'code': '!!python/object/apply:os.system ["true"]', 'quotes': '"' * 100_000, 'keys': '? ' * 20_000, 'NUL': '\0',
-}  # fmt: skip
+    **HOSTILE_YAML,
+    'nested less': '[' * 900 + ']' * 900,
+    'many digits': '9' * 200_000,
+    'many hexadecimal digits': '0x' + 'f' * 100_000,
+}
 
 
 @pytest.mark.parametrize('text', BOMBS.values(), ids=BOMBS)

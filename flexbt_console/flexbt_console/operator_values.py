@@ -37,11 +37,12 @@ def load_places(file: Path) -> dict[str, Place]:
     Raises:
         UsageError: the file cannot be read, or an entry is not a place; names file and entry.
     """
-    import yaml
+    # Imported here because a console that is given no places starts faster without YAML.
+    from flexbt_common.nested_yaml import load_yaml
 
     try:
-        content = yaml.safe_load(file.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        content = load_yaml(file.read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
         raise UsageError(f'places file {file}: {error}') from error
     if content is None:
         return {}

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_common.testing import HOSTILE_YAML
 from flexbt_console import rendering
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LinkState, View
@@ -203,6 +205,17 @@ def test_places_file(tmp_path: Path) -> None:
             load_places(file)
     with pytest.raises(UsageError, match='No such file'):
         load_places(tmp_path / 'none.yaml')
+
+
+@pytest.mark.parametrize('text', HOSTILE_YAML.values(), ids=HOSTILE_YAML)
+def test_a_places_file_that_is_meant_to_do_harm_is_refused_in_time(tmp_path: Path, text: str) -> None:
+    file = tmp_path / 'places.yaml'
+    file.write_text(text)
+    began = time.process_time()
+    with pytest.raises(UsageError, match=r'places\.yaml') as caught:
+        load_places(file)
+    assert time.process_time() - began < 1.0
+    assert len(str(caught.value)) < 1000
 
 
 def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_state(

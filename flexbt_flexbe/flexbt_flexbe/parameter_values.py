@@ -6,9 +6,8 @@ from __future__ import annotations
 import re
 from typing import Any, Final
 
-import yaml
-
 from flexbt_common.errors import FlexbtError
+from flexbt_common.nested_yaml import load_yaml
 from flexbt_common.resources import resolve_file
 from flexbt_onboard.errors import ParameterError
 
@@ -38,7 +37,7 @@ def converted(name: str, value: Any, like: Any) -> Any:
         if isinstance(like, dict | list):
             return _structure(value, type(like))
         return str(value) if isinstance(like, str) else value
-    except (TypeError, ValueError, yaml.YAMLError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         kind = type(like).__name__
         raise ParameterError(f'parameter {name!r}: {value!r:.80} is not a value of type {kind}: {error}') from None
 
@@ -53,8 +52,8 @@ def from_yaml_file(name: str, text: str) -> Any:
     if found is None:
         raise ParameterError(f'parameter {name!r}: {text!r} is no package/relative/path.yaml, with or without :KEY')
     try:
-        content = yaml.safe_load(resolve_file(found['file']).read_text(encoding='utf-8'))
-    except (FlexbtError, OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = load_yaml(resolve_file(found['file']).read_text(encoding='utf-8'), aliases=True)
+    except (FlexbtError, OSError, ValueError) as error:
         raise ParameterError(f'parameter {name!r}: {error}') from None
     key = found['key']
     if not key:
@@ -84,7 +83,7 @@ def _int(value: Any) -> int:
 
 
 def _structure(value: Any, kind: type[Any]) -> Any:
-    content = yaml.safe_load(value) if isinstance(value, str) else value
+    content = load_yaml(value) if isinstance(value, str) else value
     if not isinstance(content, kind):
         raise ValueError(f'it is a {type(content).__name__}')
     return content

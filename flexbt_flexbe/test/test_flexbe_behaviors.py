@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,9 @@ from pathlib import Path
 import pytest
 from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_package
 
+from flexbt_common.testing import HOSTILE_YAML
 from flexbt_flexbe import discovery, shim
+from flexbt_flexbe.parameter_values import converted
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.building import building
 from flexbt_onboard.errors import OnboardError, ParameterError
@@ -109,7 +112,9 @@ def test_what_does_no_harm_is_told_and_left_out(package: Installed, bench: State
 
 
 def test_arguments_are_values_of_the_types_that_the_code_declares(package: Installed, bench: StateBench) -> None:
-    (package.prefix / 'share' / package.name / 'config' / 'places.yaml').write_text('{all: {home: [1, 2]}, home: 3}')
+    (package.prefix / 'share' / package.name / 'config' / 'places.yaml').write_text(
+        'usual: &usual {home: [1, 2]}\nall: {<<: *usual}\nhome: 3\n'
+    )
     entry = package.entries()['Patrol']
     words = [('rounds', '3'), ('speed', '1'), ('is_loud', 'True'), ('mode', 'fast'), ('title', 'Dr. ')]
     lines = run(bench, entry, *words, ('places', '{home: [1]}'))
@@ -157,6 +162,22 @@ def test_a_value_that_cannot_be_is_refused_before_anything_runs(
     going = bench.run_behavior(package.entries()['Patrol'], (name, text))
     wait_until(lambda: going.refusal, 'refused')
     assert words in str(going.refusal)
+
+
+@pytest.mark.parametrize('text', HOSTILE_YAML.values(), ids=HOSTILE_YAML)
+@pytest.mark.parametrize('like', [{}, []], ids=['dict', 'list'])
+def test_a_value_that_is_meant_to_do_harm_is_refused_in_time(like: object, text: str) -> None:
+    began = time.process_time()
+    with pytest.raises(ParameterError) as caught:
+        converted('places', text, like)
+    assert time.process_time() - began < 1.0
+    assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize('text', ['inf', 'nan', '9' * 400, '1e400', '9' * 10_000])
+def test_a_number_that_is_no_int_is_refused(text: str) -> None:
+    with pytest.raises(ParameterError):
+        converted('rounds', text, 1)
 
 
 def test_nothing_is_set_twice(package: Installed) -> None:

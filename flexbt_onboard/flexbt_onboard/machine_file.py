@@ -33,6 +33,7 @@ from typing import Any, Final
 
 import yaml
 
+from flexbt_common.nested_yaml import YamlError, compose_yaml, construct_yaml
 from flexbt_onboard.errors import BehaviorError
 from flexbt_onboard.state_machine import (
     Autonomy,
@@ -57,7 +58,6 @@ _CONTAINERS: Final[dict[str, type[OperatableStateMachine]]] = {
 }
 _KEYS: Final = ('outcomes', 'input_keys', 'output_keys', 'io_keys')
 _LEVELS: Final = {'off': Autonomy.Off, 'low': Autonomy.Low, 'high': Autonomy.High, 'full': Autonomy.Full}
-_DEEPEST: Final = 100
 
 
 class MachineFileError(BehaviorError):
@@ -99,13 +99,9 @@ class _Reader:
 
     def _machine_of(self, text: str) -> OperatableStateMachine | None:
         try:
-            if not self._is_plain(text):
-                return None
-            root = yaml.compose(text, Loader=yaml.SafeLoader)
-        except yaml.YAMLError as error:
-            mark = getattr(error, 'problem_mark', None)
-            line = mark.line + 1 if mark is not None else 1
-            self._problems.append(f'{self._source}:{line}: no YAML: {getattr(error, "problem", None) or error}')
+            root = compose_yaml(text)
+        except YamlError as error:
+            self._problems.append(f'{self._source}:{error.line}: {error.reason}')
             return None
         if root is None:
             self._problems.append(f'{self._source}:1: the text is empty')
@@ -117,21 +113,6 @@ class _Reader:
             self._problem(root, f'the text has to have one of {", ".join(_CONTAINERS)}')
             return None
         return self._container(kinds[0], entries[kinds[0]], '/', root)
-
-    def _is_plain(self, text: str) -> bool:
-        """Whether a text can be read with little effort; it may look small and be very large, or very deep."""
-        depth = 0
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            problem = ''
-            if isinstance(event, yaml.AliasEvent):
-                problem = f'aliases (*{event.anchor}) are not supported; write it out'
-            elif depth > _DEEPEST:
-                problem = f'nested more than {_DEEPEST} levels deep'
-            if problem:
-                self._problems.append(f'{self._source}:{_line(event)}: {problem}')
-                return False
-        return True
 
     # -- the parts of a machine --------------------------------------------------------------------------------------
 
@@ -253,9 +234,9 @@ class _Reader:
         values = {}
         for name, value in self._mapping(node, what).items():
             try:
-                values[name] = yaml.constructor.SafeConstructor().construct_document(value)
-            except (yaml.YAMLError, ValueError) as error:
-                self._problem(value, f"{what}: '{name}' is no plain value: {getattr(error, 'problem', None) or error}")
+                values[name] = construct_yaml(value)
+            except YamlError as error:
+                self._problem(value, f"{what}: '{name}' is no plain value: {error.reason}")
         return values
 
     def _refuse_others(self, entries: Mapping[str, yaml.Node], known: Iterable[str], what: str) -> None:
@@ -271,11 +252,11 @@ class _Reader:
             raise MachineFileError(self._problems)
 
 
-def _line(place: yaml.Node | yaml.Event) -> int:
-    return place.start_mark.line + 1 if place.start_mark is not None else 1
+def _line(node: yaml.Node) -> int:
+    return node.start_mark.line + 1 if node.start_mark is not None else 1
 
 
 def _shown(node: yaml.Node) -> str:
     if isinstance(node, yaml.MappingNode):
         return 'a mapping'
-    return 'a list' if isinstance(node, yaml.SequenceNode) else f"'{node.value}'"
+    return 'a list' if isinstance(node, yaml.SequenceNode) else f"'{node.value:.80}'"

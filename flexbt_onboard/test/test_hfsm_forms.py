@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
 import pytest
 from hfsm_bench import Scripted
 
+from flexbt_common.testing import HOSTILE_YAML
 from flexbt_onboard.machine_file import MachineFileError, read_machine
 from flexbt_onboard.state_machine import (
     Autonomy,
@@ -195,7 +197,11 @@ def test_a_problem_of_a_text_is_named_with_its_line(before: str, after: str, pro
     assert all(one.startswith('m.yaml:') for one in caught.value.problems)
 
 
-@pytest.mark.parametrize('text', ['[' * 100_000, '{a: ' * 50_000, 'machine: ' + '{states: {A: {machine: ' * 300])
-def test_texts_that_are_nested_without_end_are_refused(text: str) -> None:
-    with pytest.raises(MachineFileError):
-        read_machine(text, STATES)
+@pytest.mark.parametrize('text', [*HOSTILE_YAML.values(), 'machine: ' + '{states: {A: {machine: ' * 300])
+@pytest.mark.parametrize('around', ['{}', 'machine:\n userdata:\n  key:\n   {}'], ids=['alone', 'as userdata'])
+def test_texts_that_are_meant_to_do_harm_are_refused_in_time(around: str, text: str) -> None:
+    began = time.process_time()
+    with pytest.raises(MachineFileError) as caught:
+        read_machine(around.format(text.replace('\n', '\n   ')), STATES)
+    assert time.process_time() - began < 1.0
+    assert len(str(caught.value)) < 1000

@@ -225,9 +225,11 @@ WRONG_PLANS: list[tuple[str, list[str]]] = [
     ('mock: ^{Drive: SUCCESS}', ["'mock' means nothing here; expected mocks or blackboard"]),
     ('mocks: {^[a, b]: SUCCESS}', ['a key of mocks has to be a text']),
     ('^', ['the file is empty; expected mocks: {PATTERN: STATUS}']),
-    ('blackboard: {x: ^2001-99-99}', ['no value: month must be in 1..12']),
+    ('blackboard: {x: ^2001-99-99}', ["no value: '2001-99-99' is no timestamp"]),
     ('blackboard: {x: ^!!python/object:os.system []}', ['no value: could not determine a constructor for the tag']),
-    ('blackboard: ^&x {x: *x}', ['no value: found unconstructable recursive node']),
+    ('blackboard: &x {x: ^*x}', ['*x is in what it stands for']),
+    ('blackboard: {x: ^!!bool perhaps}', ["no value: 'perhaps' is no bool"]),
+    ('x: ' + '[' * 99 + '^' + '[' * 100_000, ['nested more than 100 levels deep']),
     ('mocks: {Drive: SUCCESS^', ["no YAML: expected ',' or '}', but got '<stream end>'"]),
     (
         'mocks: {Drive: ^^{gives: SUCCESS, outputs: {to: 1, ways: 2}}}',
@@ -267,7 +269,7 @@ def test_wrong_plans_are_refused_with_their_places(tmp_path: Path, mocks: str, e
         ),
         (['--mock', 'nowhere.yaml'], 'nowhere.yaml:1:1: cannot be read: '),
         (['--set', 'x'], '--set x: expected KEY=VALUE'),
-        (['--set', 'x={'], "--set x={: '{' is no YAML: "),
+        (['--set', 'x={'], '--set x={: no YAML: '),
     ],
 )
 def test_wrong_words_are_refused(tmp_path: Path, words: list[str], message: str) -> None:

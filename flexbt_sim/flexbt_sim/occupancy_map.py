@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy
-import yaml
 from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
+from flexbt_common.nested_yaml import load_yaml
 from flexbt_sim.errors import MapError
 from flexbt_sim.geometry import Pose
 
@@ -194,10 +194,10 @@ def _read_yaml(file: Path) -> Mapping[str, Any]:
         _require_file(file)
         if file.stat().st_size > MAX_YAML_BYTES:
             raise ValueError(f'more than {MAX_YAML_BYTES} bytes are not the YAML of a map')
-        fields = yaml.safe_load(file.read_text())
+        fields = load_yaml(file.read_text())
         if not isinstance(fields, dict):
             raise ValueError('image, resolution, origin and thresholds are missing')
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+    except (OSError, ValueError) as error:
         raise MapError(file, '', f'cannot be read: {_line(error)}; give the YAML file of a map') from error
     return fields
 
@@ -244,7 +244,7 @@ def _finite(value: Any) -> float | None:
 
 
 def _shown(value: object) -> str:
-    """Enough of a value of the file to recognise it: an alias can stand for millions of values."""
+    """Enough of a value of the file to recognise it."""
     return reprlib.repr(value)[:80]
 
 

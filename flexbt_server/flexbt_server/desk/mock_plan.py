@@ -28,6 +28,7 @@ from typing import Any, Final
 
 import yaml
 
+from flexbt_common.nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
 from flexbt_server.behavior_tree import LoadError, NodeStatus
 from flexbt_server.desk.errors import RefusedError, UsageError
 
@@ -112,11 +113,9 @@ def _rule_of_word(word: str) -> Rule:
 
 def _value_of_word(word: str, text: str) -> Any:
     try:
-        loader = yaml.SafeLoader(text)
-        node = loader.get_single_node()
-        return None if node is None else loader.construct_object(node, deep=True)
-    except (yaml.YAMLError, ValueError) as error:
-        raise UsageError(f'--set {word}: {text!r} is no YAML: {error}') from error
+        return load_yaml(text, aliases=True)
+    except YamlError as error:
+        raise UsageError(f'--set {word:.200}: {error.reason}') from error
 
 
 def _no_status(name: object) -> str:
@@ -130,7 +129,6 @@ class _Reader:
 
     def __init__(self, file: str) -> None:
         self._file = file
-        self._loader = yaml.SafeLoader('')
         self.errors: list[LoadError] = []
 
     def read(self, plan: MockPlan) -> None:
@@ -147,16 +145,12 @@ class _Reader:
 
     def _root(self) -> yaml.Node | None:
         try:
-            self._loader = yaml.SafeLoader(Path(self._file).read_text(encoding='utf-8'))
-            root = self._loader.get_single_node()
+            root = compose_yaml(Path(self._file).read_text(encoding='utf-8'), aliases=True)
+        except YamlError as error:
+            self.errors.append(LoadError(self._file, error.line, error.column, '', error.reason))
+            return None
         except (OSError, UnicodeDecodeError) as error:
             self.errors.append(LoadError(self._file, 1, 1, '', f'cannot be read: {error}'))
-            return None
-        except yaml.YAMLError as error:
-            mark = getattr(error, 'problem_mark', None)
-            line, column = (1, 1) if mark is None else (mark.line + 1, mark.column + 1)
-            problem = getattr(error, 'problem', None) or error
-            self.errors.append(LoadError(self._file, line, column, '', f'no YAML: {problem}'))
             return None
         if root is None:
             self.errors.append(LoadError(self._file, 1, 1, '', 'the file is empty; expected mocks: {PATTERN: STATUS}'))
@@ -174,9 +168,9 @@ class _Reader:
 
     def _value(self, node: yaml.Node) -> Any:
         try:
-            return self._loader.construct_object(node, deep=True)
-        except (yaml.YAMLError, ValueError) as error:
-            self._error(node, f'no value: {getattr(error, "problem", None) or error}')
+            return construct_yaml(node)
+        except YamlError as error:
+            self._error(node, f'no value: {error.reason}')
             return None
 
     def _rule(self, pattern: str, node: yaml.Node) -> Rule:

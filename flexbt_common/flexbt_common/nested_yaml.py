@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""YAML from others, which must cost no more than its length suggests.
+
+PyYAML's scanner takes a time that grows with the depth of the text, its composer calls itself for each level, an alias
+repeats what may be any amount of data, and numbers in base 60 take the square of their length. All of it is bounded
+here, while the text is read.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import yaml
+
+MAX_DEPTH: Final = 100
+"""Levels of mappings and lists in each other that are read at most."""
+
+_MOST_DIGITS: Final = 1000
+_NUMBERS: Final = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
+
+
+class YamlError(ValueError):
+    """A text is no YAML, or none that is read. ``line`` and ``column``, from 1, say where (``mark``),
+    ``reason`` what is wrong there."""
+
+    def __init__(self, mark: Any, reason: str) -> None:
+        self.line: int = 1 if mark is None else mark.line + 1
+        self.column: int = 1 if mark is None else mark.column + 1
+        self.reason = reason
+        super().__init__(f'line {self.line}: {reason}')
+
+
+def load_yaml(text: str, *, aliases: bool = False) -> Any:
+    """The plain data of one document; None for an empty one. ``aliases`` are for texts of which the author is trusted.
+
+    Raises:
+        YamlError: no YAML, aliases, no plain data, or nested deeper than MAX_DEPTH.
+    """
+    node = compose_yaml(text, aliases=aliases)
+    return None if node is None else construct_yaml(node)
+
+
+def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
+    """The nodes of one document, with their places; None for an empty one.
+
+    Raises:
+        YamlError: no YAML, aliases, or nested deeper than MAX_DEPTH.
+    """
+    try:
+        return _Composer(text, aliases=aliases).get_single_node()
+    except (yaml.YAMLError, RecursionError) as error:
+        raise YamlError(getattr(error, 'problem_mark', None), f'no YAML: {_problem(error)}') from error
+
+
+def construct_yaml(node: yaml.Node) -> Any:
+    """The plain data of a node.
+
+    Raises:
+        YamlError: tags of other than plain data, or a scalar that is not what its tag or form says.
+    """
+    try:
+        return _Constructor().construct_document(node)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise YamlError(getattr(error, 'problem_mark', None) or node.start_mark, _problem(error)) from error
+
+
+class _Composer(yaml.SafeLoader):
+    def __init__(self, text: str, *, aliases: bool) -> None:
+        super().__init__(text)
+        self._takes_aliases = aliases
+        self._around: list[str | None] = []  # the anchors of what is being read, outermost first
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: yaml.NodeEvent = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            if not self._takes_aliases:
+                raise YamlError(event.start_mark, f'aliases (*{event.anchor}) are not supported; write it out')
+            if event.anchor in self._around:
+                raise YamlError(event.start_mark, f'*{event.anchor} is in what it stands for')
+        if isinstance(event, yaml.CollectionStartEvent) and len(self._around) == MAX_DEPTH:
+            raise YamlError(event.start_mark, f'nested more than {MAX_DEPTH} levels deep')
+        self._around.append(event.anchor)
+        node = super().compose_node(parent, index)
+        self._around.pop()
+        return node
+
+
+class _Constructor(yaml.constructor.SafeConstructor):
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        if not isinstance(node, yaml.ScalarNode):
+            return super().construct_object(node, deep)
+        if node.tag in _NUMBERS and len(node.value) > _MOST_DIGITS:
+            raise YamlError(node.start_mark, f'a number of more than {_MOST_DIGITS} characters')
+        try:
+            return super().construct_object(node, deep)
+        except yaml.YAMLError:
+            raise
+        except Exception as error:  # PyYAML lets pass whatever a conversion raises
+            kind = node.tag.rpartition(':')[2]
+            raise YamlError(node.start_mark, f'{node.value!r:.80} is no {kind}') from error
+
+
+def _problem(error: Exception) -> str:
+    return getattr(error, 'problem', None) or ' '.join(str(error).split())
