@@ -21,7 +21,12 @@ documents = st.recursive(
 )
 TAGS = ['!!int ', '!!bool ', '!!float ', '!!binary ', '!!timestamp ', '!!set ', '!!omap ', '!!python/tuple ']
 WORDS = ['a', '1', '-1', '0x', '_', '.', '.inf', 'yes', '2001-01-01', '&x ', '*x ', '<<', '=', '---', 'é']
-pieces = st.sampled_from(TAGS) | st.sampled_from(WORDS) | st.sampled_from(':-?[]{},"\'#|%@ \t\n') | st.sampled_from([': ', '- '])
+pieces = (
+    st.sampled_from(TAGS)
+    | st.sampled_from(WORDS)
+    | st.sampled_from(':-?[]{},"\'#|%@ \t\n')
+    | st.sampled_from([': ', '- '])
+)
 
 
 @given(documents, st.booleans(), st.integers(1, MAX_DEPTH + 3))

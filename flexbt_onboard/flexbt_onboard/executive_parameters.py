@@ -12,8 +12,9 @@ from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common import names
+from flexbt_common.user_files import USER_DIRECTORY
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.record import RECORD_DIRECTORY, RECORD_FILES, RECORD_SIZE
+from flexbt_onboard.record import RECORD_FILES, RECORD_SIZE
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
     record_directory = _declare(
         node,
         'record_directory',
-        RECORD_DIRECTORY,
+        USER_DIRECTORY,
         ParameterDescriptor(
             description='directory of the record of commands, decisions and transitions; empty for no record'
         ),

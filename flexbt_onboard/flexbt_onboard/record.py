@@ -33,7 +33,6 @@ lost            ``number`` of events that could not be written before this one
 from __future__ import annotations
 
 import json
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -41,11 +40,10 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
+from flexbt_common.user_files import home_path
+
 if TYPE_CHECKING:
     from flexbt_common.ros_clock import RosClock
-
-RECORD_DIRECTORY: Final = '~/.ros/flexbt'
-"""Where the executive keeps its record unless it is told otherwise."""
 
 RECORD_SIZE: Final = 10_000_000
 """Bytes of a file before the next one is begun."""
@@ -170,19 +168,8 @@ def rotated(file: Path, number: int) -> Path:
 
 
 def record_file(directory: str, node_name: str) -> Path | None:
-    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for ''.
-
-    Where there is no home directory, that of temporary files stands for it.
-    """
+    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for ''."""
     return home_path(directory) / f'{file_stem(node_name)}.jsonl' if directory else None
-
-
-def home_path(directory: str) -> Path:
-    """A directory that may begin with ``~``."""
-    try:
-        return Path(directory).expanduser()
-    except RuntimeError:  # there is no home directory
-        return Path(directory.replace('~', tempfile.gettempdir(), 1))
 
 
 def file_stem(node_name: str) -> str:

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexbt_common.errors import FlexbtError
+from flexbt_common.user_files import home_path
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.command_answers import CommandAnswer, Decided
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.journal import Decided as Result
 from flexbt_onboard.journal import Journal
 from flexbt_onboard.plain_form import from_plain_form, to_plain_form
-from flexbt_onboard.record import file_stem, home_path
+from flexbt_onboard.record import file_stem
 from flexbt_onboard.run_building import RunRequest
 from flexbt_onboard.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from flexbt_common.escaping import one_line
 from flexbt_common.streams import abandon_stdout, make_streams_safe
-from flexbt_onboard.record import RECORD_DIRECTORY, home_path, rotated
+from flexbt_common.user_files import USER_DIRECTORY, home_path
+from flexbt_onboard.record import rotated
 from flexbt_onboard.run_metrics import RunMetrics, metrics_of, read_events
 from flexbt_onboard.run_timeline import timeline
 
@@ -96,7 +97,7 @@ def _summary(run: RunMetrics) -> str:
 
 def _files(given: Sequence[str]) -> list[Path]:
     """The files of a record, the oldest first: those that were rotated belong to it."""
-    first = Path(given[0]) if given else home_path(RECORD_DIRECTORY) / 'onboard_executive.jsonl'
+    first = Path(given[0]) if given else home_path(USER_DIRECTORY) / 'onboard_executive.jsonl'
     if len(given) > 1:
         return [Path(name) for name in given]
     number = 0
@@ -113,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
         'files',
         nargs='*',
         metavar='FILE',
-        help=f'file of the record (default: {RECORD_DIRECTORY}/onboard_executive.jsonl), with those that were rotated; '
+        help=f'file of the record (default: {USER_DIRECTORY}/onboard_executive.jsonl), with those that were rotated; '
         'or several, the oldest first',
     )
     parser.add_argument('--run', metavar='ID', help='the run whose identifier begins so')

@@ -21,10 +21,10 @@ from geometry_msgs.msg import PoseStamped
 from flexbt_common import names
 from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.user_files import USER_DIRECTORY
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_parameters
-from flexbt_onboard.record import RECORD_DIRECTORY
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
 from flexbt_onboard.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 
@@ -204,7 +204,7 @@ def test_wrong_parameters_are_refused_by_name(parameters: dict[str, Any], words:
 def test_parameters_are_described_and_have_their_defaults() -> None:
     with NodeRuntime.open('executive', parameters={'peers': ['a', '']}) as runtime:
         values = runtime.call(lambda: declare_parameters(runtime.node))
-        assert values == ExecutiveParameters(peers=('a',), record_directory=RECORD_DIRECTORY)
+        assert values == ExecutiveParameters(peers=('a',), record_directory=USER_DIRECTORY)
         for name in ('peers', 'pose_topic', 'heartbeat_period', 'autonomy'):
             descriptor = runtime.node.describe_parameter(name)
             assert descriptor.description

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from flexbt_common import names
 from flexbt_common.navigation_interfaces import CHOICES
+from flexbt_common.user_files import home_path
 from flexbt_server.behavior_tree.nav2_nodes import DIALECTS, Dialect
 from flexbt_server.behavior_tree.xml_parser import MAX_BYTES, MAX_DEPTH
 from flexbt_server.errors import ServerParameterError
@@ -99,7 +100,7 @@ def declare_parameters(node: Node) -> ServerParameters:
     if dialect is None:
         raise ServerParameterError(f"parameter 'nav2_dialect': {written!r} is not one of {', '.join(DIALECTS)}")
     written = str(declare('btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty'))
-    btlog_directory = Path(written).expanduser() if written else None
+    btlog_directory = home_path(written) if written else None
     if btlog_directory is not None and not btlog_directory.is_absolute():
         raise ServerParameterError(f"parameter 'btlog_directory': {btlog_directory} is not an absolute path")
     return ServerParameters(

@@ -14,20 +14,20 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from flexbt_common.node_runtime import NodeRuntime, run_node
+from flexbt_common.user_files import USER_DIRECTORY, home_path
 from flexbt_common.value_types import resolve_type
 from flexbt_console.recording.run_file import RunWriter
 from flexbt_console.recording.topics import TOPICS
 
 NODE_NAME: Final = 'recorder'
-DIRECTORY: Final = '~/.ros/flexbt'
 
 
 def declare_parameters(node: Node) -> Path:
     """Declare the parameters; gives the file to write."""
-    description = f'file to write, which must not exist; empty for one in {DIRECTORY}, named after the time'
+    description = f'file to write, which must not exist; empty for one in {USER_DIRECTORY}, named after the time'
     given = node.declare_parameter('file', '', ParameterDescriptor(description=description, read_only=True)).value
     now = datetime.now(UTC).strftime('%Y%m%d_%H%M%S')
-    return Path(str(given) or f'{DIRECTORY}/run_{now}.mcap').expanduser()
+    return home_path(str(given) or f'{USER_DIRECTORY}/run_{now}.mcap')
 
 
 class Recorder:

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where programs keep files of the user who runs them."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Final
+
+USER_DIRECTORY: Final = '~/.ros/flexbt'
+"""The directory of records and recordings, unless another one is given."""
+
+
+def home_path(path: str) -> Path:
+    """A path that may begin with ``~`` or ``~user``.
+
+    Where there is no such home directory, as in a container whose user has no account, that of temporary files stands
+    for it.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        return Path(tempfile.gettempdir(), *Path(path).parts[1:])
