@@ -13,7 +13,7 @@ from desk_behaviors import tool
 
 
 def test_the_demonstrations_are_without_fault() -> None:
-    done = tool('check', '--strict', 'Navigate', 'Navigate Split')
+    done = tool('check', '--strict')
     assert done.code == 0, done.out + done.err
     report = json.loads(tool('check', '--json', 'Navigate Split').out)
     assert {one['rule'] for one in report['findings']} == {'always-asks'}

@@ -54,7 +54,8 @@ VALUES = st.recursive(
     ),
     max_leaves=8,
 )
-NAMED = [kind for kind in vars(port_types).values() if isinstance(kind, PortType) and kind is not port_types.KEY]
+OF_LITERALS = (port_types.KEY, port_types.KEYS)
+NAMED = [kind for kind in vars(port_types).values() if isinstance(kind, PortType) and kind not in OF_LITERALS]
 KINDS = st.none() | st.sampled_from([*NAMED, port_types.list_of(port_types.INT), port_types.list_of(port_types.STRING)])
 KEYS = st.text(st.characters(exclude_characters='@', codec='utf-8'), max_size=5)
 

@@ -132,6 +132,15 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         [],
     ),
     (
+        'keys that a behavior takes and gives',
+        (
+            'Main: <Sequence><Make int="{a}"/><Script code="list := \'e\'"/>'
+            '<ExecuteBehavior behavior="B" ^inputs="a; b" ^outputs=" c ;; d"/><Use int="{c}"/>'
+            '<ExecuteBehavior behavior="B" inputs="{list}" outputs=""/></Sequence>',
+        ),
+        ['never-written key [b] is read, and nothing writes it', 'never-read key [d] is written, and nothing reads it'],
+    ),
+    (
         'a named key that nobody writes',
         ('Main: <SkipUnlessUpdated ^entry="k"><AlwaysSuccess/></SkipUnlessUpdated>',),
         ['never-written key [k]'],

@@ -34,7 +34,7 @@ _MAX_DEPTH: Final = 100
 _SCALARS: Final = {
     kind.name: kind
     for kind in vars(port_types).values()
-    if isinstance(kind, PortType) and kind.name != port_types.KEY.name
+    if isinstance(kind, PortType) and kind not in (port_types.KEY, port_types.KEYS)
 }
 _BUILTIN_VALUES: Final = {
     kind.__qualname__: PortType(kind.__qualname__, kind) for kind in (list, tuple, dict, deque, type(None))

@@ -152,6 +152,14 @@ def _key_from_text(text: str) -> str:
 KEY = PortType('key', str, 'text', _key_from_text, immutable=True)
 """The type of a literal that is the key of an entry: of a port that reads that entry, or of one that writes it."""
 
+KEYS = PortType('keys', str, 'text', str, immutable=True)
+"""As KEY, for any number of entries: their keys, :func:`separated` by ``;``."""
+
+
+def separated(text: str) -> list[str]:
+    """The pieces of a text between ``;``, without the spaces around them; empty ones do not count."""
+    return [piece.strip() for piece in text.split(';') if piece.strip()]
+
 
 def _no_text(text: str) -> Any:
     raise ConversionError('an entry that may hold anything does not say what a text means')

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 from flexbt_server.behavior_tree import NodeDefinition, Port
-from flexbt_server.behavior_tree.port_types import KEY
+from flexbt_server.behavior_tree.port_types import KEY, KEYS, separated
 from flexbt_server.behavior_tree.ports import NO_DEFAULT
 from flexbt_server.behavior_tree.script import CompiledScript
 from flexbt_server.behavior_tree.script_parser import (
@@ -58,8 +58,9 @@ def _uses_of_ports(node: NodeDefinition, enums: Collection[str]) -> Iterator[Key
             yield from _uses_of_script(name, value.literal, enums)
         elif value.key is not None:
             yield KeyUse(value.key, name, reads=port.readable, writes=port.writable, port=port)
-        elif port.literal is KEY:
-            yield KeyUse(value.text, name, reads=not port.writable, writes=port.writable)
+        elif port.literal in (KEY, KEYS):
+            for key in separated(value.text) if port.literal is KEYS else [value.text]:
+                yield KeyUse(key, name, reads=not port.writable, writes=port.writable)
 
 
 def _uses_of_script(attribute: str, script: CompiledScript, enums: Collection[str]) -> Iterator[KeyUse]:

@@ -11,8 +11,8 @@ from flexbt_common.errors import FlexbtError
 from flexbt_common.values import Encoding
 from flexbt_msgs import action
 from flexbt_msgs.msg import BehaviorArgument
-from flexbt_server.behavior_tree import BlackboardError, NodeStatus, input_port, output_port
-from flexbt_server.behavior_tree.port_types import STRING, UNSIGNED
+from flexbt_server.behavior_tree import BlackboardError, NodeStatus, inout_port, input_port, output_port
+from flexbt_server.behavior_tree.port_types import KEYS, STRING, UNSIGNED, separated
 from flexbt_server.blackboards import entries_of, read_values, write_all
 from flexbt_server.leaves.action_leaf import ACTION_PORTS, ActionLeaf
 
@@ -31,8 +31,12 @@ class ExecuteBehavior(ActionLeaf):
     ports = ACTION_PORTS | {
         'behavior': input_port(STRING, description='name of the behavior'),
         'arguments': input_port(STRING, default='', description='values of its parameters, as name=value;name=value'),
-        'inputs': input_port(STRING, default='', description='blackboard keys that become input userdata, as key;key'),
-        'outputs': input_port(STRING, default='', description='output userdata that is written to the blackboard'),
+        'inputs': input_port(
+            STRING, default='', literal=KEYS, description='blackboard keys that become input userdata, as key;key'
+        ),
+        'outputs': inout_port(
+            STRING, default='', literal=KEYS, description='its output userdata that becomes blackboard keys, as key;key'
+        ),
         'autonomy': input_port(UNSIGNED, default=str(HIGHEST_AUTONOMY), description='its level of autonomy, 0 to 3'),
         'success_outcomes': input_port(STRING, default='finished;done', description='its outcomes that are a SUCCESS'),
         'outcome': output_port(STRING, description='outcome of the behavior; empty when it did not end by one'),
@@ -83,4 +87,4 @@ class ExecuteBehavior(ActionLeaf):
         self.set_output('outcome', '')
 
     def _words(self, port: str) -> list[str]:
-        return [word.strip() for word in str(self.get_input(port)).split(';') if word.strip()]
+        return separated(str(self.get_input(port)))
