@@ -42,10 +42,9 @@ class Probe:
     """The leaf's action server and the operator, in this process."""
 
     def __init__(self, runtime: Any) -> None:
-        from rclpy.action import ActionServer
-
         from flexbt_common import names
         from flexbt_common.action_call import ActionLinks
+        from flexbt_common.goal_server import GoalServer
         from flexbt_common.navigation_interfaces import load
         from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 
@@ -59,22 +58,19 @@ class Probe:
 
         def make() -> None:
             node = runtime.node
-            ActionServer(node, self.wait_type, 'latency_probe/wait', self._execute, **names.deep_action_services())
+            GoalServer(runtime, self.wait_type, 'latency_probe/wait', self._serve)
             node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched())
             self.commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
 
         runtime.call(make)
 
-    async def _execute(self, handle: Any) -> Any:
-        from rclpy.task import Future
-
-        pause = Future(executor=self.runtime.node.executor)
+    def _serve(self, goal: Any) -> None:
         steady = self.runtime.steady
-        steady.call_at(steady.now() + LEAF_SECONDS, lambda: self.runtime.post(lambda: pause.set_result(None)))
-        await pause
+        steady.call_at(steady.now() + LEAF_SECONDS, lambda: self.runtime.post(lambda: self._end(goal)))
+
+    def _end(self, goal: Any) -> None:
         self.result_sent = time.time()
-        handle.succeed()
-        return self.wait_type.Result()
+        goal.succeed(self.wait_type.Result())
 
     def _on_status(self, status: Any) -> None:
         with self.changed:

@@ -10,12 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
-
 from flexbt_common import names
 from flexbt_common.errors import FlexbtError
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_onboard.behavior_run import BehaviorRun, RunPhase
@@ -28,9 +25,6 @@ if TYPE_CHECKING:
 
 Result = ExecuteBehavior.Result
 
-_RESULT_SECONDS: Final = 30
-"""How long the result of a goal can be asked for again, after an outage of the link."""
-
 _GOAL_SERVICE: Final = f'{names.EXECUTE_BEHAVIOR}/_action/send_goal'
 
 
@@ -38,8 +32,7 @@ _GOAL_SERVICE: Final = f'{names.EXECUTE_BEHAVIOR}/_action/send_goal'
 class _Goal:
     """The goal whose behavior runs."""
 
-    handle: ServerGoalHandle
-    result: Future
+    served: ServedGoal
     run: BehaviorRun | None = None
     shown: list[str] = field(default_factory=list)
     had_client: bool = False
@@ -57,15 +50,7 @@ class BehaviorActionServer:
         self._executive = executive
         self._node = executive.runtime.node
         self._goal: _Goal | None = None
-        self._server = ActionServer(
-            self._node,
-            ExecuteBehavior,
-            names.EXECUTE_BEHAVIOR,
-            execute_callback=self._execute,
-            cancel_callback=self._cancel,
-            result_timeout=_RESULT_SECONDS,
-            **names.deep_action_services(),
-        )
+        self._server = GoalServer(executive.runtime, ExecuteBehavior, names.EXECUTE_BEHAVIOR, self._serve, self._cancel)
 
     def refresh(self) -> None:
         """Send feedback when other states are active, and look for the client; called with each status."""
@@ -75,32 +60,26 @@ class BehaviorActionServer:
         paths = [state.path for state in goal.run.active_states()]
         if paths != goal.shown:
             goal.shown = paths
-            goal.handle.publish_feedback(ExecuteBehavior.Feedback(active_states=paths))
+            goal.served.publish_feedback(ExecuteBehavior.Feedback(active_states=paths))
         if self._node.count_clients(_GOAL_SERVICE):
             goal.had_client = True
         elif goal.had_client:
             goal.run.stop('the client of the goal is gone')
 
-    async def _execute(self, handle: ServerGoalHandle) -> Any:
-        goal = _Goal(handle, Future())
-        if handle.is_cancel_requested:  # canceled between acceptance and now
-            handle.canceled()
-            return Result(code=Result.CANCELED, message='canceled before it began')
+    def _serve(self, served: ServedGoal) -> None:
+        goal = _Goal(served)
         try:
             self._start(goal)
         except CommandRefusedError as error:
-            handle.abort()
-            return Result(code=Result.FAILURE, message=str(error))
-        result = await goal.result
+            served.abort(Result(code=Result.FAILURE, message=str(error)))
+
+    def _finish(self, goal: _Goal, result: Any) -> None:
         if self._goal is goal:
             self._goal = None
         if result.code == Result.SUCCESS:
-            handle.succeed()
-        elif handle.is_cancel_requested:
-            handle.canceled()
+            goal.served.succeed(result)
         else:
-            handle.abort()
-        return result
+            goal.served.canceled(result)  # whatever it was that the canceled run came to
 
     def _start(self, goal: _Goal) -> None:
         """Start the behavior of a goal.
@@ -108,7 +87,7 @@ class BehaviorActionServer:
         Raises:
             CommandRefusedError: it cannot be started.
         """
-        wanted = goal.handle.request
+        wanted = goal.served.request
         request = run_request(
             self._executive.library,
             wanted.behavior,
@@ -123,19 +102,18 @@ class BehaviorActionServer:
             if reason is not None:
                 is_stopped = goal.run is not None and goal.run.phase is RunPhase.STOPPING
                 code = Result.CANCELED if is_stopped else Result.FAILURE
-                goal.result.set_result(Result(code=code, message=reason))
+                self._finish(goal, Result(code=code, message=reason))
 
         def ended(run: BehaviorRun, outcome: str, message: str) -> None:
-            goal.result.set_result(_result(run, outcome, message, wanted.output_encoding))
+            self._finish(goal, _result(run, outcome, message, wanted.output_encoding))
 
         goal.run = self._executive.start(request, built, ended)
         self._goal = goal
 
-    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+    def _cancel(self, served: ServedGoal) -> None:
         goal = self._goal
-        if goal is not None and goal.run is not None and goal.handle.goal_id == handle.goal_id:
+        if goal is not None and goal.run is not None and goal.served is served:
             goal.run.stop('the goal was canceled')
-        return CancelResponse.ACCEPT
 
 
 def _result(run: BehaviorRun, outcome: str, message: str, encoding: int) -> Any:

@@ -9,20 +9,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.errors import FlexbtError
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import from_entry, resolve_type, text_to_value, to_entry
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, PendingDecision
 from flexbt_onboard.errors import CommandRefusedError
-
-_RESULT_SECONDS = 30
-"""How long the result of a question can be asked for again, after an outage of the link."""
 
 
 @dataclass
@@ -33,7 +28,7 @@ class _Question:
     choices: list[str]
     asker: str
     since: Time
-    future: Future  # of an OperatorInput.Result
+    goal: ServedGoal
 
 
 class OperatorQuestions:
@@ -46,17 +41,8 @@ class OperatorQuestions:
         self._runtime = runtime
         self._on_change = on_change
         self._questions: dict[str, _Question] = {}
-        self._by_goal: dict[bytes, _Question] = {}
         self._numbers = itertools.count(1)
-        self._server = ActionServer(
-            runtime.node,
-            OperatorInput,
-            names.OPERATOR_INPUT,
-            execute_callback=self._execute,
-            cancel_callback=self._cancel,
-            result_timeout=_RESULT_SECONDS,
-            **names.deep_action_services(),
-        )
+        self._server = GoalServer(runtime, OperatorInput, names.OPERATOR_INPUT, self._ask, self._withdraw)
 
     def decisions(self) -> list[PendingDecision]:
         """The open questions, oldest first."""
@@ -122,48 +108,38 @@ class OperatorQuestions:
         result = OperatorInput.Result(
             code=code, message=message, operator_id=operator_id, value=value or BlackboardEntry()
         )
-        question.future.set_result(result)
+        if code == OperatorInput.Result.SUCCESS:
+            question.goal.succeed(result)
+        elif code == OperatorInput.Result.CANCELED:
+            question.goal.canceled(result)
+        else:
+            question.goal.abort(result)
         self._on_change()
 
-    async def _execute(self, goal_handle: ServerGoalHandle) -> Any:
-        goal = goal_handle.request
-        if goal_handle.is_cancel_requested:
-            goal_handle.canceled()
-            return OperatorInput.Result(code=OperatorInput.Result.CANCELED, message='the question was withdrawn')
+    def _ask(self, goal: ServedGoal) -> None:
+        request = goal.request
         try:
-            type = _checked_question(goal)
+            type = _checked_question(request)
         except FlexbtError as error:
-            goal_handle.abort()
-            return OperatorInput.Result(code=OperatorInput.Result.ERROR, message=str(error))
+            goal.abort(OperatorInput.Result(code=OperatorInput.Result.ERROR, message=str(error)))
+            return
         question = _Question(
             id=f'input-{next(self._numbers)}',
-            prompt=goal.prompt,
+            prompt=request.prompt,
             type=type,
-            choices=list(goal.choices),
-            asker=goal.asker,
+            choices=list(request.choices),
+            asker=request.asker,
             since=self._runtime.clock.stamp(),
-            future=Future(),
+            goal=goal,
         )
-        goal_key = bytes(goal_handle.goal_id.uuid)
         self._questions[question.id] = question
-        self._by_goal[goal_key] = question
         self._on_change()
-        goal_handle.publish_feedback(OperatorInput.Feedback(shown=True))
-        result = await question.future
-        del self._by_goal[goal_key]
-        if goal_handle.is_cancel_requested and result.code == OperatorInput.Result.CANCELED:
-            goal_handle.canceled()
-        elif result.code == OperatorInput.Result.SUCCESS:
-            goal_handle.succeed()
-        else:
-            goal_handle.abort()
-        return result
+        goal.publish_feedback(OperatorInput.Feedback(shown=True))
 
-    def _cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
-        question = self._by_goal.get(bytes(goal_handle.goal_id.uuid))
-        if question is not None and question.id in self._questions:
-            self._close(question, OperatorInput.Result.CANCELED, 'the question was withdrawn')
-        return CancelResponse.ACCEPT
+    def _withdraw(self, goal: ServedGoal) -> None:
+        for question in list(self._questions.values()):
+            if question.goal is goal:
+                self._close(question, OperatorInput.Result.CANCELED, 'the question was withdrawn')
 
 
 def _checked_question(goal: Any) -> str:

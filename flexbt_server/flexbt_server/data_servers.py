@@ -4,21 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
-
-from rclpy.action import ActionServer
-from rclpy.action.server import ServerGoalHandle
 
 from flexbt_common import names
 from flexbt_common.errors import FlexbtError
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import Encoding
 from flexbt_msgs.action import BtGetData, BtSetData
 from flexbt_server.behavior_tree import BlackboardError
 from flexbt_server.blackboards import Blackboards, entries_of, read_values, write_all
-
-RESULT_TIMEOUT = 15.0
-"""How long the result of a finished goal can be asked for again, s."""
 
 
 class DataServers:
@@ -27,20 +21,19 @@ class DataServers:
     def __init__(self, runtime: NodeRuntime, boards: Blackboards, on_write: Callable[[str], None]) -> None:
         self._boards = boards
         self._on_write = on_write
-        options = {'result_timeout': int(RESULT_TIMEOUT), **names.deep_action_services()}
         servers = [
-            ActionServer(runtime.node, BtGetData, names.BT_GET_DATA, self._get, **options),
-            ActionServer(runtime.node, BtSetData, names.BT_SET_DATA, self._set, **options),
+            GoalServer(runtime, BtGetData, names.BT_GET_DATA, self._get),
+            GoalServer(runtime, BtSetData, names.BT_SET_DATA, self._set),
         ]
 
         def close() -> None:
             for server in servers:
-                server.destroy()
+                server.close()
 
         runtime.on_close(lambda: runtime.call(close))
 
-    def _get(self, handle: ServerGoalHandle) -> Any:
-        request = handle.request
+    def _get(self, goal: ServedGoal) -> None:
+        request = goal.request
         board = self._boards.get(request.blackboard)
         keys = list(request.keys) or sorted(board.snapshot())
         encoding = Encoding.BINARY if request.encoding == BtGetData.Goal.BINARY else Encoding.TEXT
@@ -48,20 +41,18 @@ class DataServers:
         where = f'blackboard {request.blackboard!r}' if request.blackboard else 'the shared blackboard'
         problems = [f'{where} has no value for {key!r}' for key in missing] + problems
         if problems:
-            handle.abort()
-            return BtGetData.Result(code=BtGetData.Result.FAILURE, message='; '.join(problems), entries=entries)
-        handle.succeed()
-        return BtGetData.Result(code=BtGetData.Result.SUCCESS, entries=entries)
+            goal.abort(BtGetData.Result(code=BtGetData.Result.FAILURE, message='; '.join(problems), entries=entries))
+            return
+        goal.succeed(BtGetData.Result(code=BtGetData.Result.SUCCESS, entries=entries))
 
-    def _set(self, handle: ServerGoalHandle) -> Any:
-        request = handle.request
+    def _set(self, goal: ServedGoal) -> None:
+        request = goal.request
         try:
             if not request.entries:
                 raise FlexbtError('the goal has no entries')
             write_all(self._boards.get(request.blackboard), read_values(request.entries))
         except (FlexbtError, BlackboardError) as error:
-            handle.abort()
-            return BtSetData.Result(code=BtSetData.Result.FAILURE, message=f'nothing was written: {error}')
+            goal.abort(BtSetData.Result(code=BtSetData.Result.FAILURE, message=f'nothing was written: {error}'))
+            return
         self._on_write(request.blackboard)
-        handle.succeed()
-        return BtSetData.Result(code=BtSetData.Result.SUCCESS)
+        goal.succeed(BtSetData.Result(code=BtSetData.Result.SUCCESS))

@@ -12,26 +12,22 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from builtin_interfaces.msg import Duration
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
-
 from flexbt_common import names
 from flexbt_common.clock import Timer
 from flexbt_common.errors import FlexbtError
-from flexbt_common.liveliness import LivelinessWatch
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.sendable import sendable
-from flexbt_common.values import Encoding
 from flexbt_msgs.action import BtExecute
 from flexbt_server.behavior_tree import Blackboard, TreeKey, TreeLibrary
-from flexbt_server.blackboards import RECOVERIES_KEY, Blackboards, Value, entries_of, read_values
+from flexbt_server.blackboards import Blackboards, Value, read_values
 from flexbt_server.errors import UnknownRunError
+from flexbt_server.goal_owners import GoalOwners
 from flexbt_server.leaf_services import LeafServices
 from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
 from flexbt_server.parameters import ServerParameters
-from flexbt_server.robot_pose import RobotPose, distance_along
+from flexbt_server.robot_pose import RobotPose
+from flexbt_server.run_messages import MESSAGE_LIMIT, feedback_of, result_of, take_error_code
 from flexbt_server.run_watchers import RunWatcher, watched_by
 from flexbt_server.tree_run import RunOutcome, TreeRun
 from flexbt_server.tree_store import FoundTree, TreeStore
@@ -39,27 +35,17 @@ from flexbt_server.tree_stream import NoStream, TreeStream
 
 Result = BtExecute.Result
 
-RESULT_TIMEOUT = 15.0
-"""How long the result of a finished goal can be asked for again, s."""
-
-MESSAGE_LIMIT = 10_000
-REASON_LIMIT = 1000
-"""Characters of a message for people: a leaf may give any text as its reason."""
-
 STOP_SECONDS = 0.8
 """How long the end of the process waits for running trees to come to rest, s."""
-
-OWNER_SECONDS = 5.0
-"""How long an owner may stay unseen before the run is stopped: it has died already, or holds no liveliness token."""
 
 
 @dataclass(eq=False)
 class _Goal:
     """A goal that is being served. ``run`` is set once a run works for it, or is asked to."""
 
-    handle: ServerGoalHandle
+    served: ServedGoal
     accepted: float
-    outcome: Future
+    on_end: Callable[[_Goal, RunOutcome], None]
     stop_reason: str | None = None
     notice: str = ''
     run: TreeRun[_Goal] | None = None
@@ -70,12 +56,12 @@ class _Goal:
     @property
     def request(self) -> Any:
         """The goal message."""
-        return self.handle.request
+        return self.served.request
 
     def end(self, outcome: RunOutcome) -> None:
         """Give the goal its outcome; the first one counts."""
-        if not self.outcome.done():
-            self.outcome.set_result(outcome)
+        if self.served.active:
+            self.on_end(self, outcome)
 
 
 @dataclass(eq=False)
@@ -125,20 +111,11 @@ class ExecuteServer:
         self._pose = RobotPose(services.topics, parameters.pose_topic)
         self._slots: dict[tuple[TreeKey, str], _Slot] = {}
         self._goals: dict[bytes, _Goal] = {}
-        self._owners: dict[str, LivelinessWatch] = {}
+        self._owners = GoalOwners(runtime)
         self._closing = False
         self._no_goals = threading.Event()
         self._no_goals.set()
-        self._server = ActionServer(
-            runtime.node,
-            BtExecute,
-            names.BT_EXECUTOR,
-            self._execute,
-            goal_callback=lambda request: GoalResponse.ACCEPT,
-            cancel_callback=self._on_cancel,
-            result_timeout=int(RESULT_TIMEOUT),
-            **names.deep_action_services(),
-        )
+        self._server = GoalServer(runtime, BtExecute, names.BT_EXECUTOR, self._serve, self._on_cancel)
         runtime.on_close(self._close)
 
     def wake(self, blackboard: str) -> None:
@@ -154,7 +131,7 @@ class ExecuteServer:
             UnknownRunError: there is none, or there are several; says which.
         """
         runs = {slot.id: slot for slot in self._slots.values()}
-        by_goal = {bytes(slot.goal.handle.goal_id.uuid).hex(): slot for slot in self._slots.values()}
+        by_goal = {slot.goal.served.id.hex(): slot for slot in self._slots.values()}
         only = next(iter(runs.values())) if len(runs) == 1 else None
         slot = (runs | by_goal).get(run_id) if run_id else only
         if slot is not None:
@@ -167,32 +144,15 @@ class ExecuteServer:
 
     # -- a goal ------------------------------------------------------------------------------------------------------
 
-    async def _execute(self, handle: ServerGoalHandle) -> Any:
-        goal = _Goal(handle, self._runtime.clock.now(), Future(executor=self._runtime.node.executor))
-        self._goals[bytes(handle.goal_id.uuid)] = goal
+    def _serve(self, served: ServedGoal) -> None:
+        goal = self._goals[served.id] = _Goal(served, self._runtime.clock.now(), self._finish)
         self._no_goals.clear()
         if self._closing:
             goal.stop_reason = _SHUTTING_DOWN
-        elif handle.is_cancel_requested:  # canceled between acceptance and now
-            goal.stop_reason = _BY_CLIENT
-        try:
-            self._start(goal)
-            outcome = await goal.outcome
-            return self._finish(goal, outcome)
-        except Exception as error:
-            self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
-            handle.abort()
-            return BtExecute.Result(code=Result.ERROR, message=sendable(repr(error), MESSAGE_LIMIT))
-        finally:
-            del self._goals[bytes(handle.goal_id.uuid)]
-            if not self._goals:
-                self._no_goals.set()
+        self._guard(goal, lambda: self._start(goal))
 
     def _start(self, goal: _Goal) -> None:
-        """Look for the tree of a goal. Goals come out of this in the order in which they were accepted.
-
-        (Awaiting the reading thread would not keep the order: rclpy resumes the youngest coroutine first.)
-        """
+        """Look for the tree of a goal. Goals come out of this in the order in which they were accepted."""
         name = goal.request.behavior_tree or self._parameters.default_tree
 
         def read() -> None:
@@ -203,12 +163,12 @@ class ExecuteServer:
                 found = self._store.find(name)
             except FlexbtError as error:
                 reason = str(error)
+                self._runtime.post(lambda: goal.end(RunOutcome(Result.ERROR, reason)))
             except Exception as error:  # a fault of ours goes to the client as well
-                reason = f'fault in the BT server: {error!r}'
+                fault = error
+                self._runtime.post(lambda: goal.end(RunOutcome(Result.ERROR, self._fault(fault))))
             else:
                 self._runtime.post(lambda: self._guard(goal, lambda: self._found(goal, found, values)))
-                return
-            self._runtime.post(lambda: goal.end(RunOutcome(Result.ERROR, reason)))
 
         self._reader.submit(read)
 
@@ -217,8 +177,12 @@ class ExecuteServer:
         try:
             step()
         except Exception as error:
-            self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
-            goal.end(RunOutcome(Result.ERROR, f'fault in the BT server: {error!r}'))
+            goal.end(RunOutcome(Result.ERROR, self._fault(error)))
+
+    def _fault(self, error: Exception) -> str:
+        """Report a fault of ours; gives what the client is told."""
+        self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
+        return sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
 
     def _found(self, goal: _Goal, found: FoundTree, values: list[Value]) -> None:
         request = goal.request
@@ -233,7 +197,7 @@ class ExecuteServer:
             goal.end(RunOutcome(Result.CANCELED, goal.stop_reason))
             return
         if request.owner:
-            self._watch(goal, request.owner)
+            self._owners.watch(request.owner, goal, lambda reason: self._stop(goal, reason))
         goal.found = (library, key, values)
         slot = self._slots.get((key, request.blackboard))
         if slot is None:
@@ -248,7 +212,7 @@ class ExecuteServer:
         name = goal.request.blackboard
         board = self._boards.get(name)
         place = (key, name)
-        run_id = bytes(goal.handle.goal_id.uuid).hex()
+        run_id = goal.served.id.hex()
         run: TreeRun[_Goal] = TreeRun(
             library,
             key,
@@ -286,19 +250,15 @@ class ExecuteServer:
             slot.feedback.cancel()
         slot.goal.end(outcome)
         offered = slot.run.take_offer()
-        if offered is not None and offered.found is not None and not offered.outcome.done():
+        if offered is not None and offered.found is not None and offered.served.active:
             # It came while the tree was ending. It gets a run of its own, and at once: before goals that came later.
             found = offered.found
             self._guard(offered, lambda: self._run(offered, *found))
 
     # -- the end of a goal -------------------------------------------------------------------------------------------
 
-    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        goal = self._goals.get(bytes(handle.goal_id.uuid))
-        if goal is not None:
-            # rclpy makes the goal CANCELING only after this callback: whatever ends it has to come later.
-            self._runtime.post(lambda: self._stop(goal, _BY_CLIENT))
-        return CancelResponse.ACCEPT
+    def _on_cancel(self, served: ServedGoal) -> None:
+        self._stop(self._goals[served.id], _BY_CLIENT)
 
     def _stop(self, goal: _Goal, reason: str, within: float | None = None) -> None:
         if goal.stop_reason is None:
@@ -310,44 +270,26 @@ class ExecuteServer:
         elif goal.run.withdraw(goal):
             goal.end(RunOutcome(Result.CANCELED, reason))
 
-    def _finish(self, goal: _Goal, outcome: RunOutcome) -> Any:
-        request = goal.request
-        board = self._boards.get(request.blackboard)
-        code, message = outcome.code, outcome.message
-        encoding = Encoding.BINARY if request.output_encoding == BtExecute.Goal.BINARY else Encoding.TEXT
-        entries, missing, problems = entries_of(board, request.outputs, encoding)
-        if problems:
-            code = Result.ERROR
-            message = '; '.join(filter(None, [message, *problems]))
-        if goal.notice and code != Result.SUCCESS:
-            message = '; '.join(filter(None, [message, goal.notice]))
-        result = BtExecute.Result(
-            code=code,
-            message=sendable(message, MESSAGE_LIMIT),
-            failed_node=sendable(outcome.failed_node, MESSAGE_LIMIT),
-            reasons=[sendable(reason, REASON_LIMIT) for reason in outcome.reasons],
-            error_code=self._take_error_code(board) if goal.slot is not None else 0,
-            outputs=entries,
-            missing_outputs=missing,
-            execution_time=_duration(self._runtime.clock.now() - goal.accepted),
-        )
-        if code == Result.SUCCESS:
-            goal.handle.succeed()
-        elif code == Result.CANCELED and goal.handle.is_cancel_requested:
-            goal.handle.canceled()
+    def _finish(self, goal: _Goal, outcome: RunOutcome) -> None:
+        try:
+            result = self._result(goal, outcome)
+        except Exception as error:
+            result = Result(code=Result.ERROR, message=self._fault(error))
+        if result.code == Result.SUCCESS:
+            goal.served.succeed(result)
+        elif result.code == Result.CANCELED:
+            goal.served.canceled(result)
         else:
-            goal.handle.abort()
-        return result
+            goal.served.abort(result)
+        self._owners.release(goal.request.owner, goal)
+        del self._goals[goal.served.id]
+        if not self._goals:
+            self._no_goals.set()
 
-    def _take_error_code(self, board: Blackboard) -> int:
-        """The lowest error code that leaves have written; the keys are set back for the next run, as in Nav2."""
-        codes = []
-        for key in self._parameters.error_code_names:
-            code = board.get_or(key, 0)
-            if isinstance(code, int) and code > 0:
-                codes.append(code)
-                board.set(key, 0)
-        return min(codes, default=0)
+    def _result(self, goal: _Goal, outcome: RunOutcome) -> Any:
+        board = self._boards.get(goal.request.blackboard)
+        error_code = 0 if goal.slot is None else take_error_code(board, self._parameters.error_code_names)
+        return result_of(goal.request, outcome, board, error_code, goal.notice, self._seconds(goal))
 
     # -- meanwhile ---------------------------------------------------------------------------------------------------
 
@@ -362,46 +304,13 @@ class ExecuteServer:
         if self._slots.get((slot.key, slot.blackboard)) is not slot:
             return
         tree = slot.run.tree
-        if tree is not None and slot.goal.handle.is_active:
-            recoveries = slot.board.get_or(RECOVERIES_KEY, 0)
-            slot.goal.handle.publish_feedback(
-                BtExecute.Feedback(
-                    active_nodes=tree.active_nodes(),
-                    current_location=self._pose.latest,
-                    execution_time=_duration(self._runtime.clock.now() - slot.goal.accepted),
-                    number_of_recoveries=int(recoveries) if isinstance(recoveries, int | float) else 0,
-                    distance_remaining=float(distance_along(slot.board.get_or('path', None), self._pose.latest)),
-                )
-            )
+        if tree is not None:
+            feedback = feedback_of(tree, slot.board, self._pose.latest, self._seconds(slot.goal))
+            slot.goal.served.publish_feedback(feedback)
         self._schedule_feedback(slot)
 
-    def _watch(self, goal: _Goal, owner: str) -> None:
-        if owner not in self._owners:
-            self._owners[owner] = LivelinessWatch(
-                self._runtime, owner, lambda alive: self._runtime.post(lambda: self._on_owner(owner, alive))
-            )
-        watch = self._owners[owner]
-        if watch.alive is not True:
-            # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
-            self._runtime.steady.call_at(
-                self._runtime.steady.now() + OWNER_SECONDS,
-                lambda: self._runtime.post(lambda: self._on_unseen(goal, watch)),
-            )
-
-    def _on_unseen(self, goal: _Goal, watch: LivelinessWatch) -> None:
-        if watch.alive is not True and not goal.outcome.done():
-            self._stop(
-                goal,
-                f'{watch.node_name}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
-                'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)',
-            )
-
-    def _on_owner(self, owner: str, alive: bool) -> None:
-        if alive:
-            return
-        for goal in list(self._goals.values()):
-            if goal.request.owner == owner:
-                self._stop(goal, f'{owner}, on whose behalf the tree ran, has died')
+    def _seconds(self, goal: _Goal) -> float:
+        return self._runtime.clock.now() - goal.accepted
 
     def _close(self) -> None:
         """Stop every tree and wait for it, so that no leaf is left running when the process has gone."""
@@ -413,14 +322,8 @@ class ExecuteServer:
 
         self._runtime.call(stop_all)
         self._no_goals.wait(STOP_SECONDS + 0.3)  # a run that is not at rest says so a little later
-        self._runtime.call(lambda: None)  # the executor sends the last results on its next turn
-        self._runtime.call(self._server.destroy)
+        self._runtime.call(self._server.close)
 
 
 def _replaced() -> RunOutcome:
     return RunOutcome(Result.CANCELED, 'a newer goal for the same tree has taken over')
-
-
-def _duration(seconds: float) -> Duration:
-    nanoseconds = max(0, round(seconds * 1e9))
-    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)

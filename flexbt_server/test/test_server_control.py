@@ -237,7 +237,7 @@ def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Oper
     with NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
         goal = world.client.execute(owner='/owner')
-        until(lambda: world.server.execute._owners.get('/owner') and world.server.execute._owners['/owner'].alive)
+        until(lambda: world.server.execute._owners.sees('/owner'))
         assert operator.ask(PAUSE) == ''
     assert goal.result.code == Result.CANCELED
     assert '/owner' in goal.result.message

@@ -354,7 +354,7 @@ def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
         LivelinessToken(owner)
         goal = world.client.execute(goals=[pose(1)], owner='/owner')
         until(lambda: follow.running)
-        until(lambda: world.server.execute._owners['/owner'].alive, 'the owner was seen')
+        until(lambda: world.server.execute._owners.sees('/owner'), 'the owner was seen')
     assert goal.wait().status is GoalStatus.ABORTED
     assert goal.result.code == Result.CANCELED
     assert '/owner' in goal.result.message
@@ -362,7 +362,7 @@ def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
 
 
 def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.execute_server.OWNER_SECONDS', 0.2)
+    monkeypatch.setattr('flexbt_server.goal_owners.OWNER_SECONDS', 0.2)
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree('<Spin/>')
     goal = world.client.execute(owner='/nobody')

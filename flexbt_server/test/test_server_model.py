@@ -130,8 +130,7 @@ class Walk:
             LivelinessToken(owner)
             name = f'/{owner.name}'
             goal = self.client.execute('Endless', blackboard=name, owner=name)
-            until(lambda: name in self.world.server.execute._owners, 'the watch')
-            until(lambda: self.world.server.execute._owners[name].alive, 'the owner was seen')
+            until(lambda: self.world.server.execute._owners.sees(name), 'the owner was seen')
         assert goal.wait().status is GoalStatus.ABORTED
         assert goal.result.code == BtExecute.Result.CANCELED and name in goal.result.message
 

@@ -6,10 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from rclpy.action.server import ServerGoalHandle
-
-RESULT_TIMEOUT: Final = 15
-"""How long the result of a finished goal can be asked for again, s."""
+from flexbt_common.goal_server import ServedGoal
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_sim.errors import NavigationError
 
 
 @dataclass(frozen=True)
@@ -26,17 +25,24 @@ SUCCEEDED: Final = GoalEnd(succeeded=True)
 CANCELED: Final = GoalEnd(canceled=True, message='canceled by the client')
 
 
-def finish(handle: ServerGoalHandle, result: Any, end: GoalEnd) -> Any:
-    """End the goal, fill in error code and message, and give the result.
+def end_by(runtime: NodeRuntime, error: Exception, what: str) -> GoalEnd:
+    """The end of a goal that an error came in the way of; a fault of ours is reported as one of ``what``."""
+    if isinstance(error, NavigationError):
+        return GoalEnd(code=error.code, message=str(error))
+    runtime.report_fault(error, what)
+    return GoalEnd(code='UNKNOWN', message=f'fault in the navigation server: {error!r}')
+
+
+def finish(goal: ServedGoal, result: Any, end: GoalEnd) -> None:
+    """Fill in error code and message, and end the goal.
 
     Not every action has every code: one that it lacks becomes its UNKNOWN. (Wait has none at all, only the message.)
     """
     result.error_code = int(getattr(result, end.code, getattr(result, 'UNKNOWN', 0)))
     result.error_msg = end.message
     if end.succeeded:
-        handle.succeed()
-    elif end.canceled and handle.is_cancel_requested:
-        handle.canceled()
+        goal.succeed(result)
+    elif end.canceled:
+        goal.canceled(result)
     else:
-        handle.abort()
-    return result
+        goal.abort(result)

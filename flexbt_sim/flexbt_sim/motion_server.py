@@ -11,15 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
-
-from flexbt_common import names
 from flexbt_common.clock import Timer
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
-from flexbt_sim.action_results import CANCELED, RESULT_TIMEOUT, SUCCEEDED, GoalEnd, finish
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from flexbt_sim.geometry import Pose
 from flexbt_sim.motions import STOP, Motion
 from flexbt_sim.path_follower import PathFollower
@@ -32,12 +27,12 @@ FEEDBACK_EVERY: Final = 3
 
 @dataclass(eq=False)
 class RunningMotion:
-    """A goal that drives the robot. ``feedback`` makes a feedback message of the motion."""
+    """A goal that drives the robot. ``feedback`` makes a feedback message of the motion; ``on_end`` ends the goal."""
 
-    handle: ServerGoalHandle
+    goal: ServedGoal
     motion: Motion
     feedback: Callable[[Any], Any]
-    future: Future
+    on_end: Callable[[GoalEnd], None]
     poses: int = 0
 
 
@@ -52,18 +47,13 @@ class MotionArbiter:
         self.running: RunningMotion | None = None
         robot.on_pose, robot.on_map = self._on_pose, self._on_map
 
-    def start(self, handle: ServerGoalHandle, motion: Motion, feedback: Callable[[Any], Any]) -> Future:
-        """Let a motion drive; the future completes with its GoalEnd.
-
-        A path that replaces a path is gone over to without a stop.
-        """
+    def start(self, newer: RunningMotion) -> None:
+        """Let a motion drive. A path that replaces a path is gone over to without a stop."""
         if self.running is not None:
-            rolling = isinstance(motion, PathFollower) and isinstance(self.running.motion, PathFollower)
+            rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
             self.end(GoalEnd(message='a newer motion has taken over'), stop=not rolling)
-        future = Future(executor=self._runtime.node.executor)
-        self.running = RunningMotion(handle, motion, feedback, future)
+        self.running = newer
         self._look_for_pose_in(self._pose_timeout)
-        return future
 
     def _on_pose(self, pose: Pose, now: float) -> None:
         running = self.running
@@ -71,12 +61,8 @@ class MotionArbiter:
             return
         try:
             velocity = running.motion.step(pose, now)
-        except NavigationError as error:
-            self.end(GoalEnd(code=error.code, message=str(error)))
-            return
         except Exception as error:
-            self._runtime.report_fault(error, 'a motion')
-            self.end(GoalEnd(code='UNKNOWN', message=f'fault in the navigation server: {error!r}'))
+            self.end(end_by(self._runtime, error, 'a motion'))
             return
         if velocity is None:
             self.end(SUCCEEDED)
@@ -84,7 +70,7 @@ class MotionArbiter:
         self.robot.drive(velocity)
         running.poses += 1
         if running.poses % FEEDBACK_EVERY == 1:
-            running.handle.publish_feedback(running.feedback(running.motion))
+            running.goal.publish_feedback(running.feedback(running.motion))
 
     def _on_map(self) -> None:
         if self.running is not None:
@@ -100,12 +86,11 @@ class MotionArbiter:
             return
         if stop:
             self.robot.drive(STOP)
-        if not running.future.done():
-            running.future.set_result(end)
+        running.on_end(end)
 
-    def cancel(self, handle: ServerGoalHandle) -> None:
+    def cancel(self, goal: ServedGoal) -> None:
         """The client does not want its goal any more."""
-        if self.running is not None and self.running.handle is handle:
+        if self.running is not None and self.running.goal is goal:
             self.end(CANCELED)
 
     def _look_for_pose_in(self, seconds: float) -> None:
@@ -140,40 +125,27 @@ class MotionServer:
         self._name = name
         self._make = make
         self._feedback = feedback
-        server = ActionServer(
-            runtime.node,
-            action_type,
-            name,
-            self._execute,
-            goal_callback=lambda request: GoalResponse.ACCEPT,
-            cancel_callback=self._on_cancel,
-            result_timeout=RESULT_TIMEOUT,
-            **names.deep_action_services(),
-        )
-        runtime.on_close(lambda: runtime.call(server.destroy))
+        server = GoalServer(runtime, action_type, name, self._serve, arbiter.cancel)
+        runtime.on_close(lambda: runtime.call(server.close))
 
-    async def _execute(self, handle: ServerGoalHandle) -> Any:
+    def _serve(self, goal: ServedGoal) -> None:
         started = self._runtime.clock.now()
-        end = await self._drive(handle)
-        result = self._action_type.Result()
-        if hasattr(result, 'total_elapsed_time'):
-            result.total_elapsed_time = duration_message(max(0.0, self._runtime.clock.now() - started))
-        return finish(handle, result, end)
 
-    async def _drive(self, handle: ServerGoalHandle) -> GoalEnd:
-        await self._arbiter.robot.known()
-        if handle.is_cancel_requested:
-            return CANCELED
+        def on_end(end: GoalEnd) -> None:
+            result = self._action_type.Result()
+            if hasattr(result, 'total_elapsed_time'):
+                result.total_elapsed_time = duration_message(max(0.0, self._runtime.clock.now() - started))
+            finish(goal, result, end)
+
+        self._arbiter.robot.when_known(lambda: self._drive(goal, on_end))
+
+    def _drive(self, goal: ServedGoal, on_end: Callable[[GoalEnd], None]) -> None:
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
         try:
-            motion = self._make(handle.request)
-        except NavigationError as error:
-            return GoalEnd(code=error.code, message=str(error))
+            motion = self._make(goal.request)
         except Exception as error:
-            self._runtime.report_fault(error, f'a goal of {self._name}')
-            return GoalEnd(code='UNKNOWN', message=f'fault in the navigation server: {error!r}')
-        return await self._arbiter.start(handle, motion, self._feedback)
-
-    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        # rclpy makes the goal CANCELING only after this callback.
-        self._runtime.post(lambda: self._arbiter.cancel(handle))
-        return CancelResponse.ACCEPT
+            on_end(end_by(self._runtime, error, f'a goal of {self._name}'))
+        else:
+            self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end))

@@ -3,19 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, Protocol
 
 from nav_msgs.msg import Path
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
 
 from flexbt_common import names
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.navigation_interfaces import NavigationInterfaces
 from flexbt_common.node_runtime import NodeRuntime
-from flexbt_sim.action_results import CANCELED, RESULT_TIMEOUT, SUCCEEDED, GoalEnd, finish
+from flexbt_sim.action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from flexbt_sim.costmap import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.geometry import Pose
@@ -24,6 +22,12 @@ from flexbt_sim.planner import GridPlanner
 from flexbt_sim.request_checks import check_id, pose_in_map
 from flexbt_sim.robot_interface import RobotInterface
 from flexbt_sim.ros_messages import duration_message, path_message
+
+
+class OnEnd(Protocol):
+    """Ends a goal, with a path when there is one."""
+
+    def __call__(self, end: GoalEnd, path: Path | None = None) -> None: ...
 
 
 class PlannerServer:
@@ -50,48 +54,55 @@ class PlannerServer:
         for action_type, name, goals_of in actions:
             self._serve(action_type, name, goals_of)
 
-    def _serve(self, action_type: Any, name: str, goals_of: Any) -> None:
-        async def execute(handle: ServerGoalHandle) -> Any:
-            return await self._execute(handle, action_type, goals_of(handle.request))
+    def _serve(self, action_type: Any, name: str, goals_of: Callable[[Any], Sequence[Any]]) -> None:
+        def serve(goal: ServedGoal) -> None:
+            began = self._runtime.steady.now()
 
-        server = ActionServer(
-            self._runtime.node,
-            action_type,
-            name,
-            execute,
-            goal_callback=lambda request: GoalResponse.ACCEPT,
-            cancel_callback=lambda handle: CancelResponse.ACCEPT,
-            result_timeout=RESULT_TIMEOUT,
-            **names.deep_action_services(),
-        )
-        self._runtime.on_close(lambda: self._runtime.call(server.destroy))
+            def on_end(end: GoalEnd, path: Path | None = None) -> None:
+                result = action_type.Result()
+                if path is not None:
+                    result.path = path
+                result.planning_time = duration_message(self._runtime.steady.now() - began)
+                finish(goal, result, end)
 
-    async def _execute(self, handle: ServerGoalHandle, action_type: Any, goals: Sequence[Any]) -> Any:
-        began = self._runtime.steady.now()
-        result = action_type.Result()
-        end = CANCELED
+            self._robot.when_known(lambda: self._plan(goal, goals_of(goal.request), on_end))
+
+        # A goal that is to be canceled ends when its path is there.
+        server = GoalServer(self._runtime, action_type, name, serve, on_cancel=lambda goal: None)
+        self._runtime.on_close(lambda: self._runtime.call(server.close))
+
+    def _plan(self, goal: ServedGoal, goals: Sequence[Any], on_end: OnEnd) -> None:
+        def failed(error: Exception) -> None:
+            on_end(end_by(self._runtime, error, 'the planner'))
+
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
         try:
-            planned = await self._planned(handle, goals)
-            if planned and not handle.is_cancel_requested:
-                stamp = self._runtime.clock.stamp()
-                result.path = path_message(planned, self._parameters.map_frame, stamp)
-                self._plan_topic.publish(result.path)
-                end = SUCCEEDED
-        except NavigationError as error:
-            end = GoalEnd(code=error.code, message=str(error))
+            start, poses = self._checked(goal.request, goals)
+            costmap = self._robot.costmap
         except Exception as error:
-            self._runtime.report_fault(error, 'the planner')
-            end = GoalEnd(code='UNKNOWN', message=f'fault in the planner: {error!r}')
-        result.planning_time = duration_message(self._runtime.steady.now() - began)
-        return finish(handle, result, end)
+            failed(error)
+            return
 
-    async def _planned(self, handle: ServerGoalHandle, goals: Sequence[Any]) -> list[Pose]:
-        """The path; empty when the goal is canceled meanwhile."""
-        await self._robot.known()
-        if handle.is_cancel_requested:
-            return []
-        start, poses = self._checked(handle.request, goals)
-        return await self._in_thread(handle, self._robot.costmap, start, poses)
+        def work() -> None:
+            try:
+                path = [] if goal.cancel_requested else self._path(costmap, start, poses)
+            except Exception as error:
+                reason = error
+                self._runtime.post(lambda: failed(reason))
+            else:
+                self._runtime.post(lambda: self._planned(goal, path, on_end))
+
+        self._pool.submit(work)
+
+    def _planned(self, goal: ServedGoal, path: list[Pose], on_end: OnEnd) -> None:
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
+        message = path_message(path, self._parameters.map_frame, self._runtime.clock.stamp())
+        self._plan_topic.publish(message)
+        on_end(SUCCEEDED, message)
 
     def _checked(self, request: Any, goals: Sequence[Any]) -> tuple[Pose, list[Pose]]:
         parameters = self._parameters
@@ -104,22 +115,7 @@ class PlannerServer:
             return pose_in_map(request.start, frame, 'the start', 'START_OUTSIDE_MAP'), poses
         return self._robot.pose, poses
 
-    def _in_thread(self, handle: ServerGoalHandle, costmap: Costmap, start: Pose, goals: Sequence[Pose]) -> Future:
-        future = Future(executor=self._runtime.node.executor)
-
-        def work() -> None:
-            try:
-                path = [] if handle.is_cancel_requested else self._plan(costmap, start, goals)
-            except Exception as error:
-                failure = error
-                self._runtime.post(lambda: future.set_exception(failure))
-            else:
-                self._runtime.post(lambda: future.set_result(path))
-
-        self._pool.submit(work)
-        return future
-
-    def _plan(self, costmap: Costmap, start: Pose, goals: Sequence[Pose]) -> list[Pose]:
+    def _path(self, costmap: Costmap, start: Pose, goals: Sequence[Pose]) -> list[Pose]:
         """On the thread of the planner."""
         if self._planner is None or self._planner[0] is not costmap:
             self._planner = costmap, GridPlanner(costmap)

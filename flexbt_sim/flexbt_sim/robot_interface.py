@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid
-from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
@@ -42,31 +41,39 @@ class RobotInterface:
         self._pose_at = -math.inf
         self._world: OccupancyMap | None = None
         self._costmap: Costmap | None = None
-        self._waiting: list[Future] = []
+        self._waiting: list[Callable[[], None]] = []
         node = runtime.node
         node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
 
-    def known(self) -> Future:
-        """Completes when pose and map are known, or after the pose timeout: a server that has just started has
-        neither, and as in Nav2 that is a reason to wait for a moment, not to fail.
+    def when_known(self, go_on: Callable[[], None]) -> None:
+        """Go on when pose and map are known, or after the pose timeout: a server that has just started has neither, and
+        as in Nav2 that is a reason to wait for a moment, not to fail.
         """
-        future = Future(executor=self._runtime.node.executor)
-        self._waiting.append(future)
-        self._tell_waiting()
-        if not future.done():
-            steady = self._runtime.steady
-            until = steady.now() + self._parameters.pose_timeout
-            steady.call_at(until, lambda: self._runtime.post(lambda: _complete(future)))
-        return future
+        if self._is_known:
+            go_on()
+            return
+        self._waiting.append(go_on)
+        steady = self._runtime.steady
+        until = steady.now() + self._parameters.pose_timeout
+        steady.call_at(until, lambda: self._runtime.post(lambda: self._waited_enough(go_on)))
+
+    def _waited_enough(self, go_on: Callable[[], None]) -> None:
+        if go_on in self._waiting:
+            self._waiting.remove(go_on)
+            go_on()
+
+    @property
+    def _is_known(self) -> bool:
+        return self.silence < self._parameters.pose_timeout and self._world is not None
 
     def _tell_waiting(self) -> None:
-        if self.silence < self._parameters.pose_timeout and self._world is not None:
-            for future in self._waiting:
-                _complete(future)
-            self._waiting.clear()
+        if self._is_known:
+            waiting, self._waiting = self._waiting, []
+            for go_on in waiting:
+                go_on()
 
     @property
     def pose(self) -> Pose:
@@ -127,8 +134,3 @@ class RobotInterface:
         self.clear_costmap()
         self._tell_waiting()
         self.on_map()
-
-
-def _complete(future: Future) -> None:
-    if not future.done():
-        future.set_result(None)

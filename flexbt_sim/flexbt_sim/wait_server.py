@@ -3,20 +3,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
-
 from flexbt_common import names
+from flexbt_common.clock import Timer
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
-from flexbt_sim.action_results import CANCELED, RESULT_TIMEOUT, SUCCEEDED, GoalEnd, finish
+from flexbt_sim.action_results import CANCELED, SUCCEEDED, GoalEnd, finish
 from flexbt_sim.ros_messages import duration_message, seconds_of
 
 FEEDBACK_SECONDS: Final = 0.5
 """Time between two feedback messages, s."""
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    goal: ServedGoal
+    began: float
+    alarm: Timer
 
 
 class WaitServer:
@@ -25,17 +31,9 @@ class WaitServer:
     def __init__(self, runtime: NodeRuntime, action_type: Any) -> None:
         self._runtime = runtime
         self._action_type = action_type
-        self._waiting: dict[bytes, Future] = {}
-        server = ActionServer(
-            runtime.node,
-            action_type,
-            names.WAIT,
-            self._execute,
-            cancel_callback=self._on_cancel,
-            result_timeout=RESULT_TIMEOUT,
-            **names.deep_action_services(),
-        )
-        runtime.on_close(lambda: runtime.call(server.destroy))
+        self._waiting: dict[bytes, _Waiting] = {}
+        server = GoalServer(runtime, action_type, names.WAIT, self._serve, lambda goal: self._end(goal.id, CANCELED))
+        runtime.on_close(lambda: runtime.call(server.close))
 
     @property
     def busy(self) -> bool:
@@ -44,43 +42,30 @@ class WaitServer:
 
     def end_all(self, end: GoalEnd) -> None:
         """End every goal."""
-        for future in self._waiting.values():
-            _resolve(future, end)
+        for goal_id in list(self._waiting):
+            self._end(goal_id, end)
 
-    async def _execute(self, handle: ServerGoalHandle) -> Any:
+    def _serve(self, goal: ServedGoal) -> None:
         clock = self._runtime.clock
         began = clock.now()
-        until = began + seconds_of(handle.request.time)
-        over = Future(executor=self._runtime.node.executor)
-        if handle.is_cancel_requested:
-            _resolve(over, CANCELED)
-        key = bytes(handle.goal_id.uuid)
-        self._waiting[key] = over
-        alarm = clock.call_at(until, partial(_resolve, over, SUCCEEDED))
-        self._tell_time_left(handle, until)
-        end = await over
-        alarm.cancel()
-        del self._waiting[key]
-        elapsed = duration_message(max(0.0, clock.now() - began))
-        return finish(handle, self._action_type.Result(total_elapsed_time=elapsed), end)
+        until = began + seconds_of(goal.request.time)
+        alarm = clock.call_at(until, partial(self._end, goal.id, SUCCEEDED))
+        self._waiting[goal.id] = _Waiting(goal, began, alarm)
+        self._tell_time_left(goal, until)
 
-    def _tell_time_left(self, handle: ServerGoalHandle, until: float) -> None:
-        if not handle.is_active:
+    def _end(self, goal_id: bytes, end: GoalEnd) -> None:
+        waiting = self._waiting.pop(goal_id, None)
+        if waiting is None:
+            return
+        waiting.alarm.cancel()
+        elapsed = duration_message(max(0.0, self._runtime.clock.now() - waiting.began))
+        finish(waiting.goal, self._action_type.Result(total_elapsed_time=elapsed), end)
+
+    def _tell_time_left(self, goal: ServedGoal, until: float) -> None:
+        if not goal.active:
             return
         clock = self._runtime.clock
         now = clock.now()
-        handle.publish_feedback(self._action_type.Feedback(time_left=duration_message(max(0.0, until - now))))
+        goal.publish_feedback(self._action_type.Feedback(time_left=duration_message(max(0.0, until - now))))
         if now + FEEDBACK_SECONDS < until:
-            clock.call_at(now + FEEDBACK_SECONDS, partial(self._tell_time_left, handle, until))
-
-    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        over = self._waiting.get(bytes(handle.goal_id.uuid))
-        if over is not None:
-            # rclpy makes the goal CANCELING only after this callback.
-            self._runtime.post(partial(_resolve, over, CANCELED))
-        return CancelResponse.ACCEPT
-
-
-def _resolve(future: Future, end: GoalEnd) -> None:
-    if not future.done():
-        future.set_result(end)
+            clock.call_at(now + FEEDBACK_SECONDS, partial(self._tell_time_left, goal, until))

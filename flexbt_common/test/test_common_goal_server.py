@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The goal server against real clients: each goal ends once, as it was ended, and its result can be asked for again."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalStatus as RosGoalStatus
+from action_msgs.msg import GoalStatusArray
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from unique_identifier_msgs.msg import UUID
+
+from flexbt_common.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
+from flexbt_common.goal_server import GoalServer, ServedGoal
+from flexbt_common.names import deep_action_services
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_msgs.action import Wait
+
+DEADLINE = 20.0
+
+
+def wait_for(condition: Callable[[], Any], what: str) -> None:
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < end, f'{what} did not come'
+        time.sleep(0.002)
+
+
+class Served:
+    """A goal server in a node of its own. Goals are held; ``on_goal`` is called with each."""
+
+    def __init__(self, runtime: NodeRuntime, *, cancelable: bool = True) -> None:
+        self.runtime = runtime
+        self.goals: list[ServedGoal] = []
+        self.canceled: list[tuple[ServedGoal, bool]] = []
+        self.faults: list[BaseException] = []
+        self.on_goal: Callable[[ServedGoal], None] = lambda goal: None
+        runtime.on_fault(self.faults.append)
+        on_cancel = self._cancel if cancelable else None
+        self.server = runtime.call(lambda: GoalServer(runtime, Wait, 'wait', self._serve, on_cancel))
+
+    def _serve(self, goal: ServedGoal) -> None:
+        self.goals.append(goal)
+        self.on_goal(goal)
+
+    def _cancel(self, goal: ServedGoal) -> None:
+        self.canceled.append((goal, goal.cancel_requested))
+
+    def goal(self, number: int = 0) -> ServedGoal:
+        wait_for(lambda: len(self.goals) > number, f'goal {number}')
+        return self.goals[number]
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with NodeRuntime.open('server') as runtime:
+        yield Served(runtime)
+
+
+class Client:
+    """A plain client of rclpy, which hears the lists of goals too."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
+        self.listed: list[list[int]] = []
+        self.client: Any = runtime.call(self._make)
+        wait_for(self.client.server_is_ready, 'the server')
+
+    def _make(self) -> ActionClient:
+        topic = 'wait/_action/status'
+        self.runtime.node.create_subscription(
+            GoalStatusArray, topic, lambda message: self.listed.append([one.status for one in message.status_list]), 100
+        )
+        return ActionClient(self.runtime.node, Wait, 'wait', **deep_action_services())
+
+    def send(self, goal_id: bytes | None = None, seconds: int = 0) -> ClientGoalHandle:
+        goal = Wait.Goal()
+        goal.time.sec = seconds
+        key = UUID(uuid=list(goal_id or uuid.uuid4().bytes))
+        return self.answer(lambda: self.client.send_goal_async(goal, goal_uuid=key))
+
+    def answer(self, ask: Callable[[], Any]) -> Any:
+        future = self.runtime.call(ask)
+        wait_for(future.done, 'the answer')
+        return future.result()
+
+
+@pytest.fixture
+def client(served: Served) -> Iterator[Client]:
+    with NodeRuntime.open('client') as runtime:
+        yield Client(runtime)
+
+
+def result(text: str) -> Any:
+    return Wait.Result(error_msg=text)
+
+
+def test_results_can_be_asked_for_when_the_goal_is_not_listed_any_more(served: Served, client: Client) -> None:
+    served.on_goal = lambda goal: goal.abort(result(f'goal {len(served.goals)}'))
+    handles = [client.send() for _ in range(20)]
+    wait_for(lambda: len(served.server._server._goal_handles) == 0, 'the end of the listing')
+    client.send()
+    wait_for(lambda: client.listed and client.listed[-1] == [RosGoalStatus.STATUS_ABORTED], 'the short list')
+    for number, handle in enumerate(handles, 1):
+        for _ in range(2):
+            response = client.answer(handle.get_result_async)
+            assert (response.status, response.result.error_msg) == (RosGoalStatus.STATUS_ABORTED, f'goal {number}')
+
+
+def test_a_goal_that_was_never_there_is_unknown(client: Client) -> None:
+    response_type = Wait.Impl.SendGoalService.Response
+    stranger = ClientGoalHandle(client.client, UUID(uuid=list(uuid.uuid4().bytes)), response_type(accepted=True))
+    assert client.answer(stranger.get_result_async).status == RosGoalStatus.STATUS_UNKNOWN
+
+
+def test_results_are_not_kept_for_ever(served: Served, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_common.goal_server.RESULT_SECONDS', 0.05)
+    served.on_goal = lambda goal: goal.succeed(result(''))
+    client.send()
+    wait_for(lambda: served.goals and not served.server._server.results, 'the end of the result')
+
+
+def test_the_result_comes_before_the_list_that_tells_of_the_end(served: Served, client: Client) -> None:
+    seen: list[str] = []
+    handle = client.send()
+    future = client.runtime.call(handle.get_result_async)
+    server = served.server._server
+    wait_for(lambda: server._waiting, 'the request for the result')
+
+    def note(what: str, sends: Callable[..., Any]) -> Callable[..., Any]:
+        def send(*arguments: Any) -> Any:
+            seen.append(what)
+            return sends(*arguments)
+
+        return send
+
+    real = server._handle
+
+    class Wire:
+        """The handle of the server, which notes what leaves."""
+
+        send_result_response = staticmethod(note('result', real.send_result_response))
+        publish_status = staticmethod(note('list', real.publish_status))
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(real, name)
+
+    def end() -> None:
+        server._handle = Wire()
+        served.goal().succeed(result('done'))
+        server._handle = real
+
+    served.runtime.call(end)
+    wait_for(future.done, 'the result')
+    assert seen == ['result', 'list']
+    assert future.result().result.error_msg == 'done'
+
+
+def test_the_first_end_counts_and_nothing_is_sent_after_it(served: Served, client: Client) -> None:
+    feedback: list[Any] = []
+    handle = client.answer(lambda: client.client.send_goal_async(Wait.Goal(), feedback_callback=feedback.append))
+    goal = served.goal()
+
+    def end() -> None:
+        goal.publish_feedback(Wait.Feedback())
+        goal.succeed(result('first'))
+        goal.abort(result('second'))
+        goal.publish_feedback(Wait.Feedback())
+
+    served.runtime.call(end)
+    response = client.answer(handle.get_result_async)
+    assert (response.status, response.result.error_msg) == (RosGoalStatus.STATUS_SUCCEEDED, 'first')
+    other = client.send()
+    served.runtime.call(lambda: served.goal(1).succeed(result('')))
+    client.answer(other.get_result_async)
+    assert len(feedback) == 1
+
+
+def test_a_fault_in_the_callback_aborts_the_goal_and_is_reported(served: Served, client: Client) -> None:
+    def fail(goal: ServedGoal) -> None:
+        raise ValueError('no such map')
+
+    served.on_goal = fail
+    response = client.answer(client.send().get_result_async)
+    assert response.status == RosGoalStatus.STATUS_ABORTED
+    assert [str(fault) for fault in served.faults] == ['no such map']
+    served.on_goal = lambda goal: goal.succeed(result('well'))
+    assert client.answer(client.send().get_result_async).result.error_msg == 'well'
+
+
+def test_a_cancel_shows_before_its_callback_and_the_goal_may_end_otherwise(served: Served, client: Client) -> None:
+    handles = [client.send(), client.send()]
+    for handle in handles:
+        assert len(client.answer(handle.cancel_goal_async).goals_canceling) == 1
+    wait_for(lambda: len(served.canceled) == 2, 'the cancels')
+    assert served.canceled == [(served.goals[0], True), (served.goals[1], True)]
+    served.runtime.call(lambda: served.goals[0].canceled(result('rest')))
+    served.runtime.call(lambda: served.goals[1].succeed(result('was done already')))
+    statuses = [client.answer(handle.get_result_async).status for handle in handles]
+    assert statuses == [RosGoalStatus.STATUS_CANCELED, RosGoalStatus.STATUS_SUCCEEDED]
+    assert not client.answer(handles[0].cancel_goal_async).goals_canceling
+
+
+def test_canceled_by_nobody_is_aborted(served: Served, client: Client) -> None:
+    served.on_goal = lambda goal: goal.canceled(result('a newer goal'))
+    assert client.answer(client.send().get_result_async).status == RosGoalStatus.STATUS_ABORTED
+
+
+def test_a_server_without_on_cancel_refuses() -> None:
+    with NodeRuntime.open('server') as runtime, NodeRuntime.open('client') as client_runtime:
+        served = Served(runtime, cancelable=False)
+        client = Client(client_runtime)
+        handle = client.send()
+        assert not client.answer(handle.cancel_goal_async).goals_canceling
+        assert served.goal().active and not served.goal().cancel_requested
+
+
+def test_a_goal_with_the_id_of_an_old_one_has_a_result_of_its_own(served: Served, client: Client) -> None:
+    served.on_goal = lambda goal: goal.succeed(result('old'))
+    goal_id = uuid.uuid4().bytes
+    client.answer(client.send(goal_id).get_result_async)
+    assert not client.send(goal_id).accepted  # listed still
+    wait_for(lambda: not served.server._server._goal_handles, 'the end of the listing')
+    served.on_goal = lambda goal: None
+    handle = client.send(goal_id)
+    future = client.runtime.call(handle.get_result_async)
+    wait_for(lambda: served.server._server._waiting, 'the request for the result')
+    served.runtime.call(lambda: served.goal(1).succeed(result('new')))
+    wait_for(future.done, 'the result')
+    assert future.result().result.error_msg == 'new'
+
+
+def test_many_goals_of_two_clients_end_as_they_were_ended(served: Served) -> None:
+    """Ends come at once, later, or after a cancel, on the server's thread and from timers."""
+    chance = random.Random(7)
+    steady = served.runtime.steady
+
+    def end(goal: ServedGoal) -> None:
+        text = str(goal.request.time.sec)
+        (goal.canceled if goal.cancel_requested else goal.succeed if int(text) % 2 else goal.abort)(result(text))
+
+    def on_goal(goal: ServedGoal) -> None:
+        wait = chance.choice([0.0, 0.0, 0.01, 0.05])
+        if wait:
+            steady.call_at(steady.now() + wait, lambda: served.runtime.post(lambda: end(goal)))
+        else:
+            end(goal)
+
+    served.on_goal = on_goal
+    outcomes: dict[int, GoalOutcome] = {}
+    done = threading.Event()
+    total = 120
+
+    def ended(number: int, outcome: GoalOutcome) -> None:
+        assert number not in outcomes
+        outcomes[number] = outcome
+        if len(outcomes) == total:
+            done.set()
+
+    with NodeRuntime.open('one') as one, NodeRuntime.open('two') as two:
+        links = [ActionLinks(runtime).link(Wait, 'wait') for runtime in (one, two)]
+        calls: list[ActionCall] = []
+        for number in range(total):
+            goal = Wait.Goal()
+            goal.time.sec = number
+            calls.append(
+                ActionCall(
+                    links[number % 2],
+                    goal,
+                    on_done=partial(ended, number),
+                    server_timeout=DEADLINE,
+                    accept_timeout=DEADLINE,
+                )
+            )
+            if chance.random() < 0.3:
+                calls[chance.randrange(number + 1)].cancel(DEADLINE)
+        assert done.wait(DEADLINE), f'{total - len(outcomes)} goals have not ended'
+    for number, outcome in outcomes.items():
+        uncanceled = GoalStatus.SUCCEEDED if number % 2 else GoalStatus.ABORTED
+        allowed = {uncanceled, GoalStatus.CANCELED} if calls[number].cancel_requested else {uncanceled}
+        assert outcome.status in allowed, (number, outcome)
+        if outcome.result is not None:
+            assert outcome.result.error_msg == str(number)
