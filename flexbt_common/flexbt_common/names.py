@@ -75,7 +75,7 @@ NAVIGATION_INTERFACES: Final = 'navigation_interfaces'
 
 
 def alive_topic(node_name: str) -> str:
-    """Topic of the liveliness token of a node: relative for a relative name, absolute for an absolute one."""
+    """Topic of the token of a name, which is relative, as of a node in this namespace, or absolute."""
     return f'{node_name}/alive'
 
 

@@ -12,8 +12,8 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 
 from flexbt_common import names
 from flexbt_common.clock import Timer
-from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.presence import PresenceToken
 from flexbt_console import messages
 from flexbt_console.errors import NoLinkError
 from flexbt_console.interface_check import interface_problem
@@ -45,9 +45,9 @@ class OperatorLink:
         mirror.add_listener(self._note_change)
         runtime.call(self._join)
         # The executive sees by these whether anybody watches, and whether the holder of the authority does.
-        self._tokens = [LivelinessToken(runtime, names.CONSOLE_PRESENCE)]
+        PresenceToken(runtime, names.CONSOLE_PRESENCE)
         if operator:
-            self._tokens.append(LivelinessToken(runtime, names.operator_presence(operator)))
+            PresenceToken(runtime, names.operator_presence(operator))
 
     def send(self, command: Command, timeout: float) -> TrackedCommand:
         """Give a command to the executive; its fate is followed by the mirror. From any thread."""

@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 from flexbt_common import names
 from flexbt_common.clock import Timer
-from flexbt_common.liveliness import LivelinessWatch
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.presence import PresenceWatch
 from flexbt_onboard.errors import CommandRefusedError
 
 
@@ -35,7 +35,7 @@ class Authority:
         self._runtime = runtime
         self._timeout = timeout
         self._on_change = on_change
-        self._watch: LivelinessWatch | None = None
+        self._watch: PresenceWatch | None = None
         self._last_seen = 0.0
         self._timer: Timer | None = None
 
@@ -114,7 +114,7 @@ class Authority:
         self.holder = operator
         if operator:
             presence = names.operator_presence(operator)
-            self._watch = LivelinessWatch(self._runtime, presence, lambda _alive: self._seen())
+            self._watch = PresenceWatch(self._runtime, presence, lambda _alive: self._seen())
         self._seen()
 
     def _seen(self) -> None:

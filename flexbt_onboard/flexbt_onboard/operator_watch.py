@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from flexbt_common import names
 from flexbt_common.clock import Timer
-from flexbt_common.liveliness import LivelinessWatch
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.presence import PresenceWatch
 from flexbt_onboard.behavior import OperatorGone
 from flexbt_onboard.behavior_run import BehaviorRun
 from flexbt_onboard.state_machine import MachineRun
@@ -25,7 +25,7 @@ class OperatorWatch:
         self._on_news = on_news
         self._run: BehaviorRun | None = None
         self._timer: Timer | None = None
-        self._watch = LivelinessWatch(runtime, names.CONSOLE_PRESENCE, self._changed)
+        self._watch = PresenceWatch(runtime, names.CONSOLE_PRESENCE, self._changed)
 
     def watch_over(self, run: BehaviorRun | None) -> None:
         """A run begins, or has ended (None). The time without an operator counts from its beginning on."""

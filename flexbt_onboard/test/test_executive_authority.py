@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_common import names
-from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.presence import PresenceToken
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.executive_parameters import ExecutiveParameters
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
@@ -75,7 +75,7 @@ class _Operator:
 
     def __init__(self, operator: str) -> None:
         self.runtime = NodeRuntime('console', args=())
-        self.token = LivelinessToken(self.runtime, names.operator_presence(operator))
+        self.token = PresenceToken(self.runtime, names.operator_presence(operator))
 
 
 def test_a_holder_who_is_gone_loses_the_authority_to_the_one_who_asked_first(make_bench: Make) -> None:

@@ -10,8 +10,8 @@ import pytest
 from executive_bench import ExecutiveBench
 
 from flexbt_common import names
-from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.presence import PresenceToken
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, OperatorGone
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
@@ -47,7 +47,7 @@ def bench() -> Iterator[ExecutiveBench]:
 def operator(bench: ExecutiveBench) -> Iterator[NodeRuntime]:
     """A console, as far as the executive sees that it is there."""
     runtime = NodeRuntime('console', args=())
-    LivelinessToken(runtime, names.CONSOLE_PRESENCE)
+    PresenceToken(runtime, names.CONSOLE_PRESENCE)
     bench.wait_for(lambda _status: bench.executive._operators._watch.alive, 'seen')
     yield runtime
     runtime.close()
@@ -55,7 +55,7 @@ def operator(bench: ExecutiveBench) -> Iterator[NodeRuntime]:
 
 def test_a_run_is_stopped_in_time_after_the_last_console_has_gone(bench: ExecutiveBench, operator: NodeRuntime) -> None:
     second = NodeRuntime('console', args=())
-    LivelinessToken(second, names.CONSOLE_PRESENCE)
+    PresenceToken(second, names.CONSOLE_PRESENCE)
     bench.start('stop')
     operator.close()
     until = time.monotonic() + 2 * AFTER
@@ -74,7 +74,7 @@ def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, opera
     bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'held')
     bench.logged('paused until an operator resumes it')
     with NodeRuntime.open('console') as back:
-        LivelinessToken(back, names.CONSOLE_PRESENCE)
+        PresenceToken(back, names.CONSOLE_PRESENCE)
         bench.logged('an operator is there')
         assert bench.status.state == ExecutiveStatus.PAUSED
         bench.applied(ExecutiveCommand.RESUME)

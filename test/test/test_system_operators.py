@@ -15,13 +15,14 @@ from typing import Any
 import pytest
 
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.presence import LEASE_SECONDS
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_system_tests.probe import Probe
 from flexbt_system_tests.stack import Stack, executable
 
 DEADLINE = 30.0
 TIMEOUT = 2.0
-SEEN_AFTER_DEATH = 3.0
+SEEN_AFTER_DEATH = LEASE_SECONDS + 1.0
 
 
 @pytest.fixture
