@@ -17,6 +17,7 @@ NO_END: Final = Rule('no-end', Severity.WARNING, 'a state from which no outcome 
 DEAD_OUTCOME: Final = Rule('dead-outcome', Severity.WARNING, 'an outcome of a machine to which nothing leads')
 ENDLESS_LOOP: Final = Rule('endless-loop', Severity.WARNING, 'a loop that waits for nothing: operator, time or world')
 UNSURE_READ: Final = Rule('unsure-read', Severity.WARNING, 'userdata is read that is not written on every way there')
+WRITE_RACE: Final = Rule('write-race', Severity.WARNING, 'userdata that several states write at the same time')
 UNREAD_KEY: Final = Rule('unread-key', Severity.WARNING, 'a state writes a blackboard key that nothing reads')
 UNWRITTEN_KEY: Final = Rule('unwritten-key', Severity.WARNING, 'a blackboard key is read that nothing writes')
 ALWAYS_ASKS: Final = Rule('always-asks', Severity.INFO, 'a transition that needs the operator at every level')
@@ -30,6 +31,7 @@ RULES: Final = (
     DEAD_OUTCOME,
     ENDLESS_LOOP,
     UNSURE_READ,
+    WRITE_RACE,
     UNREAD_KEY,
     UNWRITTEN_KEY,
     ALWAYS_ASKS,

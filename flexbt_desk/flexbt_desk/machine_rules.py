@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 
-from flexbt_desk.findings import ALWAYS_ASKS, DEAD_OUTCOME, ENDLESS_LOOP, NO_END, UNSURE_READ, Finding
-from flexbt_onboard.state_machine import Autonomy, Read, unsure_reads
+from flexbt_desk.findings import ALWAYS_ASKS, DEAD_OUTCOME, ENDLESS_LOOP, NO_END, UNSURE_READ, WRITE_RACE, Finding
+from flexbt_onboard.state_machine import Autonomy, Read, races, unsure_reads
 from flexbt_onboard.state_machine.definition import MachineDefinition, StateDefinition, StateKind, Transition
 
 Node = StateDefinition | MachineDefinition
@@ -29,6 +29,9 @@ def findings_of(machine: MachineDefinition) -> Iterator[Finding]:
             yield from _endless_loops(node)
     for read in unsure_reads(machine):
         yield Finding(UNSURE_READ, read.path, f'{_shown(read)} is not written on every way that leads here')
+    for race in races(machine):
+        message = f'userdata key {race.name!r} is written by {" and ".join(race.writers)}: it is chance who is the last'
+        yield Finding(WRITE_RACE, race.path, message)
 
 
 def _shown(read: Read) -> str:

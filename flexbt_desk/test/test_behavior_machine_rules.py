@@ -91,6 +91,19 @@ def test_containers_end_by_their_conditions() -> None:
     assert found(machine) == [('dead-outcome', '/Both')]
 
 
+def test_what_several_write_at_a_time() -> None:
+    both = ConcurrencyContainer(['done'], [], ['data'], [], [('done', [('Left', 'go'), ('Right', 'go')])])
+    with both:
+        for label in ('Left', 'Right'):
+            writer = Leaf('go')
+            writer.output_keys = ('data',)
+            OperatableStateMachine.add(label, writer, {'go': 'done'})
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Both', both, {'done': 'done'})
+    assert found(machine) == [('write-race', '/Both')]
+
+
 def test_what_only_some_ways_write() -> None:
     machine = OperatableStateMachine(outcomes=['done'])
     writer, reader = Leaf('next'), Leaf('out')

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Iterable
+from itertools import permutations
 from random import Random
 from typing import Any
 
@@ -14,7 +17,9 @@ from hypothesis import HealthCheck, given, reject, settings
 from flexbt_onboard.state_machine import (
     MachineError,
     OperatableStateMachine,
+    Race,
     define,
+    races,
     unsure_reads,
 )
 
@@ -91,6 +96,73 @@ def test_children_of_a_concurrency_container_may_read_what_others_write_meanwhil
         Place('Other', keyed(reads='x'), {'done': 'ended'}),
     )
     assert [read.path for read in unsure_reads(define(made))] == ['/Both/A', '/Other']
+
+
+def test_several_writers_of_what_is_read_inside_a_container() -> None:
+    both = machine(
+        Place('A', keyed(reads='x', writes='x')),
+        Place('B', keyed(writes='y'), remapping={'y': 'x'}),
+        Place('C', keyed(writes='z')),
+        Place('D', keyed(writes='z')),
+        conditions=[('ended', [(label, 'done') for label in 'ABCD'])],
+    )
+    made = machine(Place('Both', both, {'ended': 'ended'}), defaults={'x': 0})
+    assert list(races(define(made))) == [Race('/Both', 'x', ('/Both/A', '/Both/B'))], 'nobody reads z'
+
+
+@given(st.data())
+def test_who_is_the_last_of_several_writers_depends_on_their_order(data: st.DataObject) -> None:
+    """A key that is handed out has another value when the children end in another order: those that it names, only."""
+    keys = st.lists(st.sampled_from('xyz'), unique=True)
+    names = st.permutations('xyz')
+    shapes = data.draw(st.lists(st.tuples(keys, names, keys, names, keys), min_size=2, max_size=3))
+    outputs = data.draw(keys)
+    labels = 'ABC'[: len(shapes)]
+    states: dict[str, Scripted] = {}
+
+    def made() -> OperatableStateMachine:
+        places = []
+        for label, (written, inner_names, handed_out, outer_names, defaults) in zip(labels, shapes, strict=True):
+            states[label] = Scripted('done', output_keys=written, do={'on_exit': _sign})
+            inner_map, outer_map = (dict(zip('xyz', one, strict=True)) for one in (inner_names, outer_names))
+            known = {inner_map[key] for key in written} | set(defaults)
+            inner = machine(
+                Place('S', states[label], {'done': 'done'}, remapping=_of(inner_map, written)),
+                outcomes=['done'],
+                output_keys=[key for key in handed_out if key in known],
+                defaults=dict.fromkeys(defaults, 'default'),
+            )
+            places.append(Place(label, inner, remapping=_of(outer_map, inner.output_keys)))
+        writers = {place.remapping[key] for place in places for key in place.state.output_keys}
+        container = machine(
+            *places,
+            output_keys=[key for key in outputs if key in writers],
+            conditions=[('ended', [(label, 'done') for label in labels])],
+        )
+        return machine(Place('Both', container, {'ended': 'ended'}))
+
+    values: dict[str, set[object]] = defaultdict(set)
+    for order in permutations(labels):
+        bench = Bench(made())
+        for label in order:
+            states[label].end('done')
+            bench.settle()
+        assert bench.outcome == 'ended'
+        for key, value in bench.run.userdata().items():
+            values[key].add(value)
+    found = list(races(define(made())))
+    assert {race.name for race in found} == {key for key, seen in values.items() if len(seen) > 1}
+    for race in found:
+        assert values[race.name] == {f'{path}/S' for path in race.writers}
+
+
+def _sign(state: Scripted, userdata: Any) -> None:
+    for key in state.output_keys:
+        userdata[key] = state.path
+
+
+def _of(names: dict[str, str], keys: Iterable[str]) -> dict[str, str]:
+    return {key: names[key] for key in keys}
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))

@@ -7,7 +7,7 @@ clock. What a user needs is exported here.
 
 from .autonomy import Autonomy
 from .command_queue import Answer
-from .data_flow import Read, unsure_reads
+from .data_flow import Race, Read, races, unsure_reads
 from .decision import Decision, DecisionKind
 from .definition import (
     ERROR,
@@ -48,6 +48,7 @@ __all__ = [
     'OperatableStateMachine',
     'Position',
     'PriorityContainer',
+    'Race',
     'Read',
     'RunObserver',
     'Severity',
@@ -63,6 +64,7 @@ __all__ = [
     'called_state',
     'define',
     'innermost',
+    'races',
     'unsure_reads',
     'with_retry',
     'with_timeout',

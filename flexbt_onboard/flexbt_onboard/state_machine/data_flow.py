@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which userdata has been written when a state reads it: a machine is looked at as a graph of states that write keys.
+"""Which userdata has been written when a state reads it, and by whom: a machine as a graph of states that write keys.
 
 A state is taken to write what it declares, whatever outcome it is left by. A machine writes those of its output keys
 that states in it write on a way to the outcome. What a machine declares as input it has from the beginning: whether it
@@ -8,7 +8,7 @@ does is a question about the machine around it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from .definition import MachineDefinition, StateDefinition, StateKind
@@ -49,6 +49,15 @@ class Read:
         return f'{self.path}: reads userdata key {shown}'
 
 
+@dataclass(frozen=True, slots=True)
+class Race:
+    """A key of the concurrency container ``path`` that several of its children, the ``writers``, write."""
+
+    path: str
+    name: str
+    writers: tuple[str, ...]
+
+
 def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
     """Reads of what cannot have been written, on whatever way the state is reached."""
     for read in _reads(machine, is_sure=False):
@@ -59,6 +68,35 @@ def unsure_reads(machine: MachineDefinition) -> list[Read]:
     """Reads of what has not been written on each way by which the state is reached. They may be right all the same."""
     never = set(_reads(machine, is_sure=False))
     return [read for read in _reads(machine, is_sure=True) if read not in never]
+
+
+def races(machine: MachineDefinition) -> Iterator[Race]:
+    """Keys of which it is chance who writes them last, if anybody may read them then."""
+    for node in machine.nodes():
+        if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
+            yield from _races_in(node)
+
+
+def _races_in(container: MachineDefinition) -> Iterator[Race]:
+    read = {child.remap.get(key, key) for child in container.children.values() for key in _declared_inputs(child)}
+    writers: dict[str, list[str]] = {}
+    for child in container.children.values():
+        for name in sorted(_state_writes(child)):
+            writers.setdefault(name, []).append(child.path)
+    for name, paths in writers.items():
+        if len(paths) > 1 and (name in read or name in container.output_keys):
+            yield Race(container.path, name, tuple(paths))
+
+
+def _state_writes(node: Node) -> set[str]:
+    """What states write in a child, by the names of its machine. Defaults are not chance: they are written first."""
+    if isinstance(node, StateDefinition):
+        return _names(node)
+    return _names(node, {name for child in node.children.values() for name in _state_writes(child)})
+
+
+def _declared_inputs(node: Node) -> Iterable[str]:
+    return node.state.input_keys if isinstance(node, StateDefinition) else node.input_keys
 
 
 def _reads(machine: MachineDefinition, *, is_sure: bool) -> Iterator[Read]:
@@ -83,10 +121,10 @@ def _input_keys(node: Node) -> Iterator[str]:
         yield from (key for key in node.input_keys if key not in node.defaults)
 
 
-def _names(node: Node) -> set[str]:
-    """What a child may write, by the names of its machine."""
+def _names(node: Node, among: Container[str] | None = None) -> set[str]:
+    """What a child may write, by the names of its machine; ``among`` restricts it to some of its own names."""
     keys = node.state.output_keys if isinstance(node, StateDefinition) else node.output_keys
-    return {node.remap.get(key, key) for key in keys}
+    return {node.remap.get(key, key) for key in keys if among is None or key in among}
 
 
 def _on_entry(machine: MachineDefinition) -> dict[str, Written]:
