@@ -24,7 +24,7 @@ from flexbt_server.behavior_tree import (
     load_xml,
     nav2_nodes,
 )
-from flexbt_server.behavior_tree.node import ControlNode
+from flexbt_server.behavior_tree.inner_nodes import ControlNode
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.SKIPPED
 

@@ -25,7 +25,7 @@ from flexbt_server.behavior_tree import (
     TreeNode,
     load_xml,
 )
-from flexbt_server.behavior_tree.node import ControlNode
+from flexbt_server.behavior_tree.inner_nodes import ControlNode
 
 S, F, R, K, I = (  # noqa: E741
     NodeStatus.SUCCESS,

@@ -29,7 +29,7 @@ from flexbt_server.behavior_tree import (
     observation,
 )
 from flexbt_server.behavior_tree.inlining import inlined_methods
-from flexbt_server.behavior_tree.node import ControlNode
+from flexbt_server.behavior_tree.inner_nodes import ControlNode
 from flexbt_server.behavior_tree.transition_log import LogReader
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus

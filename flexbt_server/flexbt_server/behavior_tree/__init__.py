@@ -29,11 +29,12 @@ from .errors import (
     TreeLoadError,
 )
 from .hooks import AfterTick, BeforeTick, TickHooks
+from .inner_nodes import Control, Decorator
 from .instantiation import Substitute, SubTreeInstance
 from .leaves import Condition, Halted, StatefulAction, SyncAction
 from .library import TreeKey, TreeLibrary
 from .loops import Loop
-from .node import Control, Decorator, NodeConfig, TreeNode
+from .node import NodeConfig, TreeNode
 from .port_types import PortType
 from .ports import Port, PortDirection, inout_port, input_port, output_port
 from .reasons import Reason, Reasons

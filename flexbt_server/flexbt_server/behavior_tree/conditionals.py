@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .errors import NodeExecutionError
-from .node import ControlNode, NodeConfig, TreeNode, halt_child
+from .inner_nodes import ControlNode, halt_child
+from .node import NodeConfig, TreeNode
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 

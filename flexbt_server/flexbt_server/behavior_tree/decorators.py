@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from .blackboard import MISSING
 from .errors import PortError
-from .node import DecoratorNode, NodeConfig, TreeNode, halt_child
+from .inner_nodes import DecoratorNode, halt_child
+from .node import NodeConfig, TreeNode
 from .port_types import BOOL, INT
 from .ports import input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from typing import Final
 
 from .blackboard import MISSING
+from .inner_nodes import DecoratorNode
 from .leaves import LeafNode
-from .node import DecoratorNode, NodeConfig
+from .node import NodeConfig
 from .port_types import ANY, KEY
 from .ports import Port, input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus

@@ -11,8 +11,9 @@ from .conditions import add_conditions
 from .context import TreeContext
 from .definition import NodeDefinition, TreeDefinition
 from .errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
+from .inner_nodes import ControlNode, DecoratorNode
 from .library import TreeKey, TreeLibrary
-from .node import ControlNode, DecoratorNode, NodeConfig, TreeNode, node_path
+from .node import NodeConfig, TreeNode, node_path
 from .observation import make_observed
 from .port_types import STRING, is_fixed
 from .ports import PortValue, pointer_key

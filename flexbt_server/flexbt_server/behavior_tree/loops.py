@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Final
 
 from .blackboard import MISSING, Entry
 from .errors import ConversionError
-from .node import DecoratorNode, NodeConfig, TreeNode
+from .inner_nodes import DecoratorNode
+from .node import NodeConfig, TreeNode
 from .port_types import BOOL, DOUBLE, INT, NODE_STATUS, STRING, PortType, is_fixed, list_of
 from .ports import inout_port, input_port, output_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .node import Control, NodeConfig, TreeNode
+from .inner_nodes import Control
+from .node import NodeConfig, TreeNode
 from .port_types import BOOL, INT
 from .ports import input_port
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from .inner_nodes import Decorator
 from .leaves import Condition
-from .node import Decorator, NodeConfig, TreeNode
+from .node import NodeConfig, TreeNode
 from .ports import Port, input_port
 from .status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
 

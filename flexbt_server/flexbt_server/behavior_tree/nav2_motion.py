@@ -7,8 +7,9 @@ import math
 from abc import abstractmethod
 from typing import Any
 
+from .inner_nodes import Decorator
 from .nav2_goals import GOAL_PORTS, read_goals
-from .node import Decorator, NodeConfig
+from .node import NodeConfig
 from .port_types import DOUBLE, STRING
 from .ports import input_port
 from .status import FAILURE, RUNNING, SUCCESS, NodeStatus

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from typing import ClassVar, Final, Literal, get_args
 
+from .inner_nodes import Decorator
 from .leaves import Condition
 from .nav2_controls import PipelineSequence, RecoveryNode, RoundRobin, RoundRobinOfMain
 from .nav2_goals import GlobalUpdatedGoal, GoalUpdated, GoalUpdatedController
 from .nav2_paths import PathLongerOnApproach
 from .nav2_sequences import NonblockingSequence, PersistentSequence
-from .node import Decorator, NodeConfig, TreeNode
+from .node import NodeConfig, TreeNode
 from .port_types import DOUBLE, INT, UINT16, list_of
 from .ports import input_port
 from .registry import NodeRegistry

@@ -8,7 +8,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from .node import Decorator, NodeConfig
+from .inner_nodes import Decorator
+from .node import NodeConfig
 from .port_types import DOUBLE
 from .ports import input_port
 from .status import FAILURE, RUNNING, SUCCESS, NodeStatus

@@ -7,7 +7,8 @@ import threading
 from enum import Enum
 from typing import Final
 
-from .node import Control, NodeConfig
+from .inner_nodes import Control
+from .node import NodeConfig
 from .port_types import STRING
 from .ports import input_port
 from .status import FAILURE, RUNNING, SUCCESS, NodeStatus

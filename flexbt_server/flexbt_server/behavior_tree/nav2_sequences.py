@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from .node import Control
+from .inner_nodes import Control
 from .port_types import INT
 from .ports import inout_port
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus

@@ -7,7 +7,8 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from operator import length_hint
 
-from .node import ControlNode, Execute, NodeConfig
+from .inner_nodes import ControlNode
+from .node import Execute, NodeConfig
 from .port_types import INT
 from .ports import input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from operator import length_hint
 
-from .node import ControlNode, halt_child
+from .inner_nodes import ControlNode, halt_child
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 

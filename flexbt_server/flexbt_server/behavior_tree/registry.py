@@ -24,8 +24,9 @@ from . import (
 )
 from .blackboard_json import JsonTypes
 from .errors import ConversionError, RegistrationError
+from .inner_nodes import ControlNode, DecoratorNode
 from .leaves import LeafNode
-from .node import ControlNode, DecoratorNode, TreeNode
+from .node import TreeNode
 from .port_types import is_fixed
 from .ports import NO_DEFAULT, Port, model_name_problem, pointer_key, port_name_problem
 from .script import ScriptLibrary

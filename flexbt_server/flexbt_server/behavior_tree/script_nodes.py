@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 from .errors import ScriptError
+from .inner_nodes import DecoratorNode
 from .leaves import LeafNode
-from .node import DecoratorNode, NodeConfig, TreeNode
+from .node import NodeConfig, TreeNode
 from .port_types import NODE_STATUS, STRING
 from .ports import input_port
 from .script import CONDITION, SCRIPT

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from operator import length_hint
 
-from .node import ControlNode, NodeConfig, halt_child
+from .inner_nodes import ControlNode, halt_child
+from .node import NodeConfig
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 

@@ -18,8 +18,9 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from .inner_nodes import Decorator
 from .leaves import Condition, SyncAction
-from .node import NO_PORTS, Decorator
+from .node import NO_PORTS
 from .observation import set_and_tell
 from .ports import Port
 from .status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 from .blackboard import EMPTY, MISSING, Entry
 from .errors import ConversionError, PortError
-from .node import ControlNode, NodeConfig, TreeNode, halt_child
+from .inner_nodes import ControlNode, halt_child
+from .node import NodeConfig, TreeNode
 from .port_types import STRING, cast, number_from_text
 from .ports import input_port
 from .script_values import SAME_NUMBER

@@ -6,8 +6,9 @@ from __future__ import annotations
 import math
 
 from .blackboard import MISSING
+from .inner_nodes import DecoratorNode, halt_child
 from .leaves import StatefulAction
-from .node import DecoratorNode, NodeConfig, TreeNode, halt_child
+from .node import NodeConfig, TreeNode
 from .port_types import UNSIGNED
 from .ports import input_port
 from .status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus

@@ -16,9 +16,10 @@ from .context import TransitionObserver, TreeContext
 from .definition import NodeDefinition
 from .errors import NodeExecutionError, PortError
 from .hooks import TickHooks
+from .inner_nodes import ControlNode, DecoratorNode, entry_point
 from .instantiation import Substitute, SubTreeInstance, instantiate
 from .library import TreeKey, TreeLibrary
-from .node import ControlNode, DecoratorNode, Execute, TreeNode, entry_point
+from .node import Execute, TreeNode
 from .observation import watch
 from .reasons import Reasons, failure_of, trace_of
 from .status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from .node import ControlNode, NodeConfig, halt_child
+from .inner_nodes import ControlNode, halt_child
+from .node import NodeConfig
 from .port_types import BOOL
 from .ports import input_port
 from .status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus

@@ -26,7 +26,7 @@ from flexbt_server.behavior_tree import (
     TreeLibrary,
 )
 from flexbt_server.behavior_tree.definition import NO_CONDITIONS
-from flexbt_server.behavior_tree.node import ControlNode
+from flexbt_server.behavior_tree.inner_nodes import ControlNode
 from flexbt_server.desk.keys import KeyUse, uses
 
 

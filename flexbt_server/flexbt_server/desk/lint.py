@@ -16,7 +16,7 @@ from flexbt_server.behavior_tree import (
     TreeLibrary,
     TreeLoadError,
 )
-from flexbt_server.behavior_tree.node import ControlNode
+from flexbt_server.behavior_tree.inner_nodes import ControlNode
 from flexbt_server.behavior_tree.port_types import STRING, is_fixed
 from flexbt_server.behavior_tree.registry import similar_names
 from flexbt_server.desk.diagnostics import (

@@ -24,8 +24,8 @@ from flexbt_server.behavior_tree import (
     TreeNode,
 )
 from flexbt_server.behavior_tree import port_types as types
+from flexbt_server.behavior_tree.inner_nodes import ControlNode, DecoratorNode
 from flexbt_server.behavior_tree.leaves import LeafNode
-from flexbt_server.behavior_tree.node import ControlNode, DecoratorNode
 from flexbt_server.behavior_tree.ports import NO_DEFAULT
 from flexbt_server.behavior_tree.xml_parser import Element, Source, parse
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from xml.sax.saxutils import escape, quoteattr
 
 from flexbt_server.behavior_tree import NodeDefinition, NodeManifest, Port, Tree, TreeNode
-from flexbt_server.behavior_tree.node import ControlNode, DecoratorNode
+from flexbt_server.behavior_tree.inner_nodes import ControlNode, DecoratorNode
 from flexbt_server.behavior_tree.ports import NO_DEFAULT
 
 
