@@ -387,7 +387,7 @@ def test_a_priority_container_that_fails_to_begin_lets_go() -> None:
     case = Priority()
     case.urgent.do['on_enter'] = boom
     case.begin()
-    assert case.bench.run.focus is None
+    assert case.bench.run.holds.focus is None
     assert case.beside.trace[-2:] == ['on_resume', 'execute']
 
 
@@ -420,10 +420,10 @@ def test_priority_within_priority() -> None:
     made = machine(Place('Y', outer_beside), Place('Outer', outer), conditions=[('ended', [('Outer', 'ended')])])
     bench = Bench(made)
     paused = [leaf.path for leaf in bench.run.active_states() if leaf.is_paused]
-    assert (bench.run.focus, paused) == ('/Outer/Pair/Inner', ['/Y', '/Outer/Pair/X'])
+    assert (bench.run.holds.focus, paused) == ('/Outer/Pair/Inner', ['/Y', '/Outer/Pair/X'])
     inner_state.end('done')
     bench.settle()
-    assert (bench.run.focus, bench.active) == ('/Outer', ('/Y', '/Outer/Rest'))
+    assert (bench.run.holds.focus, bench.active) == ('/Outer', ('/Y', '/Outer/Rest'))
     assert [leaf.is_paused for leaf in bench.run.active_states()] == [True, False]
     assert inner_beside.trace[-1] == 'on_exit PARENT_LEFT'
 

@@ -112,7 +112,7 @@ class ContainerRun:
     def claim(self) -> None:
         """Have priority, if it is the kind that does."""
         if self.definition.kind is StateKind.PRIORITY:
-            self._engine.claim(self.path)
+            self._engine.holds.claim(self.path)
 
     def leave(self, reason: ExitReason) -> None:
         """Leave everything that is active in here."""
@@ -147,7 +147,7 @@ class ContainerRun:
     def _advance_regions(self) -> bool:
         if self.ending is not None:
             return self._come_to_rest(self.ending)
-        focus = self._engine.focus
+        focus = self._engine.holds.focus
         return any((focus is None or not are_apart(one.path, focus)) and one.advance() for one in self.regions)
 
     # -- how it goes on and ends -------------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ class ContainerRun:
         self.outcome, self.ending = ending, None
         for region in self.regions:
             if region.child is not None:
-                self._engine.release(region.child.path)
+                self._engine.holds.release(region.child.path)
         self.clear()
         self._engine.changed()
         return True

@@ -120,9 +120,9 @@ def _left_already(region: Region, path: str) -> str | None:
 
 
 def _held(run: MachineRun, path: str) -> str | None:
-    if run.is_paused:
+    if run.holds.is_paused:
         return 'the run is paused; resume it first'
-    return f'{path} is paused while {run.focus} has priority' if run.is_held(path) else None
+    return f'{path} is paused while {run.holds.focus} has priority' if run.holds.is_held(path) else None
 
 
 def _no_decision(run: MachineRun, decision_id: str) -> str:

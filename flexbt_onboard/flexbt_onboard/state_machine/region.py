@@ -198,8 +198,8 @@ class Region:
         engine.observer.transition(child.path, outcome or '', shown, child.exit_reason)
         self.is_leaving = False
         self.child = None
-        if engine.focus is not None:
-            engine.release(child.path)
+        if engine.holds.focus is not None:
+            engine.holds.release(child.path)
         if following is not None:
             self.enter(following)
         else:

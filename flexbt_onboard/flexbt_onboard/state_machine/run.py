@@ -23,9 +23,10 @@ from .command_queue import Answer, CommandQueue
 from .container import ContainerRun
 from .controls import Controls
 from .decision import Decision, DecisionKind
-from .definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, are_apart, is_inside
+from .definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, is_inside
 from .errors import StateMachineError
 from .event_state import ExitReason
+from .holds import Holds
 from .leaf import LeafRun
 from .observer import RunObserver
 from .position import Position
@@ -78,12 +79,8 @@ class MachineRun:
         self.services = services
         self.outcome: str | None = None
         self.message = ''
-        self.is_paused = False
-        self.focus: str | None = None
-        """The priority container for which everything else stands still."""
+        self.holds = Holds()
         self.controls = Controls(definition, autonomy)
-        self._claims: list[str] = []  # of priority containers, each inside the one before
-        self._holds_changed = False
         self._steady = steady if steady is not None else clock
         self._exit_timeout = exit_timeout
         self._max_transitions = max_transitions
@@ -136,7 +133,7 @@ class MachineRun:
         self.ring()
 
     def _go_on_at(self, position: Position) -> None:
-        self.is_paused = position.is_paused
+        self.holds.is_paused = position.is_paused
         self._decisions = position.decision_count
         self.controls.restore(position.levels, position.locked, position.breakpoints)
         restoring.restore(self._root, self._scope, position)
@@ -158,23 +155,29 @@ class MachineRun:
 
     def _take_one_step(self) -> bool:
         """Do the first thing that there is to do, and a command with what follows from it; whether there was one."""
-        if self._holds_changed and self._pause_or_resume_one():
+        holds = self.holds
+        if holds.are_news and self._pause_or_resume_one():
             return True
         is_commanded = self._commands.apply_next()
-        if self.is_paused or self._holds_changed:  # states are told that they go on before anything else
-            return is_commanded or self._holds_changed
+        if holds.is_paused or holds.are_news:  # states are told that they go on before anything else
+            return is_commanded or holds.are_news
         return self._root.advance() or is_commanded
 
     @property
     def next_wake(self) -> float | None:
         """When a step is due if nothing rings before, on the run's clock; None when nothing is."""
-        return self._root.next_wake() if self._end is None and not self.is_paused else None
+        return self._root.next_wake() if self._end is None and not self.holds.is_paused else None
 
     # -- what the operator sees --------------------------------------------------------------------------------------
 
     def active_states(self) -> list[LeafRun]:
         """The states that are active."""
         return [node for node in self._root.active() if isinstance(node, LeafRun)]
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the operator has paused the run."""
+        return self.holds.is_paused
 
     @property
     def decisions(self) -> list[Decision]:
@@ -203,7 +206,7 @@ class MachineRun:
 
     def position(self) -> Position:
         """Where the run is, for another run to :meth:`start` there. On its thread, in a call of the observer too."""
-        return restoring.position_of(self._root, self.controls, self._decisions, is_paused=self.is_paused)
+        return restoring.position_of(self._root, self.controls, self._decisions, is_paused=self.holds.is_paused)
 
     # -- commands; from any thread -----------------------------------------------------------------------------------
 
@@ -316,43 +319,23 @@ class MachineRun:
         """The regions of everything that is active, outermost first."""
         return self._root.active_regions()
 
-    def claim(self, path: str) -> None:
-        """Let everything stand still that is apart from a priority container."""
-        self._set_claims([*self._claims, path])
-
-    def release(self, path: str) -> None:
-        """Nothing of what is in a state or machine has priority any more."""
-        if self._claims:
-            self._set_claims([claim for claim in self._claims if not is_inside(claim, path)])
-
-    def is_held(self, path: str) -> bool:
-        """Whether a state or machine stands still."""
-        return self.is_paused or (self.focus is not None and are_apart(path, self.focus))
-
     def locked_inside(self, top: str) -> list[str]:
         """What is active and locked in a state or machine, itself included."""
         locked = [path for path in self.locked if is_inside(path, top)]
         active = {ROOT_PATH, *(node.path for node in self._root.active())} if locked else set()
         return [path for path in locked if path in active]
 
-    def _set_claims(self, claims: list[str]) -> None:
-        self._claims = claims
-        focus = claims[-1] if claims else None
-        if focus != self.focus:
-            self.focus = focus
-            self._holds_changed = True
-
     def _pause_or_resume_one(self) -> bool:
         """Tell one state that it stands still or goes on; one in a step, so that a stop comes before the next."""
         for leaf in self.active_states():
-            if leaf.is_entered and leaf.is_paused != self.is_held(leaf.path):
+            if leaf.is_entered and leaf.is_paused != self.holds.is_held(leaf.path):
                 if leaf.is_paused:
                     leaf.resume()
                 else:
                     leaf.pause()
                 self.changed()
                 return True
-        self._holds_changed = False
+        self.holds.are_news = False
         return False
 
     # -- commands; on the thread of the run --------------------------------------------------------------------------
@@ -362,10 +345,9 @@ class MachineRun:
         self.ring()
 
     def _set_paused(self, is_paused: bool, refusal: str) -> str | None:
-        if self.is_paused is is_paused:
+        if self.holds.is_paused is is_paused:
             return refusal
-        self.is_paused = is_paused
-        self._holds_changed = True
+        self.holds.set_paused(is_paused)
         self.changed()
         return None
 
@@ -378,7 +360,8 @@ class MachineRun:
             return refusal
         old, self._root, self.definition = self._root, root, definition
         self.controls.move_to(definition)
-        self._claims, self.focus, self._holds_changed = [], None, True
+        self.holds.release(ROOT_PATH)
+        self.holds.are_news = True
         self._scope = Scope(definition.defaults)
         switching.move(old, root, self._scope, position, staying)
         self.changed()
@@ -403,7 +386,7 @@ class MachineRun:
 
     def _finish(self, outcome: str, message: str) -> None:
         self._root.clear()
-        self._set_claims([])
+        self.holds.release(ROOT_PATH)
         for leaf in self._root.leaves():
             leaf.stop()
         self.message = message
