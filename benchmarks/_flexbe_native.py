@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The behavior of the benchmark against FlexBE with states of FlexBT's own: an action, then a decision, in turns."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from _flexbe_stamp import entered
+
+from flexbt_common.navigation_interfaces import load
+from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+from flexbt_states import BtExecuteState, OperatorDecisionState
+from flexbt_states.goal_call import GoalCall
+
+ACTION: Final = 'flexbe_benchmark/wait'
+TREE: Final = 'flexbe_probe_behaviors/config/probe.xml'
+TREE_XML: Final = f"""
+<root BTCPP_format="4">
+  <BehaviorTree ID="FlexbeProbe">
+    <Wait wait_duration="1.0" server_name="{ACTION}"/>
+  </BehaviorTree>
+</root>
+"""
+
+
+class Call(EventState):
+    """Sends a goal, and ends when there is a result."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done', 'failed'], desired_rate=None)
+        self._type = load().Wait
+        self._goal = GoalCall(self, self._type, ACTION)
+
+    def on_start(self) -> None:
+        self._goal.prepare()
+
+    def on_enter(self, userdata: UserData) -> None:
+        entered('Call')
+        self._goal.send(self._type.Goal())
+
+    def execute(self, userdata: UserData) -> str | None:
+        ended = self._goal.poll()
+        if ended is None:
+            return None
+        return 'done' if ended.status.name == 'SUCCEEDED' else 'failed'
+
+    def on_exit(self, userdata: UserData) -> None:
+        self._goal.leave()
+
+    def settled(self) -> str | None:
+        return self._goal.settled()
+
+
+class CallTree(BtExecuteState):
+    """Runs a tree with one leaf, which sends the goal."""
+
+    def on_enter(self, userdata: UserData) -> None:
+        entered('Call')
+        super().on_enter(userdata)
+
+
+class Decide(OperatorDecisionState):
+    """Waits until the operator decides."""
+
+    def on_enter(self, userdata: UserData) -> None:
+        entered('Decide')
+        super().on_enter(userdata)
+
+
+class FlexbeNative(Behavior):
+    """Calls the action, waits for the operator, and so on."""
+
+    manifest = BehaviorManifest(
+        name='Native probe',
+        description='For the benchmark against FlexBE: an action and an operator decision, in turns.',
+        author='The FlexBT developers',
+        parameters=[BehaviorParameter('through_tree', False, 'whether a leaf of a tree calls the action')],
+    )
+    through_tree: bool
+
+    def create(self) -> OperatableStateMachine:
+        """Two states that follow each other."""
+        call: EventState = CallTree(bt_file=TREE) if self.through_tree else Call()
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        with machine:
+            OperatableStateMachine.add(
+                'Call',
+                call,
+                transitions={outcome: 'Decide' if outcome == 'done' else 'failed' for outcome in call.outcomes},
+                autonomy=dict.fromkeys(call.outcomes, Autonomy.Off),
+            )
+            OperatableStateMachine.add(
+                'Decide',
+                Decide(outcomes=['again', 'finish']),
+                transitions={'again': 'Call', 'finish': 'finished'},
+                autonomy={'again': Autonomy.Full, 'finish': Autonomy.Full},
+            )
+        return machine
