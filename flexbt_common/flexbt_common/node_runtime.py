@@ -26,12 +26,13 @@ from typing import Any, TypeVar
 
 import rclpy
 from rclpy.action import ActionClient, ActionServer
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from flexbt_common.clock import SteadyClock
+from flexbt_common.node_executor import NodeExecutor
 from flexbt_common.ros_clock import RosClock
 
 __all__ = ['NodeRuntime', 'run_node']
@@ -86,11 +87,9 @@ class NodeRuntime:
             raise
         self.name = self.node.get_name()
         self.steady = SteadyClock()
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._doorbell = self.node.create_guard_condition(self._run_posted)
-        self._rung_here = False
-        self._unheard = _Unheard(self)
-        self._executor.add_node(self.node)
+        self._executor = NodeExecutor(self.node, self._on_escaped)
+        self._doorbell = self.node.create_guard_condition(lambda: None)
+        self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
         self.clock = RosClock(self)
         self._thread = threading.Thread(target=self._spin, name=f'{name}_executor', daemon=True)
         self._thread.start()
@@ -224,69 +223,41 @@ class NodeRuntime:
         if len(self._posted) == 1:
             self._doorbell.trigger()
 
-    def _run_posted(self) -> None:
-        self._rung_here = False
-        # One callback serves all that has been posted up to now; what comes meanwhile rings again, so that
-        # messages and timers get their turn.
-        try:
-            for _ in range(len(self._posted)):
-                self._run_first_posted()
-        finally:
-            with self._lock:
-                if self._posted:
-                    self._ring_here()
-
-    def _ring_here(self) -> None:
-        self._rung_here = True
-        self._doorbell.trigger()
-
-    def _run_first_posted(self) -> None:
-        fn = self._posted[0]
-        try:
-            fn()
-        except Exception as error:
-            self.report_fault(error, f'posted {getattr(fn, "__qualname__", fn)}')
-        finally:
-            # Only now: while it is there, nobody else rings.
-            with self._lock:
-                self._posted.popleft()
-
     def _spin(self) -> None:
-        faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
+        # The bell only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps sets back
+        # the guard conditions that were not triggered when it looked, a moment later): what was posted is looked at
+        # whenever a wait has ended.
         while not self._closed.is_set():
             try:
-                # rclpy raises here whatever a callback raised: that must not be the end of the node.
-                self._executor.spin_once_until_future_complete(self._unheard)
-                if self._unheard.done():
-                    self._ring_here()
+                self._executor.turn(0.0 if self._posted else None)
             except ExternalShutdownException:
                 return
             except Exception as error:
-                if self._closed.is_set():
-                    return
-                self.report_fault(error)
-                faults.append(time.monotonic())
-                if len(faults) == _FAULTS_IN_A_ROW and faults[-1] - faults[0] < 1.0:
-                    time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
+                self._on_escaped(error)
+            self._run_posted()
 
+    def _run_posted(self) -> None:
+        # What comes meanwhile is for the next time, so that messages and timers get their turn.
+        for _ in range(len(self._posted)):
+            fn = self._posted[0]
+            try:
+                fn()
+            except Exception as error:
+                self.report_fault(error, f'posted {getattr(fn, "__qualname__", fn)}')
+            finally:
+                # Only now: while it is there, nobody rings.
+                with self._lock:
+                    self._posted.popleft()
 
-class _Unheard:
-    """A future, as far as the executor can tell, that is done when something was posted of which the bell may be lost.
-
-    rmw_fastrtps drops the trigger of a guard condition that comes while its wait ends for another reason: it sets back
-    those that were not triggered when it looked, a moment later. So whenever a wait has ended, the executor returns
-    when there is something to run, and its own thread rings, outside of the wait.
-    """
-
-    def __init__(self, runtime: NodeRuntime) -> None:
-        self._runtime = runtime
-
-    def done(self) -> bool:
-        runtime = self._runtime
-        return runtime.closed or (bool(runtime._posted) and not runtime._rung_here)
-
-    def add_done_callback(self, callback: Callable[[Any], None]) -> None:
-        """Nobody needs to be told: who posts rings."""
+    def _on_escaped(self, error: Exception) -> None:
+        """An exception has escaped from a callback: that must not be the end of the node."""
+        if self._closed.is_set():
+            return
+        self.report_fault(error)
+        faults = self._faults
+        faults.append(time.monotonic())
+        if len(faults) == _FAULTS_IN_A_ROW and faults[-1] - faults[0] < 1.0:
+            time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
 
 
 def run_node(

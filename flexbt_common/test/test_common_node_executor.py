@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executor of a node: everything that rclpy's own calls is called, while entities come and go."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.task import Future
+from std_msgs.msg import Int32
+
+from flexbt_common.node_executor import NodeExecutor
+from flexbt_msgs.srv import ControlTree
+
+DEADLINE = 20.0
+
+
+class Bench:
+    """A node on its executor, turned by the test itself or in a thread."""
+
+    def __init__(self, context: rclpy.Context) -> None:
+        self.context = context
+        self.node = Node('bench', context=context)
+        self.faults: list[Exception] = []
+        self.executor = NodeExecutor(self.node, self.faults.append)
+
+    def turn_until(self, condition: Callable[[], Any], what: str) -> None:
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < end, f'{what} did not come'
+            self.executor.turn(0.05)
+
+    def request(self, client: Any) -> Any:
+        if not client.wait_for_service(DEADLINE):
+            raise TimeoutError('the service')
+        return client.call_async(ControlTree.Request())
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    bench = Bench(context)
+    yield bench
+    bench.close()
+    rclpy.try_shutdown(context=context)
+
+
+def test_topics_services_timers_and_guards_are_called_and_faults_stop_none_of_them(bench: Bench) -> None:
+    called: dict[str, int] = dict.fromkeys(('topic', 'timer', 'guard', 'service', 'answer', 'soon'), 0)
+
+    def fail(what: str) -> None:
+        called[what] += 1
+        raise ValueError(what)
+
+    def serve(request: Any, response: Any) -> Any:
+        called['service'] += 1
+        return response
+
+    def all_called(count: int) -> bool:
+        return called['timer'] > 0 and all(called[what] == count for what in called if what != 'timer')
+
+    node = bench.node
+    node.create_subscription(Int32, 'numbers', lambda message: fail('topic'), 10)
+    node.create_service(ControlTree, 'control', serve)
+    numbers, client = node.create_publisher(Int32, 'numbers', 10), node.create_client(ControlTree, 'control')
+    timer = node.create_timer(0.001, lambda: fail('timer'))
+    guard = node.create_guard_condition(lambda: fail('guard'))
+    bench.turn_until(lambda: client.service_is_ready() and numbers.get_subscription_count(), 'the discovery')
+    for count in range(1, 4):
+        bench.request(client).add_done_callback(lambda future: fail('answer'))
+        numbers.publish(Int32())
+        guard.trigger()
+        bench.executor.create_task(fail, 'soon')
+        bench.turn_until(partial(all_called, count), f'call {count}')
+    timer.cancel()
+    told = sorted({str(fault) for fault in bench.faults})
+    assert told == ['answer', 'guard', 'soon', 'timer', 'topic']
+    ticks = called['timer']
+    assert ticks
+    bench.executor.turn(0.01)
+    bench.executor.turn(0.01)
+    assert called['timer'] == ticks
+
+
+def test_entities_come_and_go_in_callbacks_and_other_threads_and_nothing_is_lost(bench: Bench) -> None:
+    """A random walk: each number that is published while a subscription is there comes once, in order."""
+    chance = random.Random(3)
+    node, lock = bench.node, threading.Lock()
+    topics = [f'topic{number}' for number in range(4)]
+    publishers = [node.create_publisher(Int32, topic, 1000) for topic in topics]
+    live: dict[int, tuple[Any, list[int]]] = {}
+    over, churn_faults = threading.Event(), list[BaseException]()
+
+    def churn() -> None:
+        """Short-lived entities of all kinds, from a thread of its own."""
+        try:
+            while not over.is_set():
+                subscription = node.create_subscription(Int32, 'topic0', lambda message: None, 10)
+                timer = node.create_timer(0.001, lambda: None)
+                service = node.create_service(ControlTree, f'churn{chance.randrange(3)}', lambda _, response: response)
+                client = node.create_client(ControlTree, 'churn0')
+                time.sleep(0.002)
+                node.destroy_timer(timer)
+                node.destroy_subscription(subscription)
+                node.destroy_client(client)
+                node.destroy_service(service)
+        except BaseException as error:
+            churn_faults.append(error)
+
+    def listen(number: int) -> None:
+        seen: list[int] = []
+        live[number] = (
+            node.create_subscription(Int32, topics[number], lambda m: hear(number, seen, m.data), 1000),
+            seen,
+        )
+
+    def hear(number: int, seen: list[int], value: int) -> None:
+        seen.append(value)
+        if value % 50 == 49:  # while it is being called
+            other = (number + 1) % len(topics)
+            with lock:
+                if other in live:
+                    node.destroy_subscription(live.pop(other)[0])
+                else:
+                    listen(other)
+
+    thread = threading.Thread(target=churn)
+    for number in range(len(topics)):
+        listen(number)
+    bench.turn_until(lambda: all(one.get_subscription_count() for one in publishers), 'the discovery')
+    thread.start()
+    try:
+        for value in range(300):
+            number = chance.randrange(len(topics))
+            publishers[number].publish(Int32(data=value))
+            bench.executor.turn(0.0)
+        kept = node.create_subscription(Int32, 'last', lambda message: last.append(message.data), 10)
+        last: list[int] = []
+        end = node.create_publisher(Int32, 'last', 10)
+        bench.turn_until(end.get_subscription_count, 'the discovery of the last topic')
+        end.publish(Int32(data=1))
+        bench.turn_until(lambda: last == [1], 'the last message')
+        assert kept is not None
+    finally:
+        over.set()
+        thread.join()
+    assert not churn_faults and not bench.faults
+    for _, seen in live.values():
+        assert seen == sorted(set(seen))
+
+
+@pytest.mark.parametrize('group', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
+def test_a_service_that_awaits_holds_up_its_group_only(bench: Bench, group: type[Any]) -> None:
+    node, held = bench.node, Future()
+    order: list[str] = []
+    began = 0
+
+    async def serve(request: Any, response: Any) -> Any:
+        nonlocal began
+        began += 1
+        order.append(f'began {began}')
+        await held
+        response.message = 'at last'
+        order.append('ended')
+        return response
+
+    callback_group = group()
+    node.create_service(ControlTree, 'slow', serve, callback_group=callback_group)
+    node.create_service(ControlTree, 'quick', lambda _, response: response, callback_group=ReentrantCallbackGroup())
+    others = ReentrantCallbackGroup()
+    slow, quick = (node.create_client(ControlTree, name, callback_group=others) for name in ('slow', 'quick'))
+    bench.turn_until(lambda: slow.service_is_ready() and quick.service_is_ready(), 'the services')
+    answers = [bench.request(slow), bench.request(slow)]
+    bench.turn_until(lambda: began, 'the slow service')
+    for _ in range(20):
+        answer = bench.request(quick)
+        bench.turn_until(answer.done, 'the quick answer')
+    is_exclusive = group is MutuallyExclusiveCallbackGroup
+    assert order == (['began 1'] if is_exclusive else ['began 1', 'began 2'])
+    bench.executor.create_task(held.set_result, None)
+    bench.turn_until(lambda: all(answer.done() for answer in answers), 'the slow answers')
+    assert [answer.result().message for answer in answers] == ['at last'] * 2
+    assert order == (
+        ['began 1', 'ended', 'began 2', 'ended'] if is_exclusive else ['began 1', 'began 2'] + ['ended'] * 2
+    )
+    answer = bench.request(quick)
+    bench.turn_until(answer.done, 'the quick answer')
+    assert not bench.executor._awaiting
+    assert not bench.faults
+
+
+def test_a_coroutine_that_fails_after_it_awaited_is_told(bench: Bench) -> None:
+    held = Future()
+
+    async def fail(_: Int32) -> None:
+        await held
+        raise ValueError('after all')
+
+    bench.node.create_subscription(Int32, 'numbers', fail, 10)
+    numbers = bench.node.create_publisher(Int32, 'numbers', 10)
+    bench.turn_until(numbers.get_subscription_count, 'the discovery')
+    numbers.publish(Int32())
+    bench.turn_until(lambda: bench.executor._awaiting, 'the coroutine')
+    held.set_result(None)
+    bench.turn_until(lambda: bench.faults, 'the fault')
+    assert str(bench.faults[0]) == 'after all'
+    bench.turn_until(lambda: not bench.executor._awaiting, 'the end of the coroutine')
+
+
+def test_tasks_of_other_threads_end_the_wait(bench: Bench) -> None:
+    results: list[int] = []
+
+    async def double(number: int) -> int:
+        return 2 * number
+
+    def ask() -> None:
+        for number in range(50):
+            create = bench.executor.create_task
+            task = create(double, number) if number % 2 else create(lambda number=number: 2 * number)
+            end = time.monotonic() + DEADLINE
+            while not task.done() and time.monotonic() < end:
+                time.sleep(0.0005)
+            results.append(task.result())
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    while thread.is_alive():
+        bench.executor.turn(1.0)
+    assert results == [2 * number for number in range(50)]
+
+
+def test_the_end_of_the_context_ends_the_turn(bench: Bench) -> None:
+    ends = threading.Timer(0.05, lambda: rclpy.try_shutdown(context=bench.context))
+    ends.start()
+    with pytest.raises(ExternalShutdownException):
+        while True:
+            bench.executor.turn(None)
+    ends.join()
