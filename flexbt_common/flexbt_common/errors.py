@@ -5,7 +5,8 @@ FlexbtError
 ├── UnknownTypeError        no installed type has that name
 ├── ValueConversionError    a value does not fit its type
 ├── ResourceError           a file cannot be used
-└── InterfacesError         an interface package is not usable
+├── InterfacesError         an interface package is not usable
+└── UnfitParameterError     a parameter has no value that can work
 """
 
 from __future__ import annotations
@@ -45,3 +46,11 @@ class ResourceError(FlexbtError):
 
 class InterfacesError(FlexbtError):
     """An interface package that is needed cannot be used."""
+
+
+class UnfitParameterError(FlexbtError):
+    """The parameter ``name`` has no value that its type and its limits allow."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(f'parameter {name}: {message}')
+        self.name = name

@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executive on ``/diagnostics``, for tools that watch over whole robots: once a second, while somebody listens."""
+"""The executive on ``/diagnostics``: the behavior, the nodes that it depends on, and what is written to the disk."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
+from diagnostic_msgs.msg import DiagnosticStatus
 
+from flexbt_common.diagnostics import DiagnosticsPublisher, entry
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
-
-TOPIC: Final = '/diagnostics'
-PERIOD: Final = 1.0
 
 _STATES: Final = {
     ExecutiveStatus.IDLE: 'idle',
@@ -37,16 +34,11 @@ class Diagnostics:
         self._runtime = runtime
         self._status = status
         self._problems = problems
-        self._publisher = runtime.node.create_publisher(DiagnosticArray, TOPIC, 10)
-        self._timer = runtime.node.create_timer(PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        DiagnosticsPublisher(runtime, self._entries)
 
-    def _publish(self) -> None:
-        if self._publisher.get_subscription_count() == 0:
-            return
+    def _entries(self) -> list[DiagnosticStatus]:
         status = self._status()
-        array = DiagnosticArray(status=[self._behavior(status), self._peers(status), self._storage()])
-        array.header.stamp = self._runtime.clock.stamp()
-        self._publisher.publish(array)
+        return [self._behavior(status), self._peers(status), self._storage()]
 
     def _behavior(self, status: ExecutiveStatus) -> DiagnosticStatus:
         state = _STATES.get(status.state, 'unknown')
@@ -66,25 +58,21 @@ class Diagnostics:
             'autonomy': str(status.autonomy),
             'authority': status.authority,
         }
-        return self._entry('behavior', level, message, values)
+        return entry(self._runtime, 'behavior', level, message, values)
 
     def _peers(self, status: ExecutiveStatus) -> DiagnosticStatus:
         gone = [one.name for one in status.peers if not one.alive]
         level = DiagnosticStatus.ERROR if gone else DiagnosticStatus.OK
         message = f'not alive: {", ".join(gone)}' if gone else 'all alive'
-        return self._entry(
-            'nodes', level, message, {one.name: 'alive' if one.alive else 'not alive' for one in status.peers}
+        return entry(
+            self._runtime,
+            'nodes',
+            level,
+            message,
+            {one.name: 'alive' if one.alive else 'not alive' for one in status.peers},
         )
 
     def _storage(self) -> DiagnosticStatus:
         wrong = {name: text for name, text in self._problems.items() if text}
         level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
-        return self._entry('record and journal', level, '; '.join(wrong.values()) or 'written', wrong)
-
-    def _entry(self, name: str, level: bytes, message: str, values: Mapping[str, str]) -> DiagnosticStatus:
-        return DiagnosticStatus(
-            level=level,
-            name=f'{self._runtime.node.get_fully_qualified_name()}: {name}',
-            message=message,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
+        return entry(self._runtime, 'record and journal', level, '; '.join(wrong.values()) or 'written', wrong)

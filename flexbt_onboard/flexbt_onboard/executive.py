@@ -14,7 +14,9 @@ from collections.abc import Callable
 from typing import Final
 
 from flexbt_common.action_call import ActionLinks
+from flexbt_common.goal_gate import GoalGate
 from flexbt_common.liveliness import LivelinessToken
+from flexbt_common.managed_node import SHUTTING_DOWN
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
@@ -25,7 +27,7 @@ from flexbt_onboard.behavior_run import BehaviorRun
 from flexbt_onboard.command_answers import CommandAnswer
 from flexbt_onboard.command_table import CommandTable
 from flexbt_onboard.diagnostics import Diagnostics
-from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.errors import CommandRefusedError, OnboardError
 from flexbt_onboard.executive_commands import CommandHandlers, command_fields
 from flexbt_onboard.executive_news import ExecutiveNews
 from flexbt_onboard.executive_parameters import ExecutiveParameters
@@ -54,14 +56,16 @@ def _nobody(*_news: object) -> None:
 
 
 class Executive:
-    """The executive on one node. Made and closed by its host; see :func:`flexbt_onboard.onboard_executive.main`.
+    """The executive on one node. Made by :func:`open_executive`.
 
     ``run`` is the run that goes on, or None; ``last`` tells run_id, behavior, outcome and message of the one before;
-    ``autonomy`` is the level that the run began with, or for the next one.
+    ``autonomy`` is the level that the run began with, or for the next one. ``gate`` says why nothing can be started.
     """
 
-    def __init__(self, runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary) -> None:
-        """Must be called on the executor thread."""
+    def __init__(
+        self, runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary, refusal: str = ''
+    ) -> None:
+        """Must be called on the executor thread. ``refusal``: why nothing can be started until it is activated."""
         self.runtime = runtime
         self.library = library
         self.executive_id = uuid.uuid4().hex
@@ -72,7 +76,7 @@ class Executive:
         self._ended: Ended = _nobody  # who waits for its end
         self._open_commands: dict[str, ExecutiveCommand] = {}
         self._news = ExecutiveNews(self)
-        self._is_closing = False
+        self.gate = GoalGate('the executive', refusal)
         self.command_table = CommandTable()
         self._handlers = CommandHandlers(self)
         self.link = OperatorLink(runtime, self.executive_id, parameters.heartbeat_period, self._on_command)
@@ -84,16 +88,18 @@ class Executive:
             parameters.record_size,
             parameters.record_files,
         )
+        runtime.on_close(self.record.close)
         self.record.note('executive', state='started', executive=self.executive_id)
         self.journal = RunJournal(
             parameters.journal_directory,
             node_name,
             functools.partial(self._news.problem, 'journal', ExecutiveLog.ERROR),
         )
+        runtime.on_close(self.journal.close)
         self.command_table.restore(self.journal.results)
         self.authority = Authority(runtime, parameters.authority_timeout, self._news.authority)
         self._operators = OperatorWatch(runtime, self._news.operators)
-        self.questions = OperatorQuestions(runtime, self._news.questions)
+        self.questions = OperatorQuestions(runtime, self.gate, self._news.questions)
         self.pose = RobotPose(runtime, parameters.pose_topic)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         self._services = StateServices(
@@ -139,10 +145,10 @@ class Executive:
         ``run_id`` is that of the interrupted run that is to go on.
 
         Raises:
-            CommandRefusedError: a run goes on, or another one was interrupted.
+            CommandRefusedError: the executive is not active, a run goes on, or another one was interrupted.
         """
-        if self._is_closing:
-            raise CommandRefusedError('the executive is shutting down')
+        if self.gate.refusal:
+            raise CommandRefusedError(self.gate.refusal)
         if self.run is not None:
             phase = self.run.phase.value
             raise CommandRefusedError(
@@ -199,28 +205,48 @@ class Executive:
         text = f'behavior {run.behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
         self.link.log(severity, text, run_id=run.run_id)
 
+    def activate(self) -> None:
+        """Behaviors can be started from now on. Not on the executor thread."""
+        self.runtime.call(self._activate)
+
+    def deactivate(self, why: str, within: float) -> None:
+        """Refuse to start behaviors, stop the run and wait for it. Not on the executor thread.
+
+        ``why`` follows a subject; ``within`` is in seconds of wall time.
+
+        Raises:
+            OnboardError: the behavior was not at rest in this time.
+        """
+        run = self.runtime.call(lambda: self._stop(why))
+        is_at_rest = run is None or run.join(within)
+        self.runtime.call(self._withdraw)
+        if run is not None and not is_at_rest:
+            raise OnboardError(f'behavior {run.behavior!r} was not at rest {within:g} s after the stop; leaving it')
+
     def close(self) -> None:
         """Stop the run, and wait for it for a limited time; on the closing thread, while callbacks still run."""
-        run = self.runtime.call(self._begin_to_close)
-        if run is not None and not run.join(SHUTDOWN_SECONDS):
-            self.link.log(
-                ExecutiveLog.ERROR,
-                f'behavior {run.behavior!r} was not at rest {SHUTDOWN_SECONDS} s after the stop; leaving it',
-                run_id=run.run_id,
-            )
-        self.runtime.call(self._say_goodbye)
+        try:
+            self.deactivate(SHUTTING_DOWN, SHUTDOWN_SECONDS)
+        except OnboardError as error:
+            self.link.log(ExecutiveLog.ERROR, str(error), run_id=self.shown_run_id)
         self.record.note('executive', state='ended', executive=self.executive_id)
-        self.record.close()
-        self.journal.close()
 
-    def _begin_to_close(self) -> BehaviorRun | None:
-        self._is_closing = True
+    def _activate(self) -> None:
+        if self.gate.refusal:
+            self.gate.open()
+            self.link.log(ExecutiveLog.INFO, 'the executive is active')
+            self.changed()
+
+    def _stop(self, why: str) -> BehaviorRun | None:
+        self.gate.close(why)
+        self.link.log(ExecutiveLog.INFO, self.gate.refusal)
         if self.run is not None:
-            self.run.stop('the executive is shutting down')
+            self.run.stop(self.gate.refusal)
+        self.changed()
         return self.run
 
-    def _say_goodbye(self) -> None:
-        self.questions.close()
+    def _withdraw(self) -> None:
+        self.questions.close(self.gate.refusal)
         self._status.flush()
 
     def _on_command(self, command: ExecutiveCommand) -> None:
@@ -271,10 +297,10 @@ class Executive:
 
 
 def open_executive(
-    runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary | None = None
+    runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary | None = None, refusal: str = ''
 ) -> Executive:
     """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
     found = BehaviorLibrary.discover() if library is None else library
-    executive = runtime.call(lambda: Executive(runtime, parameters, found))
+    executive = runtime.call(lambda: Executive(runtime, parameters, found, refusal))
     runtime.on_close(executive.close)
     return executive

@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import InvalidParameterValueException, InvalidTopicNameException, ParameterException
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common import names
+from flexbt_common.parameters import declare
 from flexbt_common.user_files import USER_DIRECTORY
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.record import RECORD_FILES, RECORD_SIZE
@@ -33,13 +33,13 @@ class ExecutiveParameters:
 
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
-    """Declare the parameters on the node and read them once; they cannot be changed while it runs.
+    """Declare the parameters on the node and read them; see :mod:`flexbt_common.parameters` for when they can be set.
 
     Raises:
-        OnboardError: a value is not acceptable; names parameter and value.
+        OnboardError, UnfitParameterError: a value is not acceptable; names parameter and value.
     """
     defaults = ExecutiveParameters()
-    peers = _declare(
+    peers = declare(
         node,
         'peers',
         list(defaults.peers),
@@ -47,13 +47,13 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             description='names of the nodes that the missions depend on; the operator is shown whether they are alive'
         ),
     )
-    pose_topic = _declare(
+    pose_topic = declare(
         node,
         'pose_topic',
         defaults.pose_topic,
         ParameterDescriptor(description='topic of the robot pose (geometry_msgs/msg/PoseStamped) for the status'),
     )
-    heartbeat_period = _declare(
+    heartbeat_period = declare(
         node,
         'heartbeat_period',
         defaults.heartbeat_period,
@@ -62,7 +62,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             floating_point_range=[FloatingPointRange(from_value=0.05, to_value=10.0)],
         ),
     )
-    autonomy = _declare(
+    autonomy = declare(
         node,
         'autonomy',
         defaults.autonomy,
@@ -71,7 +71,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             integer_range=[IntegerRange(from_value=0, to_value=3, step=1)],
         ),
     )
-    authority_timeout = _declare(
+    authority_timeout = declare(
         node,
         'authority_timeout',
         defaults.authority_timeout,
@@ -81,7 +81,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             floating_point_range=[FloatingPointRange(from_value=0.5, to_value=3600.0)],
         ),
     )
-    journal_directory = _declare(
+    journal_directory = declare(
         node,
         'journal_directory',
         defaults.journal_directory,
@@ -90,7 +90,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             'empty for none'
         ),
     )
-    record_directory = _declare(
+    record_directory = declare(
         node,
         'record_directory',
         USER_DIRECTORY,
@@ -98,7 +98,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             description='directory of the record of commands, decisions and transitions; empty for no record'
         ),
     )
-    record_size = _declare(
+    record_size = declare(
         node,
         'record_size',
         defaults.record_size,
@@ -107,7 +107,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             integer_range=[IntegerRange(from_value=1000, to_value=10**12)],
         ),
     )
-    record_files = _declare(
+    record_files = declare(
         node,
         'record_files',
         defaults.record_files,
@@ -137,11 +137,3 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         record_size=int(record_size),
         record_files=int(record_files),
     )
-
-
-def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
-    descriptor.read_only = True
-    try:
-        return node.declare_parameter(name, default, descriptor).value
-    except (ParameterException, InvalidParameterValueException) as error:
-        raise OnboardError(f'parameter {name}: {error}; {descriptor.description}') from None

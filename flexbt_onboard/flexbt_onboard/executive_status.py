@@ -56,6 +56,8 @@ def status_of(executive: Executive) -> ExecutiveStatus:
         status.autonomy_levels = _levels(view.levels)
         decisions = [*run.decisions(), *status.decisions]
         status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
+    if executive.gate.refusal:
+        status.message = '; '.join(filter(None, [status.message, executive.gate.refusal]))
     return status
 
 

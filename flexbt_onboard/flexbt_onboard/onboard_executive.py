@@ -6,21 +6,24 @@ from __future__ import annotations
 import sys
 
 from flexbt_common import names
-from flexbt_common.node_runtime import NodeRuntime, run_node
-from flexbt_onboard.executive import open_executive
+from flexbt_common.managed_node import run_managed_node
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_onboard.executive import Executive, open_executive
 from flexbt_onboard.executive_parameters import declare_parameters
+from flexbt_onboard.unconfigured_executive import UnconfiguredExecutive
 
 
-def setup(runtime: NodeRuntime) -> None:
+def configure(runtime: NodeRuntime, refusal: str) -> Executive:
     """Make the executive from the parameters of the node."""
     parameters = runtime.call(lambda: declare_parameters(runtime.node))
-    executive = open_executive(runtime, parameters)
-    runtime.node.get_logger().info(f'ready; behaviors: {", ".join(executive.library.entries) or "none installed"}')
+    executive = open_executive(runtime, parameters, refusal=refusal)
+    runtime.node.get_logger().info(f'configured; behaviors: {", ".join(executive.library.entries) or "none installed"}')
+    return executive
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
-    return run_node(names.ONBOARD_EXECUTIVE, setup, args)
+    return run_managed_node(names.ONBOARD_EXECUTIVE, configure, args, UnconfiguredExecutive)
 
 
 if __name__ == '__main__':

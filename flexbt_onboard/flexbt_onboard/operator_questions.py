@@ -12,6 +12,7 @@ from builtin_interfaces.msg import Time
 
 from flexbt_common import names
 from flexbt_common.errors import FlexbtError
+from flexbt_common.goal_gate import GoalGate
 from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import from_entry, resolve_type, text_to_value, to_entry
@@ -37,12 +38,13 @@ class OperatorQuestions:
     Used on the executor thread only. ``on_change`` is called when a question comes or goes.
     """
 
-    def __init__(self, runtime: NodeRuntime, on_change: Callable[[], None]) -> None:
+    def __init__(self, runtime: NodeRuntime, gate: GoalGate, on_change: Callable[[], None]) -> None:
         self._runtime = runtime
         self._on_change = on_change
         self._questions: dict[str, _Question] = {}
         self._numbers = itertools.count(1)
-        self._server = GoalServer(runtime, OperatorInput, names.OPERATOR_INPUT, self._ask, self._withdraw)
+        ask = gate.before(self._ask, _refused)
+        self._server = GoalServer(runtime, OperatorInput, names.OPERATOR_INPUT, ask, self._withdraw)
 
     def decisions(self) -> list[PendingDecision]:
         """The open questions, oldest first."""
@@ -83,10 +85,10 @@ class OperatorQuestions:
         message = f'the operator declined: {reason}' if reason else 'the operator declined'
         self._close(self._find(question_id), OperatorInput.Result.DECLINED, message, operator_id)
 
-    def close(self) -> None:
-        """Withdraw all questions; the executive ends."""
+    def close(self, why: str) -> None:
+        """Withdraw all questions."""
         for question in list(self._questions.values()):
-            self._close(question, OperatorInput.Result.CANCELED, 'the executive is shutting down')
+            self._close(question, OperatorInput.Result.CANCELED, why)
 
     def _find(self, question_id: str) -> _Question:
         try:
@@ -121,7 +123,7 @@ class OperatorQuestions:
         try:
             type = _checked_question(request)
         except FlexbtError as error:
-            goal.abort(OperatorInput.Result(code=OperatorInput.Result.ERROR, message=str(error)))
+            goal.abort(_refused(str(error)))
             return
         question = _Question(
             id=f'input-{next(self._numbers)}',
@@ -140,6 +142,10 @@ class OperatorQuestions:
         for question in list(self._questions.values()):
             if question.goal is goal:
                 self._close(question, OperatorInput.Result.CANCELED, 'the question was withdrawn')
+
+
+def _refused(why: str) -> Any:
+    return OperatorInput.Result(code=OperatorInput.Result.ERROR, message=why)
 
 
 def _checked_question(goal: Any) -> str:

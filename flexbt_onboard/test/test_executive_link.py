@@ -19,11 +19,11 @@ from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
+from flexbt_common.errors import FlexbtError
 from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.user_files import USER_DIRECTORY
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_parameters
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
 from flexbt_onboard.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
@@ -196,7 +196,7 @@ def test_changes_that_come_fast_are_put_together() -> None:
 def test_wrong_parameters_are_refused_by_name(parameters: dict[str, Any], words: str) -> None:
     with (
         NodeRuntime.open('executive', parameters=parameters) as runtime,
-        pytest.raises(OnboardError, match=words),
+        pytest.raises(FlexbtError, match=words),
     ):
         runtime.call(lambda: declare_parameters(runtime.node))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node ``bt_server``: loads behavior trees and runs them.
+"""The managed node ``bt_server``: loads behavior trees and runs them.
 
 Actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (see their definitions in flexbt_msgs),
 topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
@@ -8,12 +8,14 @@ topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
 from __future__ import annotations
 
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 
 from flexbt_common import names, navigation_interfaces
 from flexbt_common.action_call import ActionLinks
+from flexbt_common.goal_gate import GoalGate
 from flexbt_common.liveliness import LivelinessToken
-from flexbt_common.node_runtime import NodeRuntime, run_node
+from flexbt_common.managed_node import SHUTTING_DOWN, run_managed_node
+from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.behavior_tree import JsonTypes
@@ -21,7 +23,7 @@ from flexbt_server.behavior_tree.observation import prepare
 from flexbt_server.blackboards import Blackboards
 from flexbt_server.control_server import ControlServer
 from flexbt_server.data_servers import DataServers
-from flexbt_server.errors import ServerParameterError
+from flexbt_server.errors import BtServerError, ServerParameterError
 from flexbt_server.execute_server import ExecuteServer
 from flexbt_server.groot2_runs import Groot2Runs
 from flexbt_server.leaf_services import LeafServices
@@ -35,12 +37,15 @@ from flexbt_server.topic_cache import TopicCaches
 from flexbt_server.tree_store import TreeStore
 from flexbt_server.trigger_services import TriggerServices
 
+_END_SECONDS = 1.1
+"""How long the end of the process waits for running trees to come to rest, s."""
+
 
 class BtServer:
     """The parts of the server, on a running node."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
-        """Must be called off the executor thread.
+    def __init__(self, runtime: NodeRuntime, refusal: str = '') -> None:
+        """Must be called off the executor thread. ``refusal``: why all goals are refused until it is activated.
 
         Raises:
             FlexbtError: a parameter cannot work, or a file of ``preload`` is refused.
@@ -66,18 +71,46 @@ class BtServer:
             server_timeout=parameters.server_timeout,
             cancel_timeout=parameters.cancel_timeout,
         )
-        reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
+        reader = self._reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
+        gate = self._gate = GoalGate('the BT server', refusal)
 
         watchers = self._watchers(runtime, parameters, RosJsonTypes(registry.json_types))
         self.execute = runtime.call(
-            lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, watchers)
+            lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, gate, watchers)
         )
         self.control = runtime.call(lambda: ControlServer(runtime, self.execute.find_run))
-        self.load = runtime.call(lambda: LoadServer(runtime, store, reader))
-        self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake))
+        self.load = runtime.call(lambda: LoadServer(runtime, store, reader, gate))
+        self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake, gate))
         self.alive = LivelinessToken(runtime)
-        logger.info(f'ready: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
+        runtime.on_close(lambda: self._stop(SHUTTING_DOWN, _END_SECONDS))
+        self._log = logger.info
+        self._log(f'configured: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
+
+    def activate(self) -> None:
+        """Let goals in."""
+        self._gate.open()
+        self._log('active')
+
+    def deactivate(self, why: str, within: float) -> None:
+        """Refuse goals, stop every tree and wait until all goals have their results. Not on the executor thread.
+
+        ``why`` follows a subject; ``within`` is in seconds of wall time.
+
+        Raises:
+            BtServerError: something was not at rest in this time.
+        """
+        is_at_rest = self._stop(why, within)
+        *_, unread = wait([self._reader.submit(lambda: None)], within)
+        if unread or not is_at_rest:
+            raise BtServerError(
+                f'{"a file is being read" if unread else "a tree is running"} {within:g} s after the stop'
+            )
+        self._log(f'the BT server {why}')
+
+    def _stop(self, why: str, within: float) -> bool:
+        self._gate.close(why)
+        return self.execute.stop_all(self._gate.refusal, within)
 
     def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
         watchers: list[RunWatcher] = []
@@ -96,7 +129,7 @@ class BtServer:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``bt_server``."""
-    return run_node(names.BT_SERVER, BtServer, args)
+    return run_managed_node(names.BT_SERVER, BtServer, args)
 
 
 if __name__ == '__main__':

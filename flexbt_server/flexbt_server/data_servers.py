@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from typing import Any
 
 from flexbt_common import names
 from flexbt_common.errors import FlexbtError
+from flexbt_common.goal_gate import GoalGate
 from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import Encoding
@@ -18,12 +21,17 @@ from flexbt_server.blackboards import Blackboards, entries_of, read_values, writ
 class DataServers:
     """Serves BtGetData and BtSetData. ``on_write(blackboard)`` is told when entries were written."""
 
-    def __init__(self, runtime: NodeRuntime, boards: Blackboards, on_write: Callable[[str], None]) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, boards: Blackboards, on_write: Callable[[str], None], gate: GoalGate
+    ) -> None:
         self._boards = boards
         self._on_write = on_write
         servers = [
-            GoalServer(runtime, BtGetData, names.BT_GET_DATA, self._get),
-            GoalServer(runtime, BtSetData, names.BT_SET_DATA, self._set),
+            GoalServer(runtime, action, name, gate.before(serve, functools.partial(_refused, action)))
+            for action, name, serve in (
+                (BtGetData, names.BT_GET_DATA, self._get),
+                (BtSetData, names.BT_SET_DATA, self._set),
+            )
         ]
 
         def close() -> None:
@@ -56,3 +64,7 @@ class DataServers:
             return
         self._on_write(request.blackboard)
         goal.succeed(BtSetData.Result(code=BtSetData.Result.SUCCESS))
+
+
+def _refused(action: Any, why: str) -> Any:
+    return action.Result(code=action.Result.FAILURE, message=why)

@@ -15,6 +15,7 @@ from typing import Any
 from flexbt_common import names
 from flexbt_common.clock import Timer
 from flexbt_common.errors import FlexbtError
+from flexbt_common.goal_gate import GoalGate
 from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.sendable import sendable
@@ -35,8 +36,8 @@ from flexbt_server.tree_stream import NoStream, TreeStream
 
 Result = BtExecute.Result
 
-STOP_SECONDS = 0.8
-"""How long the end of the process waits for running trees to come to rest, s."""
+_REPORT_SECONDS = 0.3
+"""A run that is not at rest in time says so a little later, s."""
 
 
 @dataclass(eq=False)
@@ -84,7 +85,6 @@ class _Slot:
 
 
 _BY_CLIENT = 'canceled by the client'
-_SHUTTING_DOWN = 'the BT server is shutting down'
 
 
 class ExecuteServer:
@@ -98,6 +98,7 @@ class ExecuteServer:
         boards: Blackboards,
         services: LeafServices,
         reader: ThreadPoolExecutor,
+        gate: GoalGate,
         watchers: Sequence[RunWatcher] = (),
     ) -> None:
         self._runtime = runtime
@@ -112,17 +113,32 @@ class ExecuteServer:
         self._slots: dict[tuple[TreeKey, str], _Slot] = {}
         self._goals: dict[bytes, _Goal] = {}
         self._owners = GoalOwners(runtime)
-        self._closing = False
         self._no_goals = threading.Event()
         self._no_goals.set()
-        self._server = GoalServer(runtime, BtExecute, names.BT_EXECUTOR, self._serve, self._on_cancel)
-        runtime.on_close(self._close)
+        serve = gate.before(self._serve, lambda why: Result(code=Result.ERROR, message=why))
+        server = GoalServer(runtime, BtExecute, names.BT_EXECUTOR, serve, self._on_cancel)
+        runtime.on_close(lambda: runtime.call(server.close))
 
     def wake(self, blackboard: str) -> None:
         """Tick the trees that run on a blackboard: its entries were changed from outside."""
         for slot in self._slots.values():
             if slot.blackboard == blackboard:
                 slot.run.wake()
+
+    def stop_all(self, reason: str, within: float) -> bool:
+        """Stop every tree, and wait until all goals have their results. Not on the executor thread.
+
+        Gives whether they have, within so many seconds of wall time.
+        """
+
+        halting = min(self._parameters.cancel_timeout, within - _REPORT_SECONDS)
+
+        def stop() -> None:
+            for goal in list(self._goals.values()):
+                self._stop(goal, reason, halting)
+
+        self._runtime.call(stop)
+        return self._no_goals.wait(within)
 
     def find_run(self, run_id: str) -> TreeRun[_Goal]:
         """The run of this ID (TreeStructure.run_id), or that of the goal of this ID; the only one there is for ''.
@@ -147,8 +163,6 @@ class ExecuteServer:
     def _serve(self, served: ServedGoal) -> None:
         goal = self._goals[served.id] = _Goal(served, self._runtime.clock.now(), self._finish)
         self._no_goals.clear()
-        if self._closing:
-            goal.stop_reason = _SHUTTING_DOWN
         self._guard(goal, lambda: self._start(goal))
 
     def _start(self, goal: _Goal) -> None:
@@ -311,18 +325,6 @@ class ExecuteServer:
 
     def _seconds(self, goal: _Goal) -> float:
         return self._runtime.clock.now() - goal.accepted
-
-    def _close(self) -> None:
-        """Stop every tree and wait for it, so that no leaf is left running when the process has gone."""
-
-        def stop_all() -> None:
-            self._closing = True
-            for goal in list(self._goals.values()):
-                self._stop(goal, _SHUTTING_DOWN, STOP_SECONDS)
-
-        self._runtime.call(stop_all)
-        self._no_goals.wait(STOP_SECONDS + 0.3)  # a run that is not at rest says so a little later
-        self._runtime.call(self._server.close)
 
 
 def _replaced() -> RunOutcome:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 from flexbt_common import names
+from flexbt_common.goal_gate import GoalGate
 from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.sendable import sendable
@@ -22,12 +23,13 @@ ERRORS_SHOWN = 20
 class LoadServer:
     """Serves BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
 
-    def __init__(self, runtime: NodeRuntime, store: TreeStore, reader: ThreadPoolExecutor) -> None:
+    def __init__(self, runtime: NodeRuntime, store: TreeStore, reader: ThreadPoolExecutor, gate: GoalGate) -> None:
         self._runtime = runtime
         self._store = store
         self._reader = reader
         # A goal that is to be canceled ends at the next file.
-        server = GoalServer(runtime, BtLoad, names.BT_LOADER, self._serve, on_cancel=lambda goal: None)
+        serve = gate.before(self._serve, lambda why: Result(code=Result.FAILURE, message=f'nothing was loaded: {why}'))
+        server = GoalServer(runtime, BtLoad, names.BT_LOADER, serve, on_cancel=lambda goal: None)
         runtime.on_close(lambda: runtime.call(server.close))
 
     def _serve(self, goal: ServedGoal) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from flexbt_common import names
+from flexbt_common import names, parameters
 from flexbt_common.navigation_interfaces import CHOICES
 from flexbt_common.user_files import home_path
 from flexbt_server.behavior_tree.nav2_nodes import DIALECTS, Dialect
@@ -53,15 +53,14 @@ class ServerParameters:
 
 
 def declare_parameters(node: Node) -> ServerParameters:
-    """Declare the parameters on ``node`` and read them.
+    """Declare the parameters on ``node`` and read them; see :mod:`flexbt_common.parameters` for when they can be set.
 
     Raises:
-        ServerParameterError: a value that cannot work.
+        ServerParameterError, UnfitParameterError: a value that cannot work.
     """
 
     def declare(name: str, default: Any, description: str, **limits: Any) -> Any:
-        descriptor = ParameterDescriptor(description=description, read_only=True, **limits)
-        return node.declare_parameter(name, default, descriptor).value
+        return parameters.declare(node, name, default, ParameterDescriptor(description=description, **limits))
 
     def real(name: str, default: float, least: float, most: float, description: str) -> float:
         limits = [FloatingPointRange(from_value=least, to_value=most)]

@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Managed nodes, asked as lifecycle managers do."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lifecycle_msgs.msg import TransitionEvent
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
+
+from flexbt_common.errors import FlexbtError
+from flexbt_common.lifecycle_client import LifecycleClient
+from flexbt_common.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.managed_node import ManagedNode
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.parameters import declare
+from flexbt_msgs.action import BtLoad
+
+SPEED = ParameterDescriptor(
+    description='speed in m/s', floating_point_range=[FloatingPointRange(from_value=0.0, to_value=9.0)]
+)
+
+
+class Machine:
+    """What is managed: it has one of each kind of entity, and fails on request."""
+
+    def __init__(self, runtime: NodeRuntime, bench: Bench) -> None:
+        self.runtime = runtime
+        self.bench = bench
+        bench.notes.append('configure')
+        runtime.on_close(lambda: bench.notes.append('close'))
+        self.speed = runtime.call(lambda: declare(runtime.node, 'speed', 1.0, SPEED))
+        runtime.call(self._open)
+        self.token = LivelinessToken(runtime)
+        self.watch = LivelinessWatch(runtime, 'somebody', lambda _alive: None)
+        runtime.on_fault(lambda error: bench.faults.append(error))
+        bench.fail('configure')
+
+    def _open(self) -> None:
+        node = self.runtime.node
+        node.create_subscription(Empty, 'in', lambda _message: None, 1)
+        node.create_service(Trigger, 'serve', lambda _request, response: response)
+        node.create_client(Trigger, 'ask')
+        node.create_timer(100.0, lambda: None)
+        node.create_guard_condition(lambda: None)
+        ActionClient(node, BtLoad, 'load')
+
+    def activate(self) -> None:
+        self.bench.notes.append('activate')
+        self.bench.fail('activate')
+
+    def deactivate(self, why: str, within: float) -> None:
+        self.bench.notes.append('deactivate')
+        if self.bench.hold is not None:
+            # It comes to rest on the executor thread, as all that runs does.
+            rest = threading.Event()
+            self.bench.on_rest = lambda: self.runtime.post(rest.set)
+            self.bench.hold.set()
+            assert rest.wait(within)
+        self.bench.fail('deactivate')
+
+
+class Bench:
+    """A managed node, and a manager on another node."""
+
+    def __init__(self, node: NodeRuntime, manager: NodeRuntime, autostart: bool = False) -> None:
+        self.node = node
+        self.notes: list[str] = []
+        self.faults: list[BaseException] = []
+        self.failing: str = ''
+        self.hold: threading.Event | None = None
+        self.on_rest: Any = None
+        assert isinstance(node.node, ManagedNode)
+        self.managed = node.node
+        self.managed.manage(node, lambda runtime, refusal: Machine(runtime, self))
+        self.before = self.entities()
+        self.client = LifecycleClient(manager, 'managed')
+        self.events: list[tuple[str, str]] = []
+        manager.call(
+            lambda: manager.node.create_subscription(TransitionEvent, 'managed/transition_event', self._on_event, 1000)
+        )
+
+    def _on_event(self, event: TransitionEvent) -> None:
+        self.events.append((event.start_state.label, event.goal_state.label))
+
+    def fail(self, step: str) -> None:
+        if step == self.failing:
+            raise FlexbtError(f'{step} fails')
+
+    def entities(self) -> Counter[type]:
+        """What there is on the node, by kind."""
+
+        def count() -> Counter[type]:
+            node = self.managed
+            kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
+            return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
+
+        return self.node.call(count)
+
+
+@contextlib.contextmanager
+def open_bench(**parameters: Any) -> Iterator[Bench]:
+    with (
+        NodeRuntime.open('manager') as manager,
+        NodeRuntime.open('managed', parameters={'autostart': False} | parameters, node_class=ManagedNode) as node,
+    ):
+        yield Bench(node, manager)
+
+
+# The model: https://design.ros2.org/articles/node_lifecycle.html and the numbers of lifecycle_msgs/Transition.
+CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = 1, 2, 3, 4
+GOALS = {
+    'unconfigured': {CONFIGURE: 'inactive', 5: 'finalized'},
+    'inactive': {CLEANUP: 'unconfigured', ACTIVATE: 'active', 6: 'finalized'},
+    'active': {DEACTIVATE: 'inactive', 7: 'finalized'},
+    'finalized': {},
+}
+LABELS = {1: 'configure', 2: 'cleanup', 3: 'activate', 4: 'deactivate', 5: 'shutdown', 6: 'shutdown', 7: 'shutdown'}
+NUMBERS = {label: number for number, label in LABELS.items()}
+DURING = {
+    1: 'configuring', 2: 'cleaningup', 3: 'activating', 4: 'deactivating',
+    5: 'shuttingdown', 6: 'shuttingdown', 7: 'shuttingdown',
+}  # fmt: skip
+
+# Shutdown is rarer than the others, after which nothing is possible. 0, 8 and 'fly' are no transitions, and 40 is
+# 'transition_success', by which rclpy ends one.
+REQUESTS = st.sampled_from([1, 1, 2, 3, 3, 4, 4, 'configure', 'cleanup', 'activate', 'deactivate'] * 2 + [
+    5, 6, 7, 'shutdown', 0, 8, 'fly',
+])  # fmt: skip
+FAILURES = st.sampled_from(['', '', '', 'configure', 'activate', 'deactivate'])
+
+
+@settings(max_examples=12, deadline=None, database=None)
+@given(st.lists(st.tuples(REQUESTS, FAILURES), min_size=3, max_size=14))
+def test_any_transitions_go_as_in_the_design(steps: list[tuple[int | str, str]]) -> None:
+    with open_bench() as bench:
+        state = 'unconfigured'
+        is_open = False
+        events = []
+        for request, failing in steps:
+            bench.failing = failing
+            bench.notes.clear()
+            number = request
+            if isinstance(request, str):
+                number = next((number for number in GOALS[state] if LABELS[number] == request), -1)
+            goal = GOALS[state].get(int(number))
+            fails = goal is not None and LABELS[int(number)] == failing
+            notes = []
+            assert bench.client.change(request) == (goal is not None and not fails)
+            if goal is not None:
+                during = DURING[int(number)]
+                events.append((state, during))
+                label = LABELS[int(number)]
+                if label in ('configure', 'activate', 'deactivate'):
+                    notes.append(label)
+                if fails:
+                    events += [(during, 'errorprocessing'), ('errorprocessing', 'unconfigured')]
+                    state = 'unconfigured'
+                else:
+                    events.append((during, goal))
+                    state = goal
+                if state in ('unconfigured', 'finalized') and (is_open or label == 'configure'):
+                    notes.append('close')
+                is_open = state in ('inactive', 'active')
+            assert bench.notes == notes
+            assert bench.client.state() == state
+            possible = {number: label for number, label, _start in bench.client.transitions()}
+            assert possible == {number: LABELS[number] for number in GOALS[state]}
+            assert (bench.entities() == bench.before) == (not is_open)
+        wait_until(lambda: len(bench.events) >= len(events))
+        assert bench.events == events
+        assert bench.faults == []
+
+
+def wait_until(condition: Any, seconds: float = 10.0) -> None:
+    pause = threading.Event()
+    for _ in range(int(seconds / 0.005)):
+        if condition():
+            return
+        pause.wait(0.005)
+    raise AssertionError('not in time')
+
+
+def test_the_graph_is_that_of_the_design() -> None:
+    with open_bench() as bench:
+        graph = bench.client.transitions('get_transition_graph')
+        for state, goals in GOALS.items():
+            assert {number for number, _label, start in graph if start == state} == set(goals)
+        assert {'unconfigured', 'inactive', 'active', 'finalized'} < set(bench.client.states())
+
+
+def test_twenty_rounds_leave_nothing_behind() -> None:
+    with open_bench() as bench:
+        threads = None
+        for _ in range(20):
+            for label in ('configure', 'activate', 'deactivate', 'cleanup'):
+                assert bench.client.change(label)
+            assert bench.entities() == bench.before
+            threads = threads or threading.active_count()
+            assert threading.active_count() == threads
+        assert bench.notes == ['configure', 'activate', 'deactivate', 'close'] * 20
+        bench.node.report_fault(RuntimeError('later'))
+        assert bench.faults == []  # nobody is left who would listen
+
+
+def test_the_node_answers_while_a_transition_waits_for_its_executor() -> None:
+    with open_bench() as bench:
+        assert bench.client.change('configure') and bench.client.change('activate')
+        bench.hold = threading.Event()
+        answer = bench.client.begin('deactivate')
+        assert bench.hold.wait(10.0)
+        assert bench.client.state() == 'deactivating'
+        later = bench.client.begin('cleanup')  # after the one that goes on
+        assert not answer.done()
+        bench.hold = None
+        bench.on_rest()
+        assert answer.result(10.0)
+        assert later.result(10.0)
+        assert bench.client.state() == 'unconfigured'
+
+
+def test_what_ended_is_not_run_any_more() -> None:
+    with open_bench() as bench:
+        kept: list[NodeRuntime] = []
+        bench.managed._configure = lambda runtime, _: kept.append(runtime) or Machine(runtime, bench)  # type: ignore[func-returns-value]
+        assert bench.client.change('configure') and bench.client.change('cleanup')
+        late: list[str] = []
+        kept[0].post(lambda: late.append('posted'))
+        with pytest.raises(RuntimeError, match='has ended'):
+            kept[0].call(lambda: late.append('called'))
+        bench.node.call(lambda: None)
+        assert late == []
+        kept[0].close()  # a second time
+
+
+def test_parameters_are_read_by_each_configure_and_fixed_in_between() -> None:
+    def put(bench: Bench, value: Any) -> str:
+        results = bench.node.call(lambda: bench.managed.set_parameters([Parameter('speed', value=value)]))
+        return str(results[0].reason)
+
+    with open_bench(speed='fast') as bench:
+        for _ in range(2):  # a value that was refused is not replaced by the default
+            assert not bench.client.change('configure')
+            assert bench.client.state() == 'unconfigured'
+        assert 'out of range' in put(bench, 11.0)
+        assert put(bench, 2.0) == ''
+        assert bench.client.change('configure')
+        assert bench.managed._managed.speed == 2.0
+        assert 'speed is read when the node is configured' in put(bench, 3.0)
+        assert bench.client.change('activate')
+        assert 'it is active' in put(bench, 3.0)
+        assert bench.client.change('deactivate') and bench.client.change('cleanup')
+        assert put(bench, 4.0) == ''
+        assert bench.client.change('configure')
+        assert bench.managed._managed.speed == 4.0
+
+
+PROGRAM = """
+import sys
+from flexbt_common.errors import FlexbtError
+from flexbt_common.managed_node import run_managed_node
+
+class Made:
+    def __init__(self, runtime, refusal):
+        runtime.on_close(lambda: print('closed', flush=True))
+        if runtime.call(lambda: runtime.node.declare_parameter('broken', False).value):
+            raise FlexbtError('it is broken; mend it')
+        print('configured', refusal.partition(';')[0], flush=True)
+    def activate(self):
+        print('activated', flush=True)
+    def deactivate(self, why, within):
+        print('deactivated', why, flush=True)
+
+sys.exit(run_managed_node('managed', Made, waiting=lambda runtime: print('waiting', flush=True)))
+"""
+
+
+@contextlib.contextmanager
+def process(directory: Path, *parameters: str) -> Iterator[subprocess.Popen[str]]:
+    file = directory / 'program.py'
+    file.write_text(PROGRAM)
+    arguments = [argument for parameter in parameters for argument in ('-p', parameter)]
+    with subprocess.Popen(
+        [sys.executable, file, '--ros-args', *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        try:
+            yield child
+        finally:
+            child.kill()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ('labels', 'printed'),
+    [
+        ([], []),
+        (['configure'], ['configured is inactive', 'closed']),
+        (['configure', 'activate'], ['configured is inactive', 'activated', 'closed']),
+        (['shutdown'], []),
+    ],
+)
+def test_a_signal_ends_the_process_in_any_state(
+    tmp_path: Path, labels: list[str], printed: list[str], number: signal.Signals
+) -> None:
+    with NodeRuntime.open('manager') as manager, process(tmp_path, 'autostart:=false') as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == 'waiting\n'
+        client = LifecycleClient(manager, 'managed')
+        for label in labels:
+            assert client.change(label)
+        child.send_signal(number)
+        out, err = child.communicate(timeout=10)
+        assert (out.splitlines(), child.returncode) == (printed, 0), err
+        assert 'Traceback' not in err
+
+
+def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not(tmp_path: Path) -> None:
+    with process(tmp_path) as child:
+        assert child.stdout is not None
+        assert [child.stdout.readline() for _ in range(2)] == ['configured \n', 'activated\n']
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=10)
+        assert (out, err, child.returncode) == ('closed\n', '', 0)
+    with process(tmp_path, 'broken:=true') as child:
+        _out, err = child.communicate(timeout=10)
+        assert (err, child.returncode) == ('managed: cannot start: it is broken; mend it\n', 1)
