@@ -199,13 +199,13 @@ def _send(session: Session, name: str) -> ExitCode:
         exit_code = ExitCode.NO_LINK
     if exit_code is ExitCode.OK and session.line.has('--wait'):
         return _wait_for_end(session, name, tracked, run_before)
-    _print(session, json_form.result(name, tracked, exit_code), [rendering.command_result(name, tracked)])
+    _print(session, json_form.result(name, tracked, exit_code), rendering.command_result(name, tracked))
     return exit_code
 
 
 def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_before: str) -> ExitCode:
     if not session.json:
-        _print(session, None, [rendering.command_result(name, tracked)])
+        _print(session, None, rendering.command_result(name, tracked))
     starting = name == 'start'
     executive_id = tracked.executive_id
     run: list[str] = [] if starting else [run_before]

@@ -74,10 +74,9 @@ def behavior_line(view: View) -> str:
     if view.running:
         hint = ': "resume" goes on with it, "abort" gives it up'
         return f'{snapshot.state.name}  {name}{hint if snapshot.state is ExecutiveState.INTERRUPTED else ""}'
-    if not snapshot.run_id:
-        return f'{snapshot.state.name}  nothing has run yet'
-    ended = f'{snapshot.state.name}  {name} ended: {one_line(snapshot.outcome) or "?"}'
-    return f'{ended} ({one_line(snapshot.message)})' if snapshot.message else ended
+    last = f'{name} ended: {one_line(snapshot.outcome) or "?"}' if snapshot.run_id else 'nothing has run yet'
+    why = f' ({one_line(snapshot.message)})' if snapshot.message else ''
+    return f'{snapshot.state.name}  {last}{why}'
 
 
 def authority(snapshot: Snapshot) -> str:
@@ -183,14 +182,16 @@ def log_line(line: LogLine) -> list[str]:
     return [f'{severity}{where}{first}', *(f'    {text}' for text in more)]
 
 
-def command_result(name: str, tracked: TrackedCommand) -> str:
-    """What became of a command."""
+def command_result(name: str, tracked: TrackedCommand) -> list[str]:
+    """What became of a command; continuation lines of the reason are indented."""
     duration = tracked.duration
     if tracked.state is CommandState.APPLIED:
-        return f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)'
+        return [f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)']
     if tracked.state is CommandState.PENDING:
-        return f'{name}: sent, no answer yet'
-    return f'{name}: {"refused" if tracked.state is CommandState.REFUSED else "NO ANSWER"}: {one_line(tracked.reason)}'
+        return [f'{name}: sent, no answer yet']
+    first, *more = lines(tracked.reason)
+    end = 'refused' if tracked.state is CommandState.REFUSED else 'NO ANSWER'
+    return [f'{name}: {end}: {first}', *(f'    {text}' for text in more)]
 
 
 def places(known: dict[str, Place]) -> list[str]:

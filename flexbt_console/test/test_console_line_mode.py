@@ -82,6 +82,13 @@ def test_exit_code_0_and_3_and_what_is_said(executive: ScriptedExecutive) -> Non
     assert executive.status.autonomy == 3
 
 
+def test_a_reason_of_several_lines_is_shown_as_such_and_harmless(
+    executive: ScriptedExecutive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executive, '_apply', lambda _: 'it is wrong:\n- here\n- there\x1b[2J')
+    assert console('stop').stdout == 'stop: refused: it is wrong:\n    - here\n    - there\\e[2J\n'
+
+
 def test_exit_code_3_when_a_run_that_is_waited_for_is_stopped(executive: ScriptedExecutive) -> None:
     command = [*COMMAND, 'start', 'Drive', '--wait', '--namespace', NAMESPACE, '--timeout', '15']
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as waiting:

@@ -255,7 +255,10 @@ class Other(Scripted):
     ('made', 'reason'),
     [
         (machine(Place('B', Scripted(), {'done': 'ended'})), "the machine has no state '/A'"),
-        (machine(Place('A', Other(), {'done': 'ended'})), '/A is active, and would be a Other instead of a Scripted'),
+        (
+            machine(Place('A', Other(), {'done': 'ended'})),
+            f'/A is active, and would be of class {__name__}.Other instead of hfsm_bench.Scripted',
+        ),
         (
             machine(Place('A', Scripted('done', 'x'), {'done': 'ended', 'x': 'ended'})),
             '/A is active, and would have other outcomes (x)',

@@ -197,7 +197,7 @@ class Prompt:
             tracked = self._mirror.command(command_id)
             if tracked is not None and tracked.state is not CommandState.PENDING:
                 del self._pending[command_id]
-                self._print([rendering.command_result(one_line(label), tracked)])
+                self._print(rendering.command_result(one_line(label), tracked))
         self._session.app.invalidate()
 
     def _quit(self) -> None:

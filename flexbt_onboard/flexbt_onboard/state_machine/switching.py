@@ -85,9 +85,9 @@ def _changes(new: MachineDefinition, old: MachineDefinition, position: Position)
 
 
 def _changes_of_state(old: StateDefinition, new: StateDefinition) -> Iterator[str]:
-    one, other = type(old.state), type(new.state)
-    if (one.__module__, one.__qualname__) != (other.__module__, other.__qualname__):
-        yield f'{old.path} is active, and would be a {other.__qualname__} instead of a {one.__qualname__}'
+    one, other = (f'{type(node.state).__module__}.{type(node.state).__qualname__}' for node in (old, new))
+    if one != other:
+        yield f'{old.path} is active, and would be of class {other} instead of {one}'
         return
     for what in ('outcomes', 'input_keys', 'output_keys'):
         before, after = set(getattr(old.state, what)), set(getattr(new.state, what))
