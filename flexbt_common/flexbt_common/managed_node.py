@@ -72,6 +72,7 @@ Maker = Callable[[NodeRuntime, str], Managed]
 when it is going to be activated at once, so that nobody who meets it meanwhile is refused."""
 
 Waiting = Callable[[NodeRuntime], object]
+Declare = Callable[[Node], object]
 
 
 def inactive(node: Node) -> str:
@@ -104,11 +105,18 @@ class ManagedNode(LifecycleNode):
         """The state, or the transition that goes on, by its standard name: 'unconfigured', 'configuring' ..."""
         return str(self._state_machine.current_state[1])
 
-    def manage(self, runtime: NodeRuntime, configure: Maker, waiting: Waiting = lambda _: None) -> None:
+    def manage(
+        self,
+        runtime: NodeRuntime,
+        configure: Maker,
+        waiting: Waiting = lambda _: None,
+        parameters: Declare = lambda _: None,
+    ) -> None:
         """Begin, and configure and activate the node when the parameter ``autostart`` says so.
 
         ``configure`` makes what the node consists of, ``waiting`` what it shows while it is unconfigured, on a runtime
-        that ends with this state. Both are called off the executor thread.
+        that ends with this state. Both are called off the executor thread. ``parameters`` declares those that can be
+        set before the node is configured for the first time; ``configure`` does it, too.
 
         Raises:
             FlexbtError: what ``configure`` or ``activate`` raise when it starts by itself.
@@ -121,6 +129,10 @@ class ManagedNode(LifecycleNode):
         runtime.on_close(self._end)
         if not is_automatic:
             waiting(self._scope)
+            try:
+                runtime.call(lambda: parameters(self))
+            except FlexbtError as error:
+                self.get_logger().warning(f'cannot be configured so: {error}')
             self.get_logger().info('unconfigured; waits for a lifecycle manager (autostart is off)')
         self._is_managed.set()
         if not is_automatic:
@@ -234,12 +246,16 @@ class ManagedNode(LifecycleNode):
 
 
 def run_managed_node(
-    name: str, configure: Maker, args: list[str] | None = None, waiting: Waiting = lambda _: None
+    name: str,
+    configure: Maker,
+    args: list[str] | None = None,
+    waiting: Waiting = lambda _: None,
+    parameters: Declare = lambda _: None,
 ) -> int:
-    """:func:`run_node` for a managed node; for ``configure`` and ``waiting`` see :meth:`ManagedNode.manage`."""
+    """:func:`run_node` for a managed node; see :meth:`ManagedNode.manage` for what is given to it."""
 
     def setup(runtime: NodeRuntime) -> None:
         assert isinstance(runtime.node, ManagedNode)
-        runtime.node.manage(runtime, configure, waiting)
+        runtime.node.manage(runtime, configure, waiting, parameters)
 
     return run_node(name, setup, args, ManagedNode)

@@ -87,7 +87,11 @@ class Bench:
         self.on_rest: Any = None
         assert isinstance(node.node, ManagedNode)
         self.managed = node.node
-        self.managed.manage(node, lambda runtime, refusal: Machine(runtime, self))
+        self.managed.manage(
+            node,
+            lambda runtime, refusal: Machine(runtime, self),
+            parameters=lambda node: declare(node, 'speed', 1.0, SPEED),
+        )
         self.before = self.entities()
         self.client = LifecycleClient(manager, 'managed')
         self.events: list[tuple[str, str]] = []
@@ -254,6 +258,7 @@ def test_parameters_are_read_by_each_configure_and_fixed_in_between() -> None:
         return str(results[0].reason)
 
     with open_bench(speed='fast') as bench:
+        assert 'out of range' in put(bench, 10.0)
         for _ in range(2):  # a value that was refused is not replaced by the default
             assert not bench.client.change('configure')
             assert bench.client.state() == 'unconfigured'

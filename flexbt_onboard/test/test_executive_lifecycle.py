@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executive as a managed node: what operators and programs are told in which state."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from executive_bench import ConsoleBench, behavior_of, entry_of, wait_until
+from rclpy.parameter import Parameter
+
+from flexbt_common import names
+from flexbt_common.action_call import ActionLinks
+from flexbt_common.lifecycle_client import LifecycleClient
+from flexbt_common.managed_node import ManagedNode
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sent_goal import SentGoal
+from flexbt_msgs.action import ExecuteBehavior, OperatorInput
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard.behavior_library import BehaviorLibrary
+from flexbt_onboard.executive import Executive, open_executive
+from flexbt_onboard.executive_parameters import declare_parameters
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.unconfigured_executive import UnconfiguredExecutive
+
+START = ExecutiveCommand.START
+INACTIVE = 'the executive is inactive; activate it (ros2 lifecycle set /onboard_executive activate)'
+UNCONFIGURED = (
+    'the executive is unconfigured; configure and activate it (ros2 lifecycle set /onboard_executive configure)'
+)
+
+
+class Hold(EventState):
+    """Stays until it is stopped, and is at rest when it is told."""
+
+    rest: threading.Event
+    left: list[Any]
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['on'], desired_rate=None)
+
+    def on_exit(self, userdata: Any) -> None:
+        self.left.append(self.exit_reason)
+        self.rest.wait(20.0)
+
+
+def holding() -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Hold', Hold(), {'on': 'done'})
+    return machine
+
+
+class ManagedBench(ConsoleBench):
+    """A managed executive; the node of the console is its lifecycle manager as well."""
+
+    def __init__(self, directory: Path) -> None:
+        parameters = {
+            'autostart': False,
+            'peers': [''],
+            'record_directory': str(directory),
+            'journal_directory': str(directory),
+        }
+        self.runtime = NodeRuntime(names.ONBOARD_EXECUTIVE, args=(), parameters=parameters, node_class=ManagedNode)
+        assert isinstance(self.runtime.node, ManagedNode)
+        self.node = self.runtime.node
+        super().__init__()
+        Hold.rest, Hold.left = threading.Event(), []
+        Hold.rest.set()
+        self.node.manage(self.runtime, self._configure, UnconfiguredExecutive, declare_parameters)
+        self.manager = LifecycleClient(self.console, names.ONBOARD_EXECUTIVE)
+        self.links = ActionLinks(self.console)
+
+    def _configure(self, runtime: NodeRuntime, refusal: str) -> Executive:
+        parameters = runtime.call(lambda: declare_parameters(runtime.node))
+        library = BehaviorLibrary([entry_of(behavior_of(holding))])
+        return open_executive(runtime, parameters, library, refusal)
+
+    def change(self, *labels: str) -> None:
+        """Make transitions that have to succeed."""
+        for label in labels:
+            assert self.manager.change(label), label
+
+    def wait_message(self, text: str) -> None:
+        """Wait until the status shows a message, and commands arrive."""
+        wait_until(lambda: self.statuses and self.status.message == text, lambda: f'{text}; {self.statuses[-1:]}')
+        wait_until(self._commands.get_subscription_count, 'link up')
+
+    def entities(self) -> Counter[type]:
+        """What there is on the node, by kind."""
+
+        def count() -> Counter[type]:
+            node = self.node
+            kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
+            return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
+
+        return self.runtime.call(count)
+
+    def close(self) -> None:
+        """End both nodes."""
+        self.runtime.close()
+        super().close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[ManagedBench]:
+    opened = ManagedBench(tmp_path)
+    yield opened
+    opened.close()
+
+
+def test_the_operator_is_told_in_every_state_why_nothing_can_be_started(bench: ManagedBench) -> None:
+    bench.wait_message(UNCONFIGURED)
+    assert bench.refused(START, behavior='Test') == UNCONFIGURED
+    wait_until(lambda: bench.lists, 'list')
+    assert bench.lists[-1].behaviors == []
+    first = bench.status.executive_id
+
+    bench.change('configure')
+    bench.wait_message(INACTIVE)
+    assert bench.status.executive_id != first  # consoles begin anew
+    wait_until(lambda: bench.lists[-1].behaviors, 'behaviors')
+    assert bench.refused(START, behavior='Test') == INACTIVE
+    bench.applied(ExecutiveCommand.CLAIM_AUTHORITY)
+
+    bench.change('activate')
+    bench.wait_message('')
+    bench.start()
+    bench.wait_active('/Hold')
+
+    bench.change('deactivate')
+    wait_until(lambda: bench.status.outcome == 'preempted', lambda: bench.status)
+    assert bench.status.state == ExecutiveStatus.IDLE
+    assert bench.status.message.endswith(INACTIVE)
+    assert len(Hold.left) == 1
+    assert bench.refused(START, behavior='Test') == INACTIVE
+
+    bench.change('cleanup')
+    bench.wait_message(UNCONFIGURED)
+    # What was stopped in order is not resumed.
+    bench.change('configure', 'activate')
+    bench.wait_message('')
+    assert bench.status.state == ExecutiveStatus.IDLE
+    bench.start()
+
+
+def test_a_transition_waits_for_the_robot_and_the_operator_sees_it(bench: ManagedBench) -> None:
+    bench.change('configure', 'activate')
+    bench.wait_message('')
+    Hold.rest.clear()
+    bench.start()
+    bench.wait_active('/Hold')
+    done = bench.manager.begin('deactivate')
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.STOPPING, 'stopping')
+    assert INACTIVE in bench.status.message
+    assert bench.manager.state() == 'deactivating'
+    assert bench.refused(START, behavior='Test') == INACTIVE
+    assert not done.done()
+    Hold.rest.set()
+    assert done.result(10.0)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.IDLE, 'idle')
+
+
+def test_programs_are_refused_and_their_goals_ended(bench: ManagedBench) -> None:
+    question = OperatorInput.Goal(prompt='?', type='bool')
+    bench.change('configure')
+    behaviors = bench.links.link(ExecuteBehavior, names.EXECUTE_BEHAVIOR)
+    questions = bench.links.link(OperatorInput, names.OPERATOR_INPUT)
+    refused = SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')).result
+    assert (refused.code, refused.message) == (ExecuteBehavior.Result.FAILURE, INACTIVE)
+    refused = SentGoal(questions, question).result
+    assert (refused.code, refused.message) == (OperatorInput.Result.ERROR, INACTIVE)
+
+    bench.change('activate')
+    run, asked = SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')), SentGoal(questions, question)
+    bench.wait_active('/Hold')
+    bench.wait_for(lambda status: status.decisions, 'question')
+    bench.change('deactivate')
+    assert run.result.code == ExecuteBehavior.Result.CANCELED
+    assert (asked.result.code, asked.result.message) == (OperatorInput.Result.CANCELED, INACTIVE)
+
+
+def test_twenty_rounds_leave_nothing_behind(bench: ManagedBench) -> None:
+    before = bench.entities()
+    threads: set[int] = set()
+    for round in range(20):
+        bench.change('configure', 'activate')
+        if round % 2:
+            bench.wait_message('')
+            bench.start()
+        bench.change('deactivate', 'cleanup')
+        assert bench.entities() == before
+        if round > 1:
+            threads.add(threading.active_count())
+    assert max(threads) - min(threads) <= 1, threads  # a thread may be about to end
+    assert len(Hold.left) == 10
+
+
+def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(bench: ManagedBench, tmp_path: Path) -> None:
+    before = bench.entities()
+    threads: list[int] = []
+    (tmp_path / 'file').touch()
+
+    def put(directory: Path) -> None:
+        values = [Parameter('journal_directory', value=str(directory))]
+        assert bench.runtime.call(lambda: bench.node.set_parameters(values))[0].successful
+
+    put(tmp_path / 'file')
+    for _ in range(3):
+        assert not bench.manager.change('configure')
+        assert bench.manager.state() == 'unconfigured'
+        assert bench.entities() == before
+        threads.append(threading.active_count())
+    assert threads[0] == threads[-1]
+    heard: list[DiagnosticStatus] = []
+    bench.console.call(
+        lambda: bench.console.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda array: heard.extend(array.status), 10
+        )
+    )
+    wait_until(lambda: heard, 'diagnostics')
+    assert (heard[-1].name, heard[-1].level) == ('/onboard_executive: lifecycle', DiagnosticStatus.ERROR)
+    assert str(tmp_path / 'file') in heard[-1].message
+    put(tmp_path / 'new')
+    bench.change('configure', 'activate')
+    wait_until(lambda: 'active' in [one.message for one in heard if one.name.endswith('lifecycle')], 'active')
+    bench.wait_message('')
+    bench.start()

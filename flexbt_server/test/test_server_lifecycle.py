@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The BT server as a managed node: what it does in which state, and what becomes of running trees."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import socket
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.parameter import Parameter
+from server_world import INTERFACES, Client, Navigation, document, until
+
+from flexbt_common import names
+from flexbt_common.lifecycle_client import LifecycleClient
+from flexbt_common.managed_node import ManagedNode
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.values import to_entry
+from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
+from flexbt_msgs.srv import ControlTree
+from flexbt_server.bt_server import BtServer
+from flexbt_server.parameters import declare_parameters
+
+Result = BtExecute.Result
+ACTIONS = {names.BT_LOADER, names.BT_EXECUTOR, names.BT_GET_DATA, names.BT_SET_DATA}
+WAITING = '<Wait wait_duration="1000"/>'
+
+
+class Managed:
+    """A managed BT server, navigation, and a client that is its lifecycle manager as well."""
+
+    def __init__(self, server: NodeRuntime, navigation: NodeRuntime, client: NodeRuntime) -> None:
+        assert isinstance(server.node, ManagedNode)
+        self.runtime = server
+        self.node = server.node
+        self.navigation = Navigation(navigation)
+        self.navigation.hold.add(names.WAIT)
+        self.wait = self.navigation.actions[names.WAIT]
+        self.node.manage(server, BtServer, parameters=declare_parameters)
+        self.client = Client(client)
+        self.manager = LifecycleClient(client, names.BT_SERVER)
+
+    def change(self, *labels: str) -> None:
+        """Make transitions that have to succeed."""
+        for label in labels:
+            assert self.manager.change(label), label
+
+    def entities(self) -> Counter[type]:
+        """What there is on the node, by kind."""
+
+        def count() -> Counter[type]:
+            node = self.node
+            kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
+            return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
+
+        return self.runtime.call(count)
+
+    def actions(self) -> set[str]:
+        """Actions in the graph, as the client knows it."""
+        node = self.client.runtime.node
+        return {name for name in ACTIONS if node.count_services(f'{name}/_action/send_goal')}
+
+
+@contextlib.contextmanager
+def managed(**parameters: Any) -> Iterator[Managed]:
+    chosen = INTERFACES | {'server_timeout': 10.0, 'autostart': False} | parameters
+    with (
+        NodeRuntime.open('navigation') as navigation,
+        NodeRuntime.open(names.BT_SERVER, parameters=chosen, node_class=ManagedNode) as server,
+        NodeRuntime.open('client') as client,
+    ):
+        yield Managed(server, navigation, client)
+
+
+def wait_for_leaf(world: Managed) -> None:
+    until(lambda: world.wait.ends, 'goal of the leaf')
+
+
+def test_goals_are_refused_until_the_server_is_active_and_told_why() -> None:
+    with managed() as world:
+        until(lambda: world.actions() == set())
+        world.change('configure')
+        client = world.client
+        refused = [
+            client.load(xml=document(WAITING)),
+            client.execute().result,
+            client.get('key'),
+            client.set(to_entry('key', 1)),
+        ]
+        codes = [BtLoad.Result.FAILURE, Result.ERROR, BtGetData.Result.FAILURE, BtSetData.Result.FAILURE]
+        assert [result.code for result in refused] == codes
+        for result in refused:
+            assert 'the BT server is inactive; activate it (ros2 lifecycle set /bt_server activate)' in result.message
+        world.change('activate')
+        client.load_tree('<SetBlackboard value="5" output_key="key"/>')
+        assert client.execute().result.code == Result.SUCCESS
+        assert client.get('key').code == BtGetData.Result.SUCCESS
+
+
+def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
+    with managed() as world:
+        world.change('configure', 'activate')
+        world.wait.delay_cancel = 0.3  # it takes a moment until the robot stands
+        world.client.load_tree(WAITING)
+        runs = [world.client.execute(blackboard=name) for name in ('', 'a', 'b')]
+        until(lambda: len(world.wait.ends) == 3, 'goals of the leaves')
+        controlled = threading.Event()
+        control = world.client.runtime.node.create_client(ControlTree, names.CONTROL_TREE)
+        until(control.service_is_ready)
+        world.change('deactivate')
+        # All that is so when the manager has its answer.
+        assert set(world.wait.statuses.values()) == {'canceled'} and len(world.wait.statuses) == 3
+        for run in runs:
+            assert run.result.code == Result.CANCELED
+            assert run.result.message.startswith('the BT server is inactive; activate it')
+        world.client.runtime.call(
+            lambda: control.call_async(ControlTree.Request()).add_done_callback(lambda _: controlled.set())
+        )
+        assert controlled.wait(10.0)
+        world.change('activate')
+        again = world.client.execute()  # its trees are still loaded
+        until(lambda: len(world.wait.ends) == 4)
+        world.wait.end(3)
+        assert again.result.code == Result.SUCCESS
+
+
+def test_cleanup_forgets_everything_and_frees_it() -> None:
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    with managed(groot2_port=port) as world:
+        before = world.entities()
+        for _ in range(2):  # the port can be taken again
+            world.change('configure', 'activate')
+            until(lambda: world.actions() == ACTIONS)
+            assert world.client.execute().result.code == Result.ERROR  # no such tree, any more
+            world.client.load_tree('<SetBlackboard value="5" output_key="key"/>')
+            assert world.client.get('key').code == BtGetData.Result.FAILURE
+            assert world.client.execute().result.code == Result.SUCCESS
+            world.change('deactivate', 'cleanup')
+            assert world.entities() == before
+            until(lambda: world.actions() == set())
+
+
+def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> None:
+    file = tmp_path / 'tree.xml'
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><NoSuchNode/></BehaviorTree></root>')
+    with managed(allowed_directories=[str(tmp_path)], preload=[str(file)]) as world:
+        before = world.entities()
+        for _ in range(2):
+            assert not world.manager.change('configure')
+            assert world.manager.state() == 'unconfigured'
+            assert world.entities() == before
+        heard: list[DiagnosticStatus] = []
+        runtime = world.client.runtime
+        runtime.call(
+            lambda: runtime.node.create_subscription(
+                DiagnosticArray, '/diagnostics', lambda array: heard.extend(array.status), 10
+            )
+        )
+        until(lambda: heard, 'diagnostics')
+        assert heard[-1].name == '/bt_server: lifecycle'
+        assert heard[-1].level == DiagnosticStatus.ERROR
+        assert heard[-1].message.startswith('unconfigured: ') and 'NoSuchNode' in heard[-1].message
+        file.write_text(document(WAITING))
+        tick_rate = [Parameter('tick_rate', value=20.0)]
+        assert world.runtime.call(lambda: world.node.set_parameters(tick_rate))[0].successful
+        world.change('configure', 'activate')
+        until(lambda: heard[-1].message == 'active')
+        assert heard[-1].level == DiagnosticStatus.OK
+        world.client.execute()
+        wait_for_leaf(world)
+        assert not world.runtime.call(lambda: world.node.set_parameters(tick_rate))[0].successful
+
+
+def test_twenty_rounds_with_running_trees_leave_nothing_behind() -> None:
+    chance = random.Random(3)
+    with managed() as world:
+        before = world.entities()
+        threads: set[int] = set()
+        for round in range(20):
+            world.change('configure', 'activate')
+            world.client.load_tree(f'<Sequence><Delay delay_msec="{chance.randrange(3)}">{WAITING}</Delay></Sequence>')
+            runs = [world.client.execute(blackboard=str(index)) for index in range(chance.randrange(4))]
+            for run in runs:
+                assert run.accepted.wait(20.0)
+            ways = (['deactivate', 'cleanup'], ['deactivate', 'activate', 'deactivate', 'cleanup'])
+            world.change(*chance.choice(ways))
+            for run in runs:
+                assert run.result.code == Result.CANCELED, run.result
+            assert world.wait.running == []
+            assert world.entities() == before
+            if round > 1:
+                threads.add(threading.active_count())
+        assert max(threads) - min(threads) <= 1, threads  # a thread may be about to end
+
+
+def test_the_end_of_the_process_is_orderly_in_every_state() -> None:
+    for labels in ([], ['configure'], ['configure', 'activate'], ['configure', 'activate', 'shutdown']):
+        with managed() as world:
+            run = None
+            if 'activate' in labels:
+                world.change('configure', 'activate')
+                world.client.load_tree(WAITING)
+                run = world.client.execute()
+                wait_for_leaf(world)
+                world.change(*labels[2:])
+            else:
+                world.change(*labels)
+            world.runtime.close()
+            if run is not None:
+                assert run.result.code == Result.CANCELED
+                assert 'the BT server is shutting down' in run.result.message
+                assert set(world.wait.statuses.values()) == {'canceled'}
