@@ -11,6 +11,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
+        (f'share/{package_name}/config', ['config/radio_console.xml', 'config/radio_robot.xml']),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test looks for it

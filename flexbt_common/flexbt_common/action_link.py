@@ -13,9 +13,17 @@ from flexbt_common.node_runtime import NodeRuntime
 
 
 class _StatusListener(ActionClient):
-    """An action client that passes the server's list of goals on, also of goals whose acceptance it does not know."""
+    """An action client that passes the server's list of goals on, also of goals whose acceptance it does not know.
+
+    The list waits while there is a result: to unpack it takes longer than all the rest.
+    """
 
     on_status: Callable[[bytes, int], None]
+
+    def take_data(self) -> Any:
+        if self._is_result_response_ready:
+            self._is_status_ready = False
+        return super().take_data()
 
     async def execute(self, taken_data: Any) -> None:
         await super().execute(taken_data)

@@ -25,7 +25,7 @@ __all__ = ['RESULT_SECONDS', 'GoalServer', 'ServedGoal']
 RESULT_SECONDS: Final = 30.0
 """How long the result of a goal can be asked for again, after an outage of the link."""
 
-_LISTED_SECONDS: Final = 1
+_LISTED_SECONDS: Final = 0.25
 """How long the list of goals tells of a goal that has ended."""
 
 

@@ -7,7 +7,6 @@ namespace.
 
 from __future__ import annotations
 
-import hashlib
 from typing import Final
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -42,7 +41,7 @@ EXECUTIVE_STRUCTURE: Final = 'executive/structure'
 EXECUTIVE_BEHAVIORS: Final = 'executive/behaviors'
 EXECUTIVE_COMMAND: Final = 'executive/command'
 EXECUTIVE_LOG: Final = 'executive/log'
-CONSOLE_PRESENCE: Final = 'executive/console'
+EXECUTIVE_PRESENCE: Final = 'executive/presence'
 COMMAND_DEPTH: Final = 100
 LOG_DEPTH: Final = 50
 
@@ -75,13 +74,8 @@ NAVIGATION_INTERFACES: Final = 'navigation_interfaces'
 
 
 def alive_topic(node_name: str) -> str:
-    """Topic of the token of a name, which is relative, as of a node in this namespace, or absolute."""
+    """Topic of the liveliness token of a node: relative for a relative name, absolute for an absolute one."""
     return f'{node_name}/alive'
-
-
-def operator_presence(operator_id: str) -> str:
-    """Name under which the consoles of an operator say that they are alive; an operator may have any name."""
-    return f'executive/operator_{hashlib.sha256(operator_id.encode()).hexdigest()[:32]}'
 
 
 def latched(depth: int = 1) -> QoSProfile:

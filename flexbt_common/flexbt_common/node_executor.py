@@ -61,10 +61,10 @@ class NodeExecutor(SingleThreadedExecutor):
         if self._awaiting:
             self._turn_of_rclpy(timeout)
             return
-        if self._is_changed:
+        if self._is_changed or self._entities is None:
             self._is_changed = False
-            self._look_at_node()
-        assert self._entities is not None
+            self._forget_entities()
+            self._entities = self._entities_of_node()
         for take, entity in self._entities.ready(-1 if timeout is None else int(timeout * 1e9)):
             self._call(take, entity)
             self._run_soon()
@@ -107,14 +107,13 @@ class NodeExecutor(SingleThreadedExecutor):
         self._awaiting.append(task)
         return task
 
-    def _look_at_node(self) -> None:
-        self._forget_entities()
+    def _entities_of_node(self) -> _Entities:
         node = self._node
         for guard in node.guards:
             if guard._executor_triggered:  # rclpy's own loop has seen it, and not come to call it
                 guard._executor_triggered = False
                 guard.trigger()
-        self._entities = _Entities(
+        return _Entities(
             self.context,
             (self._guard, self._sigint_gc),
             waitables=_taken_by(self._take_waitable, node.waitables),
@@ -129,7 +128,6 @@ class NodeExecutor(SingleThreadedExecutor):
         if self._entities is not None:
             self._entities.close()
             self._entities = None
-            self._is_changed = True
 
     def _call(self, take: _Take, entity: Any) -> None:
         """Take what has come for an entity, and call its callback."""

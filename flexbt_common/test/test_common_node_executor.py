@@ -163,6 +163,27 @@ def test_entities_come_and_go_in_callbacks_and_other_threads_and_nothing_is_lost
         assert seen == sorted(set(seen))
 
 
+def test_the_wait_set_is_made_anew_when_the_node_has_changed_and_only_then(bench: Bench) -> None:
+    seen: list[int] = []
+    node = bench.node
+    numbers = node.create_publisher(Int32, 'numbers', 10)
+    subscription = node.create_subscription(Int32, 'numbers', lambda message: seen.append(message.data), 10)
+    client = node.create_client(ControlTree, 'control')
+    node.create_service(ControlTree, 'control', lambda request, response: response)
+    bench.turn_until(lambda: numbers.get_subscription_count() and client.service_is_ready(), 'the discovery')
+    kept = bench.executor._entities
+    for count in range(10):
+        numbers.publish(Int32(data=count))
+        answer = bench.request(client)
+        bench.turn_until(answer.done, 'the answer')
+    bench.turn_until(lambda: len(seen) == 10, 'the numbers')
+    assert bench.executor._entities is kept
+    node.destroy_subscription(subscription)
+    bench.executor.turn(0.0)
+    bench.executor.turn(0.0)
+    assert bench.executor._entities is not kept
+
+
 @pytest.mark.parametrize('group', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
 def test_a_service_that_awaits_holds_up_its_group_only(bench: Bench, group: type[Any]) -> None:
     node, held = bench.node, Future()

@@ -8,37 +8,34 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from std_msgs.msg import Empty
 
-from flexbt_common import presence
-from flexbt_common.names import alive_topic
+from flexbt_common import names, presence
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.presence import PresenceToken, PresenceWatch
+from flexbt_msgs.msg import PeerStatus
 
 DEADLINE = 20.0
 LEASE = 1.0
-EARLIEST, LATEST = LEASE - 0.1, LEASE + 0.5
+AT_ONCE = 0.4
 
 
 class Watcher:
-    """What a watch tells, and when."""
+    """Who is there, and since when that is known."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
-        self.runtime = runtime
-        self.changes: queue.Queue[tuple[bool, float]] = queue.Queue()
-        self.watch = PresenceWatch(runtime, 'ann', lambda alive: self.changes.put((alive, time.monotonic())))
+        self.changes: queue.Queue[tuple[set[str], float]] = queue.Queue()
+        self._watch = runtime.call(lambda: PresenceWatch(runtime))
+        self._watch.add_listener(lambda: self.changes.put((set(self._watch.present), time.monotonic())))
 
-    def next(self, alive: bool) -> float:
+    def next(self, *present: str) -> float:
+        """Time of the next change, which makes these present."""
         told, when = self.changes.get(timeout=DEADLINE)
-        assert told is alive is self.watch.alive
+        assert told == set(present)
         return when
 
-    def wait_tokens(self, count: int) -> None:
-        """Until so many tokens are connected."""
-        end = time.monotonic() + DEADLINE
-        subscription = self.watch._subscription
-        while self.runtime.call(subscription.get_publisher_count) < count:
-            assert time.monotonic() < end, f'{count} tokens'
+    def nothing_for(self, seconds: float) -> None:
+        with pytest.raises(queue.Empty):
+            self.changes.get(timeout=seconds)
 
 
 @pytest.fixture
@@ -46,36 +43,38 @@ def watcher(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watcher]:
     monkeypatch.setattr(presence, 'LEASE_SECONDS', LEASE)
     monkeypatch.setattr(presence, 'WORD_SECONDS', LEASE / 5.0)
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
-        watcher = Watcher(runtime)
-        assert watcher.watch.alive is None
-        yield watcher
+        yield Watcher(runtime)
 
 
-def test_one_of_two_tokens_is_enough_and_the_end_of_the_last_is_noticed_at_once(watcher: Watcher) -> None:
-    with NodeRuntime.open('first', namespace='/robot1') as first:
-        PresenceToken(first, 'ann')
-        watcher.next(True)
-        with NodeRuntime.open('second', namespace='/robot1') as second:
-            PresenceToken(second, 'ann')
-            watcher.wait_tokens(2)
-            first.close()
-            with pytest.raises(queue.Empty):
-                watcher.changes.get(timeout=2.0 * LEASE)
-            closing = time.monotonic()
-        assert watcher.next(False) - closing < LEASE
+def test_each_name_is_there_until_its_last_token_ends(watcher: Watcher) -> None:
+    with NodeRuntime.open('a', namespace='/robot1') as a, NodeRuntime.open('b', namespace='/robot1') as b:
+        PresenceToken(a, 'ann')
+        watcher.next('ann')
+        PresenceToken(b, 'bob\0')  # whatever an operator is called
+        watcher.next('ann', 'bob\ufffd')
+        with NodeRuntime.open('c', namespace='/robot1') as c:
+            PresenceToken(c, 'ann')
+            watcher.nothing_for(2.0 * LEASE)
+        watcher.nothing_for(2.0 * LEASE)
+        a.close()
+        closed = time.monotonic()
+        assert watcher.next('bob\ufffd') - closed < AT_ONCE
+        b.close()
+        closed = time.monotonic()
+        assert watcher.next() - closed < AT_ONCE
 
 
 def test_a_silence_is_noticed_after_the_lease_and_the_next_word_ends_it(watcher: Watcher) -> None:
     with NodeRuntime.open('hanging', namespace='/robot1') as runtime:
-        publisher = runtime.call(lambda: runtime.node.create_publisher(Empty, alive_topic('ann'), 1))
-        seen = watcher.next(True)
-        assert EARLIEST < watcher.next(False) - seen < LATEST
+        publisher = runtime.call(lambda: runtime.node.create_publisher(PeerStatus, names.EXECUTIVE_PRESENCE, 1))
+        end = time.monotonic() + DEADLINE
+        while not publisher.get_subscription_count():
+            assert time.monotonic() < end
         for _ in range(2):
-            publisher.publish(Empty())
-            spoken = watcher.next(True)
-            assert EARLIEST < watcher.next(False) - spoken < LATEST
-        watcher.watch.close()
-        watcher.runtime.call(lambda: None)
-        publisher.publish(Empty())
-        with pytest.raises(queue.Empty):
-            watcher.changes.get(timeout=0.3)
+            publisher.publish(PeerStatus(name='ann', alive=True))
+            spoken = watcher.next('ann')
+            assert LEASE - 0.1 < watcher.next() - spoken < LEASE + 0.5
+        publisher.publish(PeerStatus(name='ann', alive=True))
+        watcher.next('ann')
+    ended = time.monotonic()  # without a word
+    assert watcher.next() - ended < AT_ONCE

@@ -43,6 +43,10 @@ MESSAGES_KEPT: Final = 64
 
 _BATCH_NS: Final = round(BATCH_SECONDS * 1e9)
 
+_GATHER_NS: Final = 2_000_000
+"""How long the first change of a quiet time waits for what follows at once, such as the end of the run: the tree goes on
+meanwhile, and its end is not held up by two messages."""
+
 
 class TreeStream:
     """The two topics, shared by all runs of a server. To newcomers the runs that are open are shown again.
@@ -160,10 +164,10 @@ class RunStream:
             return
         now = time.monotonic_ns()
         log.append(-now)
-        if now >= self._next or len(log) >= MAX_MARKS:
+        if len(log) >= MAX_MARKS:
             self._flush()
         elif self._timer is None:
-            self._timer = self._clock.call_at(self._next / 1e9, self._flush)
+            self._timer = self._clock.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
 
     def paused(self, is_paused: bool) -> None:
         self._paused = is_paused
