@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Who is there at the other end of a link that may be bad, known within some seconds.
 
-A token says a word a second under a name: on one topic for all, neither acknowledged nor sent again. So it costs little,
-a lost word is no harm, nothing has to be discovered for one more name, and the middleware may do without its own
-messages about liveliness across the link. A process that has died is missed after the lease; one that ends in order
-says so. For what has to be noticed sooner, between the nodes of a robot, there is :mod:`flexbt_common.liveliness`.
+A token says a word a second under a name: on one topic for all, neither acknowledged nor sent again. So it costs
+little, a lost word is no harm, nothing has to be discovered for one more name, and the middleware may do without its
+own messages about liveliness across the link. A process that has died is missed after the lease; one that ends in
+order says so. For what has to be noticed sooner, between the nodes of a robot, there is :mod:`flexbt_common.liveliness`.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeVar
 
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
 from flexbt_common import names
@@ -18,6 +19,7 @@ from flexbt_console import messages
 from flexbt_console.errors import NoLinkError
 from flexbt_console.interface_check import interface_problem
 from flexbt_console.mirror import Change, Mirror, TrackedCommand, Transit, View
+from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_console.mirror.records import Command
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 
@@ -44,10 +46,8 @@ class OperatorLink:
         self._reachable = False
         mirror.add_listener(self._note_change)
         runtime.call(self._join)
-        # The executive sees by these whether anybody watches, and whether the holder of the authority does.
-        PresenceToken(runtime, names.CONSOLE_PRESENCE)
-        if operator:
-            PresenceToken(runtime, names.operator_presence(operator))
+        # The executive sees by this whether anybody watches, and whether the holder of the authority does.
+        PresenceToken(runtime, operator)
 
     def send(self, command: Command, timeout: float) -> TrackedCommand:
         """Give a command to the executive; its fate is followed by the mirror. From any thread."""
@@ -110,10 +110,13 @@ class OperatorLink:
             (ExecutiveLog, names.EXECUTIVE_LOG, messages.log_line, self._mirror.receive_log, names.LOG_DEPTH),
         ):
             node.create_subscription(type, topic, _forward(convert, receive), names.latched(depth))
+        commands = names.command()
+        # The middleware must not deliver after an interruption what the operator was told to be without an answer.
+        commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
         self._commands = node.create_publisher(
             ExecutiveCommand,
             names.EXECUTIVE_COMMAND,
-            names.command(),
+            commands,
             event_callbacks=PublisherEventCallbacks(matched=self._on_command_matched),
         )
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flexbt_common import names
 from flexbt_common.clock import Timer
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.presence import PresenceWatch
@@ -26,18 +25,23 @@ class Authority:
     """The authority over one executive. Used on the executor thread only.
 
     ``holder`` is the operator who has it, '' for nobody; ``requests`` are those who ask for it, the oldest first.
-    ``timeout`` is in seconds of wall time. ``on_change`` gets a line that says who has it now, and why.
+    ``presence`` tells who is there, ``timeout`` is in seconds of wall time. ``on_change`` gets a line that says who has
+    it now, and why.
     """
 
-    def __init__(self, runtime: NodeRuntime, timeout: float, on_change: Callable[[str], None]) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, presence: PresenceWatch, timeout: float, on_change: Callable[[str], None]
+    ) -> None:
         self.holder = ''
         self.requests: list[str] = []
         self._runtime = runtime
         self._timeout = timeout
         self._on_change = on_change
-        self._watch: PresenceWatch | None = None
+        self._presence = presence
+        self._was_present = False
         self._last_seen = 0.0
         self._timer: Timer | None = None
+        presence.add_listener(self._presence_changed)
 
     def check(self, operator: str) -> None:
         """Take note that an operator commands.
@@ -108,18 +112,17 @@ class Authority:
         self._on_change(f'operator {operator!r} has the authority to command: {why}')
 
     def _set_holder(self, operator: str) -> None:
-        if self._watch is not None:
-            self._watch.close()
-            self._watch = None
         self.holder = operator
-        if operator:
-            presence = names.operator_presence(operator)
-            self._watch = PresenceWatch(self._runtime, presence, lambda _alive: self._seen())
         self._seen()
+
+    def _presence_changed(self) -> None:
+        if self._is_present is not self._was_present:
+            self._seen()
 
     def _seen(self) -> None:
         """The holder gave a sign of life, or their last console went: the time counts from now."""
         self._last_seen = self._runtime.steady.now()
+        self._was_present = self._is_present
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -129,7 +132,7 @@ class Authority:
 
     @property
     def _is_present(self) -> bool:
-        return self._watch is not None and self._watch.alive is True
+        return self.holder in self._presence.present
 
     def _time_is_over(self) -> None:
         is_late = self._runtime.steady.now() >= self._last_seen + self._timeout

@@ -18,6 +18,7 @@ from flexbt_common.goal_gate import GoalGate
 from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.managed_node import SHUTTING_DOWN
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.presence import PresenceWatch
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.authority import Authority
@@ -97,8 +98,9 @@ class Executive:
         )
         runtime.on_close(self.journal.close)
         self.command_table.restore(self.journal.results)
-        self.authority = Authority(runtime, parameters.authority_timeout, self._news.authority)
-        self._operators = OperatorWatch(runtime, self._news.operators)
+        presence = PresenceWatch(runtime)
+        self.authority = Authority(runtime, presence, parameters.authority_timeout, self._news.authority)
+        self._operators = OperatorWatch(runtime, presence, self._news.operators)
         self.questions = OperatorQuestions(runtime, self.gate, self._news.questions)
         self.pose = RobotPose(runtime, parameters.pose_topic)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)

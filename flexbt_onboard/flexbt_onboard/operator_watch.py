@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flexbt_common import names
 from flexbt_common.clock import Timer
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.presence import PresenceWatch
@@ -17,22 +16,28 @@ from flexbt_onboard.state_machine import MachineRun
 class OperatorWatch:
     """Watches whether any console is there. Used on the executor thread only.
 
-    ``on_news`` gets a line for the operator, and whether it is a warning.
+    ``presence`` tells who is there. ``on_news`` gets a line for the operator, and whether it is a warning.
     """
 
-    def __init__(self, runtime: NodeRuntime, on_news: Callable[[str, bool], None]) -> None:
+    def __init__(self, runtime: NodeRuntime, presence: PresenceWatch, on_news: Callable[[str, bool], None]) -> None:
         self._runtime = runtime
         self._on_news = on_news
         self._run: BehaviorRun | None = None
         self._timer: Timer | None = None
-        self._watch = PresenceWatch(runtime, names.CONSOLE_PRESENCE, self._changed)
+        self._presence = presence
+        self._was_there = False
+        presence.add_listener(self._changed)
 
     def watch_over(self, run: BehaviorRun | None) -> None:
         """A run begins, or has ended (None). The time without an operator counts from its beginning on."""
         self._run = run
         self._set_timer()
 
-    def _changed(self, is_there: bool) -> None:
+    def _changed(self) -> None:
+        is_there = bool(self._presence.present)
+        if is_there is self._was_there:
+            return
+        self._was_there = is_there
         if self._run is not None:
             self._on_news('an operator is there' if is_there else 'no operator is there any more', not is_there)
         self._set_timer()
@@ -42,7 +47,7 @@ class OperatorWatch:
             self._timer.cancel()
             self._timer = None
         run = self._run
-        if run is None or self._watch.alive or run.operator_gone is OperatorGone.CONTINUE:
+        if run is None or self._presence.present or run.operator_gone is OperatorGone.CONTINUE:
             return
         steady = self._runtime.steady
         self._timer = steady.call_at(
@@ -50,7 +55,7 @@ class OperatorWatch:
         )
 
     def _time_is_over(self, run: BehaviorRun) -> None:
-        if run is not self._run or self._watch.alive:
+        if run is not self._run or self._presence.present:
             return
         self._timer = None
         why = f'no operator was there for {run.operator_gone_after:g} s'

@@ -12,7 +12,6 @@ from executive_bench import ExecutiveBench, behavior_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.presence import PresenceToken
 from flexbt_msgs.msg import ExecutiveCommand
@@ -75,7 +74,7 @@ class _Operator:
 
     def __init__(self, operator: str) -> None:
         self.runtime = NodeRuntime('console', args=())
-        self.token = PresenceToken(self.runtime, names.operator_presence(operator))
+        self.token = PresenceToken(self.runtime, operator)
 
 
 def test_a_holder_who_is_gone_loses_the_authority_to_the_one_who_asked_first(make_bench: Make) -> None:

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 import pytest
 from executive_bench import ExecutiveBench
 
-from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.presence import PresenceToken
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
@@ -47,15 +46,15 @@ def bench() -> Iterator[ExecutiveBench]:
 def operator(bench: ExecutiveBench) -> Iterator[NodeRuntime]:
     """A console, as far as the executive sees that it is there."""
     runtime = NodeRuntime('console', args=())
-    PresenceToken(runtime, names.CONSOLE_PRESENCE)
-    bench.wait_for(lambda _status: bench.executive._operators._watch.alive, 'seen')
+    PresenceToken(runtime, 'ann')
+    bench.wait_for(lambda _status: bench.executive._operators._presence.present, 'seen')
     yield runtime
     runtime.close()
 
 
 def test_a_run_is_stopped_in_time_after_the_last_console_has_gone(bench: ExecutiveBench, operator: NodeRuntime) -> None:
     second = NodeRuntime('console', args=())
-    PresenceToken(second, names.CONSOLE_PRESENCE)
+    PresenceToken(second, '')
     bench.start('stop')
     operator.close()
     until = time.monotonic() + 2 * AFTER
@@ -74,7 +73,7 @@ def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, opera
     bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'held')
     bench.logged('paused until an operator resumes it')
     with NodeRuntime.open('console') as back:
-        PresenceToken(back, names.CONSOLE_PRESENCE)
+        PresenceToken(back, 'ann')
         bench.logged('an operator is there')
         assert bench.status.state == ExecutiveStatus.PAUSED
         bench.applied(ExecutiveCommand.RESUME)

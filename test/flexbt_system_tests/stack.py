@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import time
@@ -13,6 +14,8 @@ from types import TracebackType
 from typing import Final
 
 from ament_index_python.packages import get_package_prefix
+
+from flexbt_system_tests.network_namespace import NetworkNamespace
 
 PACKAGES: Final[Mapping[str, str]] = {
     'simulator': 'flexbt_sim',
@@ -44,9 +47,10 @@ class Ending:
 class Stack:
     """Processes by the names of their executables; leaving the context kills those that are left."""
 
-    def __init__(self, directory: Path) -> None:
-        """``directory`` takes the logs."""
+    def __init__(self, directory: Path, network: NetworkNamespace | None = None) -> None:
+        """``directory`` takes the logs; the processes are in ``network``, or in that of this process."""
         self.directory = directory
+        self._network = network
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._starts = 0
 
@@ -63,7 +67,9 @@ class Stack:
             # Shown by pytest when the test fails.
             print(f'--- {name}, exit code {process.returncode}\n{self.output(name)[-LAST_CHARACTERS:]}')
 
-    def start(self, name: str, parameters: Mapping[str, str] | None = None) -> None:
+    def start(
+        self, name: str, parameters: Mapping[str, str] | None = None, environment: Mapping[str, str] | None = None
+    ) -> None:
         """Start an executable, again if it has run before; ``robot/name`` runs in the namespace ``robot``.
 
         Everything but the simulator follows simulated time, unless the parameters say otherwise.
@@ -76,8 +82,13 @@ class Stack:
         words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
         for key, value in {**settings, **(parameters or {})}.items():
             words += ['-p', f'{key}:={value}']
+        if self._network is not None:
+            words = self._network.command(words)
+        variables = {**os.environ, **(environment or {})}
         with self._log(name).open('ab') as log:
-            self._processes[name] = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+            self._processes[name] = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables
+            )
 
     def start_all(self, simulator: Mapping[str, str] | None = None) -> None:
         """Start everything but the console."""

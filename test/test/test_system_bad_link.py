@@ -7,7 +7,6 @@ the fate of each single message.
 
 from __future__ import annotations
 
-import itertools
 import random
 import threading
 import time
@@ -26,42 +25,14 @@ from flexbt_console.mirror.records import AutonomyLevel, Command
 from flexbt_console.operator_link import OperatorLink
 from flexbt_console.requests import Requests
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_onboard.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.executive import open_executive
 from flexbt_onboard.executive_parameters import ExecutiveParameters
-from flexbt_onboard.state_machine import Autonomy, EventState, ExitReason, OperatableStateMachine, UserData
+from flexbt_system_tests.gates import Gate, Gates
 
 HEARTBEAT_S = 0.2
 DEADLINE_S = 30.0
 HEALING_S = 2.0
-
-
-class Gate(EventState):
-    """Wants to be left at once, which needs the operator; counts how it was left."""
-
-    exits: Counter[ExitReason] = Counter()
-
-    def __init__(self) -> None:
-        super().__init__(outcomes=['go', 'back'], desired_rate=None)
-
-    def execute(self, userdata: UserData) -> str:
-        return 'go'
-
-    def on_exit(self, userdata: UserData) -> None:
-        assert self.exit_reason is not None
-        Gate.exits[self.exit_reason] += 1
-
-
-class Gates(Behavior):
-    manifest = BehaviorManifest('Gates')
-
-    def create(self) -> OperatableStateMachine:
-        machine = OperatableStateMachine(outcomes=['done'])
-        with machine:
-            for here, there in itertools.pairwise('ABCDA'):
-                OperatableStateMachine.add(here, Gate(), {'go': there, 'back': 'done'}, {'go': Autonomy.High})
-        return machine
 
 
 class Nemesis:

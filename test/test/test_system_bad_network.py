@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An executive and consoles in two networks; the cable between them loses, delays, doubles and reorders packets.
+
+Everything is the real one, the middleware's discovery and acknowledgements included, with the settings for radio links.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+from ament_index_python.packages import get_package_share_directory
+
+from flexbt_console.mirror import CommandState, LinkState, TrackedCommand
+from flexbt_console.mirror.freshness import LIVE_PERIODS
+from flexbt_console.mirror.records import AutonomyLevel, ExecutiveState, Snapshot
+from flexbt_system_tests import network_namespace
+from flexbt_system_tests.gates import GATES, offer_gates
+from flexbt_system_tests.lossy_link import FAIR, LossyLink, Weather
+from flexbt_system_tests.network_namespace import NetworkNamespace
+from flexbt_system_tests.remote import Console, Observer, remote_console, remote_observer
+from flexbt_system_tests.stack import Stack
+
+T = TypeVar('T')
+
+BAD = Weather(loss=0.3, doubled=0.1, delay=(0.2, 0.5))
+PARTITION_S = 10.0
+SHORT_PARTITION_S = 3.0
+HEALING_S = 2.0
+HEARTBEAT_S = 0.5
+AUTHORITY_TIMEOUT_S = 4.0
+DEADLINE_S = 40.0
+LIVE_S = LIVE_PERIODS * HEARTBEAT_S + BAD.delay[1] + 0.25
+"""How old a picture may be that claims to be live: the way is not told from a difference of the clocks."""
+
+REASON = network_namespace.missing()
+pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON)
+
+
+class Scene:
+    """A robot, its consoles, and what is between them."""
+
+    def __init__(self, directory: Path, stack: ExitStack) -> None:
+        self._record = directory
+        self._stack = stack
+        self._sent: list[tuple[Console, str]] = []
+        robot, self._station = (stack.enter_context(NetworkNamespace()) for _ in range(2))
+        self.link = stack.enter_context(LossyLink(robot, self._station, seed=4))
+        processes = stack.enter_context(Stack(directory, robot))
+        parameters = {
+            'use_sim_time': 'false',
+            'peers': '[""]',
+            'heartbeat_period': str(HEARTBEAT_S),
+            'authority_timeout': str(AUTHORITY_TIMEOUT_S),
+        }
+        processes.start('onboard_executive', parameters, {**middleware('robot'), **offer_gates(directory)})
+        self.observer: Observer = stack.enter_context(remote_observer(robot, {}))
+
+    def console(self, operator: str) -> Console:
+        """Another console, in the other network."""
+        console = self._stack.enter_context(remote_console(self._station, middleware('console'), operator))
+        self.wait(lambda: console.view().live and console.view().behaviors, f'first picture of {operator}')
+        return console
+
+    def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE_S) -> T:
+        """The first true value of the condition."""
+        end = time.monotonic() + timeout
+        while not (value := condition()):
+            assert time.monotonic() < end, f'{what}: not within {timeout:g} s'
+            time.sleep(0.02)
+        return value
+
+    def cut(self, seconds: float) -> Callable[[], bool]:
+        """Cut the link; tells whether that time is over."""
+        self.link.weather = None
+        end = time.monotonic() + seconds
+        return lambda: time.monotonic() > end
+
+    def send(self, console: Console, request: str, *arguments: Any, timeout: float = DEADLINE_S) -> str:
+        """A command from a console, see :meth:`Console.send`."""
+        command_id = console.send(request, *arguments, timeout=timeout)
+        self._sent.append((console, command_id))
+        return command_id
+
+    def settled(self, console: Console, command_id: str) -> TrackedCommand:
+        """What the operator sees of a command in the end."""
+
+        def answer() -> TrackedCommand | None:
+            tracked = console.tracked(command_id)
+            assert tracked is not None
+            return tracked if tracked.state is not CommandState.PENDING else None
+
+        settled = self.wait(answer, f'answer to {command_id}')
+        assert settled is not None
+        return settled
+
+    def apply(self, console: Console, request: str, *arguments: Any) -> None:
+        """A command that must be applied."""
+        settled = self.settled(console, self.send(console, request, *arguments))
+        assert settled.state is CommandState.APPLIED, settled
+
+    def is_right(self, console: Console) -> bool:
+        """Whether a console says that it is live, and shows what is so."""
+        view, truth = console.view(), self.observer.latest()
+        return view.live and view.snapshot is not None and truth is not None and gist(view.snapshot) == gist(truth)
+
+    def decision(self, console: Console, other_than: str = '') -> str:
+        """Identifier of the decision that a console shows, as soon as it is not that one."""
+
+        def found() -> str:
+            decision = console.view().decision
+            return decision.id if decision is not None and decision.id != other_than else ''
+
+        return self.wait(found, f'another decision than {other_than!r}')
+
+    def check_commands(self) -> None:
+        """Each command had one effect, or a refusal or an expiry that the operator was told, and was true."""
+        events = [json.loads(line) for file in self._record.glob('*.jsonl') for line in file.read_text().splitlines()]
+        told = {CommandState.APPLIED: ['applied'], CommandState.REFUSED: ['refused'], CommandState.TIMEOUT: []}
+        confirmed = 0
+        for console, command_id in self._sent:
+            settled = self.settled(console, command_id)
+            effects = [event['effect'] for event in events if event['event'] == 'command' and event['id'] == command_id]
+            assert effects == told[settled.state], settled
+            confirmed += settled.state is CommandState.APPLIED and settled.command.decision_id != ''
+        left = [event for event in events if event['event'] == 'left' and event['path'].strip('/') in GATES]
+        assert len(left) == confirmed > 0
+
+    def check_claims(self, console: Console) -> None:
+        """What a console showed as live was so, and not too long ago."""
+        published = self.observer.published()
+        shown = [(one, one.snapshot) for one in console.shown() if one.live and one.snapshot is not None]
+        assert shown
+        for one, snapshot in shown:
+            if snapshot.sequence in published:  # the observer came a little later than the executive
+                sent, truth = published[snapshot.sequence]
+                assert one.last - sent < LIVE_S, snapshot
+                assert gist(snapshot) == gist(truth)
+
+
+def middleware(side: str) -> dict[str, str]:
+    """Settings of one end of the link."""
+    profile = Path(get_package_share_directory('flexbt_common')) / 'config' / f'radio_{side}.xml'
+    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
+
+
+def gist(snapshot: Snapshot) -> tuple[Any, ...]:
+    """What an operator acts on."""
+    return (
+        snapshot.state,
+        snapshot.run_id,
+        [state.path for state in snapshot.active_states],
+        [decision.id for decision in snapshot.decisions],
+        snapshot.autonomy,
+        snapshot.authority,
+    )
+
+
+@pytest.fixture
+def at(tmp_path: Path) -> Iterator[Scene]:
+    with ExitStack() as stack:
+        yield Scene(tmp_path, stack)
+
+
+def test_operators_at_a_bad_link_are_told_the_truth_and_command_once(at: Scene) -> None:
+    ann = at.console('ann')
+    at.apply(ann, 'start', 'Gates', (), AutonomyLevel.LOW)
+    at.apply(ann, 'claim_authority')
+
+    at.link.weather = BAD
+    bob = at.console('bob')
+    at.wait(lambda: bob.view().structure, 'structure over the bad link')
+    decision = ''
+    for _ in range(3):
+        decision = at.decision(ann, other_than=decision)
+        at.send(ann, 'confirm', decision)
+    at.decision(ann, other_than=decision)
+    assert 'ann' in at.settled(bob, at.send(bob, 'confirm', at.decision(bob))).reason
+
+    # Too short for the authority to be lost. One command expires meanwhile, another one does not.
+    is_over = at.cut(SHORT_PARTITION_S)
+    expiring, lasting = at.send(ann, 'pause', timeout=1.0), at.send(ann, 'confirm', decision := at.decision(ann))
+    assert at.settled(ann, expiring).state is CommandState.TIMEOUT
+    at.wait(is_over, 'end of the partition')
+    at.link.weather = BAD
+    assert at.settled(ann, lasting).state is CommandState.APPLIED
+    assert (truth := at.observer.latest()) is not None and truth.authority == 'ann'
+
+    decision = at.decision(ann, other_than=decision)
+    at.send(ann, 'confirm', decision)  # which may arrive or not
+    is_over = at.cut(PARTITION_S)
+    at.wait(lambda: ann.view().link is LinkState.LOST, 'link shown as lost', LIVE_S + 2 * HEARTBEAT_S)
+    at.send(ann, 'autonomy', AutonomyLevel.OFF)
+    at.wait(is_over, 'end of the partition')
+    at.wait(lambda: (now := at.observer.latest()) is not None and not now.authority, 'authority lost', 1.0)
+    at.link.weather = FAIR
+    for console in (ann, bob):
+        at.wait(lambda console=console: at.is_right(console), 'healing', HEALING_S)  # type: ignore[misc]
+    at.wait(lambda: (now := at.observer.latest()) is not None and now.autonomy == AutonomyLevel.OFF, 'kept command')
+
+    at.apply(bob, 'stop')
+    at.wait(lambda: (now := ann.view().snapshot) is not None and now.state is ExecutiveState.IDLE, 'end of the run')
+    at.check_commands()
+    for console in (ann, bob):
+        at.check_claims(console)
