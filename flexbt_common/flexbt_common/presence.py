@@ -4,7 +4,7 @@
 A token says a word a second under a name: on one topic for all, neither acknowledged nor sent again. So it costs
 little, a lost word is no harm, nothing has to be discovered for one more name, and the middleware may do without its
 own messages about liveliness across the link. A process that has died is missed after the lease; one that ends in
-order says so. For what has to be noticed sooner, between the nodes of a robot, there is :mod:`flexbt_common.liveliness`.
+order says so. What has to be noticed sooner, between the nodes of a robot, is for :mod:`flexbt_common.liveliness`.
 """
 
 from __future__ import annotations
