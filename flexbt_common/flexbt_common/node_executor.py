@@ -57,17 +57,16 @@ class NodeExecutor(SingleThreadedExecutor):
             ExternalShutdownException: the context is shut down.
         """
         self._run_soon()
-        self._awaiting = [task for task in self._awaiting if not task.done()]
-        if self._awaiting:
-            self._turn_of_rclpy(timeout)
-            return
-        if self._is_changed or self._entities is None:
-            self._is_changed = False
-            self._forget_entities()
-            self._entities = self._entities_of_node()
-        for take, entity in self._entities.ready(-1 if timeout is None else int(timeout * 1e9)):
-            self._call(take, entity)
-            self._run_soon()
+        for task in tuple(self._awaiting):
+            if task.done():
+                self._awaiting.remove(task)
+        known = len(self._awaiting)
+        if known:
+            self._turn_of_rclpy(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
+        else:
+            self._call_ready(timeout)
+        for _ in self._awaiting[known:]:
+            self._turn_of_rclpy(0.0)  # coroutines begin before anything that is brought in later
         if not self.context.ok():
             raise ExternalShutdownException
 
@@ -92,10 +91,19 @@ class NodeExecutor(SingleThreadedExecutor):
         self._forget_entities()
         return bool(super().shutdown(timeout_sec))
 
-    def _turn_of_rclpy(self, timeout: float | None) -> None:
+    def _call_ready(self, timeout: float | None) -> None:
+        if self._is_changed or self._entities is None:
+            self._is_changed = False
+            self._forget_entities()
+            self._entities = self._entities_of_node()
+        for take, entity in self._entities.ready(-1 if timeout is None else int(timeout * 1e9)):
+            self._call(take, entity)
+            self._run_soon()
+
+    def _turn_of_rclpy(self, timeout: float) -> None:
         self._forget_entities()
         try:
-            self.spin_once(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
+            self.spin_once(timeout)
         except ExternalShutdownException:
             raise
         except Exception as error:

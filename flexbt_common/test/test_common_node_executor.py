@@ -171,6 +171,7 @@ def test_the_wait_set_is_made_anew_when_the_node_has_changed_and_only_then(bench
     client = node.create_client(ControlTree, 'control')
     node.create_service(ControlTree, 'control', lambda request, response: response)
     bench.turn_until(lambda: numbers.get_subscription_count() and client.service_is_ready(), 'the discovery')
+    bench.executor.turn(0.0)
     kept = bench.executor._entities
     for count in range(10):
         numbers.publish(Int32(data=count))
@@ -240,6 +241,28 @@ def test_a_coroutine_that_fails_after_it_awaited_is_told(bench: Bench) -> None:
     bench.turn_until(lambda: bench.faults, 'the fault')
     assert str(bench.faults[0]) == 'after all'
     bench.turn_until(lambda: not bench.executor._awaiting, 'the end of the coroutine')
+
+
+def test_a_coroutine_begins_before_what_is_brought_in_after_it(bench: Bench) -> None:
+    """As with rclpy's own executor: the callback of an action goal begins before a cancel is told of."""
+    order: list[str] = []
+    held = Future()
+
+    async def begin(name: str) -> None:
+        order.append(name)
+        await held
+
+    guard = bench.node.create_guard_condition(
+        lambda: [bench.executor.create_task(begin, name) for name in ('first', 'second')]
+    )
+    for count in (2, 4):
+        guard.trigger()
+        bench.executor.turn(1.0)
+        while not order[count - 2 :]:  # the wait may have ended for another reason
+            bench.executor.turn(1.0)
+        assert sorted(order) == sorted(['first', 'second'] * (count // 2))
+    held.set_result(None)
+    bench.turn_until(lambda: not bench.executor._awaiting, 'the end of the coroutines')
 
 
 def test_tasks_of_other_threads_end_the_wait(bench: Bench) -> None:

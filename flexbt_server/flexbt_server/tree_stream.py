@@ -44,8 +44,8 @@ MESSAGES_KEPT: Final = 64
 _BATCH_NS: Final = round(BATCH_SECONDS * 1e9)
 
 _GATHER_NS: Final = 2_000_000
-"""How long the first change of a quiet time waits for what follows at once, such as the end of the run: the tree goes on
-meanwhile, and its end is not held up by two messages."""
+"""How long the first change of a quiet time waits for what follows at once, such as the end of the run: the tree goes
+on meanwhile, and its end is not held up by two messages."""
 
 
 class TreeStream:
