@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's modules, ``flexbe_core`` and ``flexbe_states``, for code that imports them.
+"""FlexBE's modules, ``flexbe_core``, ``flexbe_states`` and ``flexbe_testing``, for code that imports them.
 
 They are real packages in a directory of their own, which is on Python's path only when somebody asks for that, so that
 an installed FlexBE is never shadowed by accident. In a program::
@@ -24,7 +24,7 @@ from flexbt_flexbe.errors import ShimError
 DIRECTORY: Final = Path(__file__).resolve().parent / 'compat'
 """Where the packages are."""
 
-PACKAGES: Final = ('flexbe_core', 'flexbe_states')
+PACKAGES: Final = ('flexbe_core', 'flexbe_states', 'flexbe_testing')
 """FlexBE's own. Beside them is ``flex_bt_flexbe_states``, which yields to an installed package of that name."""
 
 

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs FlexBE's tests of states and behaviors on the engine of FlexBT.
+
+``python3 -m flexbt_flexbe.state_test_run FILE.test ...`` runs files; the exit code is 1 when one fails. In tests in
+Python there is :func:`run_state_test`, and FlexBE's ``flexbe_testing.py_tester.PyTester`` for those that use it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import traceback
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_flexbe import shim
+from flexbt_flexbe.behavior import Behavior
+from flexbt_flexbe.errors import StateTestError
+from flexbt_flexbe.lenience import without_harmless_faults
+from flexbt_flexbe.state_test_file import StateTest, read_state_test
+from flexbt_msgs.msg import PendingDecision
+from flexbt_onboard.run_context import current_run
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine, Severity
+from flexbt_states.testing import Run, StateBench, wait_until
+
+SECONDS: Final = 10.0
+"""How long what is tested may run."""
+
+
+def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS) -> list[str]:
+    """Run a test; what is wrong, nothing when it passes.
+
+    A state is a machine of its own. A behavior runs as FlexBE's unsupervised ones: transitions are taken whatever
+    autonomy they require.
+    """
+    try:
+        subject = _load(test)
+    except StateTestError as error:
+        return [str(error)]
+    if test.import_only:
+        return []
+    run = bench.run(partial(_machine, test, subject))
+    try:
+        wait_until(lambda: _has_ended(run), 'it gave no outcome', seconds)
+    except AssertionError as error:
+        run.stop()
+        return [str(error), *run.errors().splitlines()]
+    if run.refusal is not None:
+        return [run.refusal]
+    problems = []
+    if run.outcome != test.outcome:
+        why = [text for text in (run.message, run.errors()) if text]
+        problems.append(f'its outcome is {run.outcome!r}, not {test.outcome!r}' + ''.join(f'; {text}' for text in why))
+    given = run.behavior_run.outputs
+    for key, expected in test.outputs.items():
+        if key not in given:
+            problems.append(f'it has not written {key!r}')
+        elif given[key] != expected:
+            problems.append(f'{key!r} is {given[key]!r:.200}, not {expected!r:.200}')
+    return problems
+
+
+def _load(test: StateTest) -> type[Any]:
+    """The class under test.
+
+    Raises:
+        StateTestError: it cannot be imported, or is neither state nor behavior.
+    """
+    where = f'class {test.class_name} of {test.module}'
+    try:
+        shim.install()
+        found = getattr(importlib.import_module(test.module), test.class_name, None)
+    except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
+        raise StateTestError(f'{where} cannot be imported: {"".join(traceback.format_exception_only(error))}') from None
+    if not (isinstance(found, type) and issubclass(found, EventState | Behavior)):
+        raise StateTestError(f'{where} is neither an EventState nor a Behavior, but {found!r:.80}')
+    return found
+
+
+def _machine(test: StateTest, subject: type[Any]) -> OperatableStateMachine:
+    """What is run for a test. On the thread of the run."""
+    if issubclass(subject, EventState):
+        state = subject(**test.parameters)
+        machine = OperatableStateMachine(outcomes=list(state.outcomes))
+        with machine:
+            OperatableStateMachine.add('State', state, {outcome: outcome for outcome in state.outcomes})
+    else:
+        machine = _machine_of_behavior(test, subject)
+    for key, value in test.inputs.items():
+        machine.userdata[key] = value
+    machine.output_keys = tuple(dict.fromkeys((*machine.output_keys, *test.outputs)))
+    return machine
+
+
+def _machine_of_behavior(test: StateTest, subject: type[Any]) -> OperatableStateMachine:
+    run = current_run()
+    behavior = subject(node=run.services.runtime.node)
+    for name, value in test.parameters.items():
+        if not behavior.set_parameter(name, value):
+            raise StateTestError(f'the behavior has no parameter {name!r}')
+    machine = behavior.create()
+    if not isinstance(machine, OperatableStateMachine):
+        raise StateTestError(f'create() gave {machine!r:.80}, which is no state machine')
+    without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
+    return machine
+
+
+def _has_ended(run: Run) -> bool:
+    for decision in run.behavior_run.decisions():
+        if decision.kind == PendingDecision.TRANSITION:
+            run.behavior_run.confirm(decision.id, lambda _: None)
+    return run.outcome is not None or run.refusal is not None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="Run FlexBE's tests of states and behaviors.")
+    parser.add_argument('files', nargs='+', type=Path, metavar='FILE.test')
+    parser.add_argument('--timeout', type=float, default=SECONDS, help='seconds for each (default %(default)g)')
+    given = parser.parse_args(arguments)
+    failed = 0
+    for file in given.files:
+        bench = StateBench()
+        try:
+            problems = run_state_test(read_state_test(file), bench, given.timeout)
+        except StateTestError as error:
+            problems = [str(error).removeprefix(f'{file}: ')]
+        finally:
+            bench.close()
+        failed += bool(problems)
+        print(f'{"FAILED" if problems else "passed"}  {file}')
+        for problem in problems:
+            print('\n'.join(f'        {line}' for line in problem.splitlines()))
+    print(f'{len(given.files) - failed} of {len(given.files)} passed')
+    return 1 if failed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
