@@ -57,6 +57,7 @@ class Client:
         self.runtime = NodeRuntime('program', args=())
         self.feedback: list[list[str]] = []
         self.results: list[Any] = []
+        self.handle: Any = None
         self.client: Any = self.runtime.call(
             lambda: ActionClient(self.runtime.node, ExecuteBehavior, 'execute_behavior')
         )
@@ -67,6 +68,7 @@ class Client:
         goal = ExecuteBehavior.Goal(behavior='Multiply', inputs=[to_entry('x', x)], autonomy=3)
         for name, value in fields.items():
             setattr(goal, name, value)
+        self.handle = None
 
         def accepted(future: Any) -> None:
             self.handle = future.result()
@@ -76,6 +78,11 @@ class Client:
             self.feedback.append(list(message.feedback.active_states))
 
         self.runtime.call(lambda: self.client.send_goal_async(goal, on_feedback).add_done_callback(accepted))
+
+    def cancel(self) -> None:
+        """Cancel the goal that was sent last, once it is accepted: its behavior may begin before that is known."""
+        wait_until(lambda: self.handle, 'acceptance')
+        self.runtime.call(self.handle.cancel_goal_async)
 
     def result(self) -> tuple[int, Any]:
         """Status and result of the next goal that ends."""
@@ -154,7 +161,7 @@ def test_canceling_stops_the_run_and_an_operator_may_stop_it_too(bench: Executiv
     bench.wait_active('/Twice')
     wait_until(lambda: client.feedback == [['/Twice']], lambda: f'feedback {client.feedback}')
     assert 'is running' in client.run(1)[1].message
-    client.runtime.call(client.handle.cancel_goal_async)  # of the goal that has ended: nothing happens
+    client.cancel()  # of the goal that has ended: nothing happens
     client.send(-1)
     assert client.result()[1].code == Result.FAILURE
     bench.applied(ExecutiveCommand.STOP)
@@ -163,7 +170,7 @@ def test_canceling_stops_the_run_and_an_operator_may_stop_it_too(bench: Executiv
     assert 'operator tester' in result.message
     client.send(-1)
     bench.wait_active('/Twice')
-    client.runtime.call(client.handle.cancel_goal_async)
+    client.cancel()
     status, result = client.result()
     assert (status, result.code) == (GoalStatus.STATUS_CANCELED, Result.CANCELED)
     assert bench.wait_idle() == 'preempted'
@@ -172,7 +179,7 @@ def test_canceling_stops_the_run_and_an_operator_may_stop_it_too(bench: Executiv
 def test_a_goal_that_is_canceled_while_its_behavior_is_built_is_canceled(bench: ExecutiveBench, client: Client) -> None:
     client.send(1, behavior='Slow')
     wait_until(BUILDING.is_set, 'building')
-    client.runtime.call(client.handle.cancel_goal_async)
+    client.cancel()
     bench.wait_for(lambda status: status.state == ExecutiveStatus.STOPPING, 'canceled')
     BUILT.set()
     status, result = client.result()
