@@ -59,39 +59,61 @@ class LivelinessWatch:
         self.node_name = node_name
         self._runtime = runtime
         self._on_change = on_change
-        self._alive: bool | None = None
-        self._loss: Timer | None = None
-        self._subscription: Any = None
-        runtime.call(self._open)
-
-    def _open(self) -> None:
+        self._told: bool | None = None
         # On the executor thread, so that no event comes before there is the subscription.
-        self._subscription = self._runtime.node.create_subscription(
-            Empty,
-            alive_topic(self.node_name),
-            lambda _message: None,
-            _qos(),
-            event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
-        )
+        self._token = runtime.call(self._open)
+        runtime.on_close(self.close)
+
+    def _open(self) -> _SeenToken:
+        topic = self._runtime.node.resolve_topic_name(alive_topic(self.node_name))
+        token = self._runtime.once(('liveliness', topic), lambda runtime: _SeenToken(runtime, topic))
+        token.listeners.append(self._tell)
+        if token.alive:
+            self._runtime.post(lambda: self._tell(True) if token.alive and self._tell in token.listeners else None)
+        return token
 
     @property
     def alive(self) -> bool | None:
         """True while the node is alive, False since it stopped, None while it has never been seen."""
-        return self._alive
+        return self._token.alive
 
     def close(self) -> None:
         """Stop watching; ``on_change`` is not called any more. From any thread."""
         self._runtime.post(self._close)
 
     def _close(self) -> None:
-        self._forget_loss()
-        if self._subscription is not None:
-            self._runtime.node.destroy_subscription(self._subscription)
-            self._subscription = None
+        if self._tell in self._token.listeners:
+            self._token.listeners.remove(self._tell)
+
+    def _tell(self, alive: bool) -> None:
+        if alive is not self._told:
+            self._told = alive
+            self._on_change(alive)
+
+
+class _SeenToken:
+    """A token as its watchers on one node see it.
+
+    There is one subscription for all of them, which stays as long as the node: to a later one Fast DDS does not tell
+    that the token is asserted already, and its counts are wrong from then on.
+    """
+
+    def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+        self.alive: bool | None = None
+        self.listeners: list[Callable[[bool], None]] = []
+        self._runtime = runtime
+        self._loss: Timer | None = None
+        runtime.node.create_subscription(
+            Empty,
+            topic,
+            lambda _message: None,
+            _qos(),
+            event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
+        )
 
     def _matched(self, event: Any) -> None:
         # Without this, a node that is killed before its token has been asserted once would never be missed.
-        if event.current_count_change > 0 and not self._alive:
+        if event.current_count_change > 0 and not self.alive:
             self._tell(True)
             self._expect_assertion(LEASE_SECONDS + GRACE_SECONDS)
 
@@ -99,7 +121,7 @@ class LivelinessWatch:
         self._forget_loss()
         if event.alive_count > 0:
             self._tell(True)
-        elif self._alive:
+        elif self.alive:
             self._expect_assertion(GRACE_SECONDS)
 
     def _expect_assertion(self, seconds: float) -> None:
@@ -117,6 +139,6 @@ class LivelinessWatch:
             self._loss = None
 
     def _tell(self, alive: bool) -> None:
-        if self._subscription is not None and alive is not self._alive:
-            self._alive = alive
-            self._on_change(alive)
+        self.alive = alive
+        for listener in list(self.listeners):
+            listener(alive)

@@ -20,7 +20,7 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from typing import Any, TypeVar
 
@@ -70,6 +70,7 @@ class NodeRuntime:
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
+        self._made: dict[Hashable, Any] = {}
         self._posted: deque[Callable[[], object]] = deque()
         self._calls: set[Future[Any]] = set()
         self._lock = threading.Lock()
@@ -167,6 +168,13 @@ class NodeRuntime:
         finally:
             with self._lock:
                 self._calls.discard(future)
+
+    def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
+        """What ``make`` makes, the first time that somebody asks, for all who ask; on the executor thread."""
+        if key not in self._made:
+            self._made[key] = make(self)
+        made: T = self._made[key]
+        return made
 
     def on_close(self, fn: Callable[[], object]) -> None:
         """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
 from rclpy.action import ActionClient, ActionServer
@@ -60,6 +60,13 @@ class NodeScope(NodeRuntime):
             return fn()
 
         return self._host.call(run, timeout)
+
+    def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
+        """As that of the host, for whom it is made: it stays when the scope has ended."""
+        before = self._entities()
+        made = self._host.once(key, make)
+        self._before.update(item for item in self._entities().items() if item[0] not in before)
+        return made
 
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
         """As that of the host. Never raises."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import queue
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 
 from flexbt_common.liveliness import GRACE_SECONDS, LEASE_SECONDS, LivelinessToken, LivelinessWatch
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.node_scope import NodeScope
 
 DEADLINE = 20.0
 PROGRAM = """
@@ -74,6 +76,34 @@ def test_a_node_that_is_killed_as_soon_as_it_is_seen_is_missed_too() -> None:
                 killed = time.monotonic()
                 assert changes.get(timeout=DEADLINE) is False
                 assert time.monotonic() - killed < LEASE_SECONDS + GRACE_SECONDS + 0.15
+
+
+def test_who_watches_a_token_that_is_watched_already_sees_life_and_death() -> None:
+    changes: queue.Queue[tuple[int, bool]] = queue.Queue()
+
+    def note(number: int, alive: bool) -> None:
+        changes.put((number, alive))
+
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime, start() as process:
+        LivelinessWatch(runtime, 'living', functools.partial(note, 0))
+        assert changes.get(timeout=DEADLINE) == (0, True)
+        for number in (1, 2):  # one after the other, on a part of the node that ends
+            with pytest.raises(queue.Empty):
+                changes.get(timeout=1.2)  # longer than lease and grace: nobody is taken for dead
+            scope = NodeScope(runtime)
+            watch = LivelinessWatch(scope, '/robot1/living', functools.partial(note, number))
+            assert changes.get(timeout=DEADLINE) == (number, True)
+            if number == 1:
+                scope.close()
+        assert watch.alive is True
+        process.kill()
+        killed = time.monotonic()
+        assert {changes.get(timeout=DEADLINE) for _ in range(2)} == {(0, False), (2, False)}
+        assert time.monotonic() - killed < LEASE_SECONDS + GRACE_SECONDS + 0.15
+        with start() as again:
+            assert {changes.get(timeout=DEADLINE) for _ in range(2)} == {(0, True), (2, True)}
+            again.kill()
+        scope.close()
 
 
 def test_a_node_that_lives_stays_alive() -> None:

@@ -87,6 +87,7 @@ class Bench:
         self.on_rest: Any = None
         assert isinstance(node.node, ManagedNode)
         self.managed = node.node
+        LivelinessWatch(node, 'somebody', lambda _alive: None)  # those on a node share one subscription, which stays
         self.managed.manage(
             node,
             lambda runtime, refusal: Machine(runtime, self),

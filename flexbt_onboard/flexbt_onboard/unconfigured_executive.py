@@ -7,7 +7,7 @@ import uuid
 
 from flexbt_common.managed_node import unconfigured
 from flexbt_common.node_runtime import NodeRuntime
-from flexbt_msgs.msg import BehaviorList, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.command_table import CommandTable
 from flexbt_onboard.executive_parameters import ExecutiveParameters
 from flexbt_onboard.operator_link import OperatorLink
@@ -15,7 +15,7 @@ from flexbt_onboard.status_publisher import StatusPublisher
 
 
 class UnconfiguredExecutive:
-    """The operator link of an executive without behaviors: every command is refused, with the reason."""
+    """The operator link of an executive that does not know its behaviors: every command is refused, with the reason."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         """Must be called off the executor thread."""
@@ -26,7 +26,6 @@ class UnconfiguredExecutive:
     def _open(self, runtime: NodeRuntime, heartbeat_period: float) -> None:
         self._link = OperatorLink(runtime, uuid.uuid4().hex, heartbeat_period, self._refuse)
         self._status = StatusPublisher(runtime, self._publish, heartbeat_period)
-        self._link.publish_behaviors(BehaviorList())
         self._link.log(ExecutiveLog.WARN, self._refusal)
         self._status.changed()
 

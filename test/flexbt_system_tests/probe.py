@@ -111,19 +111,6 @@ class Probe:
         self.command(ExecutiveCommand.ANSWER, decision_id=asked.id, inputs=[to_entry('goal', goal)])
         self.wait(lambda: self.pose is not None and _distance(start, self.pose) > driven, 'robot driving')
 
-    def stands_still(self) -> bool:
-        """Whether the robot does not move for some poses."""
-        moved, poses = self.moved_at, 0
-        before = self.pose
-
-        def several() -> bool:
-            nonlocal poses, before
-            poses, before = poses + (self.pose is not before), self.pose
-            return poses > 5
-
-        self.wait(several, 'poses')
-        return self.moved_at == moved
-
     def stop(self) -> float:
         """Give the operator's stop; the monotonic time when."""
         now = time.monotonic()

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Processes of managed nodes, brought up and down as Nav2's lifecycle manager does it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from flexbt_common.lifecycle_client import LifecycleClient
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_system_tests.probe import Probe
+from flexbt_system_tests.stack import Stack, executable
+
+MANAGED = ('bt_server', 'onboard_executive')
+"""In the order in which they are brought up."""
+
+
+@pytest.fixture
+def stack(tmp_path: Path) -> Iterator[Stack]:
+    with Stack(tmp_path) as stack:
+        yield stack
+
+
+@pytest.fixture
+def runtime() -> Iterator[NodeRuntime]:
+    with NodeRuntime.open('manager') as runtime:
+        yield runtime
+
+
+def shown() -> str:
+    """The behavior line of the console."""
+    line = [executable('console'), 'status', '--timeout', '20']
+    done = subprocess.run(line, capture_output=True, text=True, timeout=30.0, env=os.environ, check=False)
+    assert done.returncode == 0, done
+    return next(line for line in done.stdout.splitlines() if line.startswith('behavior'))
+
+
+def comes_to_rest(probe: Probe, answered: float) -> None:
+    """The robot stands when the manager has its answer, as far as poses are not under way."""
+    probe.wait(lambda: time.monotonic() - max(probe.moved_at, answered) > 0.5, 'robot at rest')
+    assert probe.moved_at < answered + 0.3
+
+
+def test_a_manager_brings_the_robot_up_and_down(stack: Stack, runtime: NodeRuntime) -> None:
+    stack.start('simulator', {'speed_factor': '3.0'})
+    stack.start('navigation')
+    for name in MANAGED:
+        stack.start(name, {'autostart': 'false'})
+    managers = [LifecycleClient(runtime, name) for name in MANAGED]
+    probe = Probe(runtime)
+    for place in ((10.0, 2.3), (3.8, 1.2)):
+        assert [manager.state() for manager in managers] == ['unconfigured'] * 2
+        assert 'the executive is unconfigured; configure and activate it' in shown()
+        for label in ('configure', 'activate'):
+            assert all(manager.change(label) for manager in managers)
+        probe.wait(lambda: probe.status is not None and not probe.status.message, 'active executive')
+        probe.wait_ready()
+        probe.drive_to(*place)
+        for manager in reversed(managers):
+            assert manager.change('deactivate')
+        comes_to_rest(probe, time.monotonic())
+        probe.wait(lambda: probe.status is not None and probe.status.outcome == 'preempted', 'end of the run')
+        assert 'the executive is inactive; activate it' in shown()
+        for manager in reversed(managers):
+            assert manager.change('cleanup')
+    for manager in reversed(managers):
+        assert manager.change('shutdown')
+        assert manager.state() == 'finalized'
+    for name in MANAGED:
+        ending = stack.end(name, signal.SIGTERM, 10.0)
+        assert ending.exit_code == 0, ending
+        assert 'Traceback' not in ending.output
+
+
+@pytest.mark.parametrize('labels', [(), ('configure',), ('configure', 'cleanup'), ('shutdown',)], ids='-'.join)
+@pytest.mark.parametrize('name', MANAGED)
+def test_a_signal_ends_a_process_that_is_not_active(
+    stack: Stack, runtime: NodeRuntime, name: str, labels: tuple[str, ...]
+) -> None:
+    stack.start(name, {'autostart': 'false', 'use_sim_time': 'false'})
+    manager = LifecycleClient(runtime, name)
+    for label in labels:
+        assert manager.change(label)
+    assert manager.state() in ('unconfigured', 'inactive', 'finalized')
+    ending = stack.end(name, signal.SIGINT, 10.0)
+    assert (ending.exit_code, ending.seconds < 2.5) == (0, True), ending
+    assert 'Traceback' not in ending.output and 'leaving without' not in ending.output
+
+
+def test_a_parameter_that_cannot_work_ends_a_node_that_starts_by_itself_only(
+    stack: Stack, runtime: NodeRuntime
+) -> None:
+    wrong = {'navigation_interfaces': 'none_msgs', 'use_sim_time': 'false'}
+    stack.start('bt_server', wrong)
+    ending = stack.end('bt_server', signal.SIGCONT, 20.0)
+    assert ending.exit_code == 1
+    assert "cannot start: parameter 'navigation_interfaces': 'none_msgs' is not one of" in ending.output
+    stack.start('bt_server', {'autostart': 'false', **wrong})
+    manager = LifecycleClient(runtime, 'bt_server')
+    for _ in range(2):
+        assert not manager.change('configure')
+        assert manager.state() == 'unconfigured'
+    ending = stack.end('bt_server', signal.SIGINT, 10.0)
+    assert ending.exit_code == 0
+    assert 'unconfigured because of an error: parameter ' in ending.output
+
+
+def test_commands_to_an_executive_that_is_not_configured_are_refused(stack: Stack) -> None:
+    stack.start('onboard_executive', {'autostart': 'false', 'use_sim_time': 'false'})
+    line = [executable('console'), 'start', 'Navigate', '--json', '--timeout', '20']
+    done = subprocess.run(line, capture_output=True, text=True, timeout=30.0, env=os.environ, check=False)
+    assert done.returncode == 3, done
+    assert 'unconfigured' in str(json.loads(done.stdout))
