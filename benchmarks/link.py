@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the operator link carries: a robot and the consoles of an operator in two networks, and a cable that counts.
+
+The robot is the whole demonstration; only its executive is told to be found across the link. The consoles show no map.
+In bytes a second, at rest and while the robot drives, with one console and with two:
+
+- payload: the serialized messages of the executive to one console;
+- messages: what they, the commands and the presence of consoles need on the wire, from the IP header on, with
+  acknowledgements and retransmissions, in both directions;
+- wire: everything, with the middleware's discovery and liveliness.
+
+For several settings: the profile of the middleware (for radio links; of a workspace; none), and the executive's
+heartbeat period. Needs network namespaces (Linux, root).
+
+Usage: link.py [--seconds S] [--output FILE.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from domain_coordinator import domain_id
+
+from flexbt_console.mirror.records import AutonomyLevel
+from flexbt_onboard.command_table import REPORT_TIME
+from flexbt_system_tests import network_namespace
+from flexbt_system_tests.lossy_link import LossyLink
+from flexbt_system_tests.network_namespace import NetworkNamespace
+from flexbt_system_tests.remote import Console, Observer, remote_console, remote_observer
+from flexbt_system_tests.stack import Stack
+
+DEADLINE = 60.0
+SETTLING = REPORT_TIME + 1.0
+GOAL = '{header: {frame_id: map}, pose: {position: {x: 10.0, y: 2.3}, orientation: {w: 1.0}}}'
+RADIO = Path(get_package_share_directory('flexbt_common')) / 'config'
+QUICK = Path(get_package_share_directory('flexbt_demo_behaviors')) / 'config' / 'fastdds.xml'
+NO_PROFILE = Path('/dev/null')
+SETTINGS = {
+    'radio, heartbeat 0.5 s': (RADIO / 'radio_robot.xml', RADIO / 'radio_console.xml', 0.5),
+    'radio, heartbeat 1 s': (RADIO / 'radio_robot.xml', RADIO / 'radio_console.xml', 1.0),
+    'workspace, heartbeat 0.5 s': (QUICK, QUICK, 0.5),
+    'no profile, heartbeat 0.5 s': (NO_PROFILE, NO_PROFILE, 0.5),
+}
+"""Profiles of the executive and of the consoles, and seconds between two heartbeats."""
+
+
+def wait(condition: Callable[[], object], what: str) -> None:
+    """Until it is so.
+
+    Raises:
+        TimeoutError: it was not in time.
+    """
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError(f'{what}: not within {DEADLINE:g} s')
+        time.sleep(0.05)
+
+
+class Meter:
+    """Bytes a second over a window of time."""
+
+    def __init__(self, link: LossyLink, observer: Observer, seconds: float) -> None:
+        self._link = link
+        self._observer = observer
+        self._seconds = seconds
+
+    def measure(self) -> dict[str, Any]:
+        """The figures of a window that begins now."""
+        before, payload, begun = self._link.sent(), self._observer.payload(), time.monotonic()
+        time.sleep(self._seconds)  # a window to measure in, not a wait for something
+        seconds = time.monotonic() - begun
+        to_console, to_robot = (now - was for now, was in zip(self._link.sent(), before, strict=True))
+        return {
+            'payload': (self._observer.payload() - payload) / seconds,
+            'messages': {
+                'to console': user_bytes(to_console) / seconds,
+                'to robot': user_bytes(to_robot) / seconds,
+            },
+            'wire': {
+                'to console': to_console.total() / seconds,
+                'to robot': to_robot.total() / seconds,
+                'sum': (to_console.total() + to_robot.total()) / seconds,
+            },
+        }
+
+
+def user_bytes(by_port: Counter[int]) -> int:
+    """Bytes for the ports of user traffic, which are the odd ones (RTPS 2.5, 9.6.2.3)."""
+    return sum(count for port, count in by_port.items() if port % 2)
+
+
+def measure(robot_side: Path, console_side: Path, heartbeat: float, seconds: float) -> dict[str, Any]:
+    """The figures with one of the settings, in windows of that many seconds."""
+    across = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
+    at_executive = {**across, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(robot_side)}
+    at_console = {**across, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(console_side)}
+    with ExitStack() as stack:
+        directory = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        robot, station = (stack.enter_context(NetworkNamespace()) for _ in range(2))
+        link = stack.enter_context(LossyLink(robot, station))
+        processes = stack.enter_context(Stack(directory, robot))
+        for name in ('simulator', 'navigation', 'bt_server'):
+            processes.start(name)
+        processes.start('onboard_executive', {'heartbeat_period': str(heartbeat)}, at_executive)
+        observer = stack.enter_context(remote_observer(robot, {}))
+        meter = Meter(link, observer, seconds)
+
+        first = stack.enter_context(remote_console(station, at_console, 'ann'))
+        wait_ready(first)
+        figures: dict[str, Any] = {'one console': {'at rest': meter.measure()}}
+        drive(first)
+        figures['one console']['driving'] = meter.measure()
+        first.send('stop')
+        second = stack.enter_context(remote_console(station, at_console, 'bob'))
+        wait_ready(second)
+        figures['two consoles'] = {'at rest': meter.measure()}
+    return figures
+
+
+def wait_ready(console: Console) -> None:
+    """Until a console shows a robot that is ready and at rest, and the discovery is over."""
+
+    def is_ready() -> bool:
+        view = console.view()
+        peers = view.snapshot.peers if view.snapshot is not None else ()
+        return view.live and bool(view.behaviors) and bool(peers) and all(peer.alive for peer in peers)
+
+    wait(is_ready, 'readiness')
+    wait(lambda: not console.view().running, 'idle executive')
+    settle()
+
+
+def drive(console: Console) -> None:
+    """Have the robot on its way to the kitchen."""
+    console.send('start', 'Navigate', (), AutonomyLevel.HIGH)
+    wait(lambda: console.view().decision, 'question for a goal')
+    decision = console.view().decision
+    assert decision is not None
+    console.send('answer', decision.id, GOAL)
+    wait(lambda: '/Drive' in console.view().active_paths, 'driving')
+    settle()
+
+
+def settle() -> None:
+    """Let discovery, and the answers to commands that are part of each status for some time, be over."""
+    end = time.monotonic() + SETTLING
+    wait(lambda: time.monotonic() > end, 'end of the settling')
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--seconds', type=float, default=15.0, help='length of each window')
+    parser.add_argument('--output', type=Path, default=Path('out/link.json'))
+    arguments = parser.parse_args()
+    problem = network_namespace.missing()
+    figures: dict[str, Any] = {'not measured': problem}
+    if not problem:
+        with domain_id() as domain:
+            os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+            figures = {name: measure(*setting, arguments.seconds) for name, setting in SETTINGS.items()}
+    print(json.dumps(figures, indent=2))
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    arguments.output.write_text(json.dumps(figures, indent=2) + '\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
