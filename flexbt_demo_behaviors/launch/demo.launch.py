@@ -19,13 +19,14 @@ def nodes(context: LaunchContext) -> list[Node]:
         map=LaunchConfiguration('map').perform(context),
         speed=float(LaunchConfiguration('speed').perform(context)),
     )
+    autostart = {'autostart': LaunchConfiguration('autostart').perform(context).lower() == 'true'}
     return [
         Node(
             package=process.package,
             executable=process.executable,
             name=process.name,
             namespace=LaunchConfiguration('namespace'),
-            parameters=[dict(process.parameters)],
+            parameters=[dict(process.parameters), autostart],
             output='screen',
         )
         for process in demo_processes(settings)
@@ -38,6 +39,7 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('map', default_value='', description='ROS map YAML file; empty for the built-in map'),
             DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
+            DeclareLaunchArgument('autostart', default_value='true', description='false: wait for a lifecycle manager'),
             DeclareLaunchArgument('namespace', default_value='', description='namespace of all nodes'),
             OpaqueFunction(function=nodes),
         ]
