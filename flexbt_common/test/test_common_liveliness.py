@@ -115,3 +115,18 @@ def test_a_node_that_lives_stays_alive() -> None:
         with pytest.raises(queue.Empty):
             changes.get(timeout=1.2)
         assert watch.alive is True
+
+
+def test_a_process_that_hangs_is_taken_for_dead_until_it_goes_on() -> None:
+    changes: queue.Queue[bool] = queue.Queue()
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime, start() as process:
+        LivelinessWatch(runtime, 'living', changes.put)
+        assert changes.get(timeout=DEADLINE) is True
+        for _ in range(2):
+            process.send_signal(signal.SIGSTOP)
+            stopped = time.monotonic()
+            assert changes.get(timeout=DEADLINE) is False
+            assert time.monotonic() - stopped < LEASE_SECONDS + GRACE_SECONDS + 0.15
+            process.send_signal(signal.SIGCONT)
+            assert changes.get(timeout=DEADLINE) is True
+        process.kill()
