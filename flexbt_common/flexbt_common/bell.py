@@ -4,8 +4,12 @@
 from __future__ import annotations
 
 import threading
+from typing import Final
 
 from flexbt_common.clock import Clock
+
+_NEAR: Final = 0.5
+"""Seconds for which a sleep needs no alarm: whoever waits looks at the clock again then, should that have been set."""
 
 
 class Bell:
@@ -24,7 +28,14 @@ class Bell:
     def wait(self, clock: Clock, until: float | None) -> None:
         """Sleep until the bell is rung or ``clock`` shows ``until`` (None: no time); takes the ring."""
         with self._condition:
-            if self._rung:  # no alarm for nothing
+            while until is not None and not self._rung:
+                seconds = clock.wall_seconds(until)
+                if seconds is None or seconds > _NEAR:
+                    break
+                if seconds <= 0.0:
+                    return
+                self._condition.wait(seconds)  # wakes nobody else
+            if self._rung:
                 self._rung = False
                 return
         timer = clock.call_at(until, self.ring) if until is not None else None

@@ -38,6 +38,9 @@ class Clock(Protocol):
         The callback runs on the clock's own thread: it has to be short and thread-safe.
         """
 
+    def wall_seconds(self, when: float) -> float | None:
+        """Seconds of wall time until ``when``; None where wall time is not what moves this clock. Thread-safe."""
+
 
 class _Alarm:
     """One entry of an alarm queue. Entries of the same time are called in the order of asking."""
@@ -83,6 +86,9 @@ class ManualClock:
             alarm = _Alarm(_checked(when), next(self._sequence), callback)
             heapq.heappush(self._alarms, alarm)
         return alarm
+
+    def wall_seconds(self, when: float) -> float | None:
+        return None
 
     def next_alarm(self) -> float | None:
         """Time of the earliest callback that is waiting, or None."""
@@ -142,6 +148,9 @@ class SteadyClock:
             elif self._alarms[0] is alarm:
                 self._condition.notify()
         return alarm
+
+    def wall_seconds(self, when: float) -> float | None:
+        return when - time.monotonic()
 
     def close(self) -> None:
         """Drops all alarms and ends the thread. May be called twice, and from a callback."""

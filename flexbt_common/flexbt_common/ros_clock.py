@@ -93,6 +93,10 @@ class RosClock:
                 self._runtime.post(self._set_timer)
         return alarm
 
+    def wall_seconds(self, when: float) -> float | None:
+        """As in :class:`flexbt_common.clock.Clock`; None under simulated time."""
+        return None if self._ros_clock.ros_time_is_active else when - self.now()
+
     def _now(self) -> int:
         with self._lock:  # reading inside the lock: two threads must not take each other for a jump
             raw = self._ros_clock.now().nanoseconds

@@ -12,7 +12,8 @@ import pytest
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from flexbt_common.clock import Timer
+from flexbt_common.bell import Bell
+from flexbt_common.clock import ManualClock, Timer
 from flexbt_common.node_runtime import NodeRuntime
 
 DEADLINE = 20.0
@@ -108,6 +109,60 @@ def test_alarms_from_many_threads_all_come() -> None:
         assert done.wait(DEADLINE)
         for thread in threads:
             thread.join()
+
+
+def test_who_sleeps_for_a_short_time_needs_no_executor() -> None:
+    with NodeRuntime.open('real') as runtime:
+        held, woken = threading.Event(), threading.Event()
+        runtime.post(lambda: held.wait(DEADLINE))
+
+        def sleep() -> None:
+            until = runtime.clock.now() + 0.05
+            Bell().wait(runtime.clock, until)
+            assert runtime.clock.now() >= until
+            woken.set()
+
+        sleeper = threading.Thread(target=sleep, daemon=True)
+        sleeper.start()
+        assert woken.wait(DEADLINE / 2)
+        held.set()
+        sleeper.join()
+
+
+def test_a_ring_ends_a_short_sleep() -> None:
+    class NeverQuite(ManualClock):
+        def wall_seconds(self, when: float) -> float | None:
+            return 0.01
+
+    bell, woken = Bell(), threading.Event()
+
+    def sleep() -> None:
+        bell.wait(NeverQuite(), 1.0)
+        woken.set()
+
+    sleeper = threading.Thread(target=sleep, daemon=True)
+    sleeper.start()
+    assert not woken.wait(0.1)
+    bell.ring()
+    assert woken.wait(DEADLINE)
+    sleeper.join()
+
+
+def test_who_sleeps_in_simulated_time_wakes_by_it(simulation: Simulation) -> None:
+    simulation.set(100.0)
+    clock = simulation.runtime.clock
+    woken = threading.Event()
+
+    def sleep() -> None:
+        Bell().wait(clock, 100.2)
+        woken.set()
+
+    sleeper = threading.Thread(target=sleep, daemon=True)
+    sleeper.start()
+    assert not woken.wait(0.5), 'wall time has passed, and no other'
+    simulation.set(100.2)
+    assert woken.wait(DEADLINE)
+    sleeper.join()
 
 
 def test_infinity_is_never_due_and_nan_is_refused() -> None:

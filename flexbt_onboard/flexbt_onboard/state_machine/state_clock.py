@@ -34,6 +34,10 @@ class StateClock:
         alarm.set()
         return alarm
 
+    def wall_seconds(self, when: float) -> float | None:
+        """None: nobody knows how long it will stand still."""
+        return None
+
     def on_base(self, when: float) -> float:
         """The time of the run's clock at which it will be ``when`` here, or just after it, when nothing is paused."""
         time = when + self.behind
