@@ -16,7 +16,8 @@ from flexbt_onboard.state_machine import MachineRun
 class OperatorWatch:
     """Watches whether any console is there. Used on the executor thread only.
 
-    ``presence`` tells who is there. ``on_news`` gets a line for the operator, and whether it is a warning.
+    ``presence`` tells who is there. ``on_news`` gets a line for the operator, and whether it is a warning. A run that
+    goes on anyway has no news of it: programs that ask and go would fill the log.
     """
 
     def __init__(self, runtime: NodeRuntime, presence: PresenceWatch, on_news: Callable[[str, bool], None]) -> None:
@@ -38,7 +39,7 @@ class OperatorWatch:
         if is_there is self._was_there:
             return
         self._was_there = is_there
-        if self._run is not None:
+        if self._run is not None and self._run.operator_gone is not OperatorGone.CONTINUE:
             self._on_news('an operator is there' if is_there else 'no operator is there any more', not is_there)
         self._set_timer()
 

@@ -80,6 +80,18 @@ def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, opera
         bench.wait_for(lambda status: status.state == ExecutiveStatus.RUNNING, 'goes on')
 
 
+def test_who_comes_and_goes_is_no_news_where_the_run_goes_on_anyway(bench: ExecutiveBench) -> None:
+    bench.start('continue')
+    presence = bench.executive._operators._presence
+    with NodeRuntime.open('console') as visitor:
+        PresenceToken(visitor, 'ann')
+        bench.wait_for(lambda _status: presence.present, 'there')
+    bench.wait_for(lambda _status: not presence.present, 'gone')
+    bench.applied(ExecutiveCommand.STOP)
+    bench.logged('stopped')
+    assert not [line.text for line in bench.logs if 'operator is there' in line.text]
+
+
 def test_a_run_goes_on_by_default_and_one_that_begins_without_an_operator_has_its_time(bench: ExecutiveBench) -> None:
     bench.start('continue')
     until = time.monotonic() + 2 * AFTER
