@@ -9,6 +9,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from flexbt_common.escaping import one_line
 from flexbt_common.streams import abandon_stdout, make_streams_safe
@@ -16,6 +17,8 @@ from flexbt_common.user_files import USER_DIRECTORY, home_path
 from flexbt_onboard.record import rotated
 from flexbt_onboard.run_metrics import RunMetrics, metrics_of, read_events
 from flexbt_onboard.run_timeline import timeline
+
+_RECORD: Final = 'onboard_executive.jsonl'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,7 +100,9 @@ def _summary(run: RunMetrics) -> str:
 
 def _files(given: Sequence[str]) -> list[Path]:
     """The files of a record, the oldest first: those that were rotated belong to it."""
-    first = Path(given[0]) if given else home_path(USER_DIRECTORY) / 'onboard_executive.jsonl'
+    first = Path(given[0]) if given else home_path(USER_DIRECTORY)
+    if not given or first.is_dir():
+        first /= _RECORD
     if len(given) > 1:
         return [Path(name) for name in given]
     number = 0
@@ -114,8 +119,8 @@ def _parser() -> argparse.ArgumentParser:
         'files',
         nargs='*',
         metavar='FILE',
-        help=f'file of the record (default: {USER_DIRECTORY}/onboard_executive.jsonl), with those that were rotated; '
-        'or several, the oldest first',
+        help=f'file of the record, or the directory of {_RECORD} (default: {USER_DIRECTORY}), with those that were '
+        'rotated; or several files, the oldest first',
     )
     parser.add_argument('--run', metavar='ID', help='the run whose identifier begins so')
     parser.add_argument('--list', action='store_true', help='list the runs')

@@ -141,7 +141,7 @@ def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[
     file = str(tmp_path / 'onboard_executive.jsonl')
     assert main([file, '--list']) == 0
     assert len(capsys.readouterr().out.splitlines()) == 2
-    assert main([file]) == 0
+    assert main([str(tmp_path)]) == 0
     text = capsys.readouterr().out
     assert 'Ask <&> me: finished' in text
     assert '\x1b' not in text
