@@ -48,12 +48,20 @@ def _qos() -> QoSProfile:
 
 
 class LivelinessToken:
-    """Says that this process is alive, until the runtime is closed; under the name of the node, or another ``name``."""
+    """Says that this process is alive, as long as it has the node; under the name of the node, or another ``name``.
+
+    Whatever part of a node wants a token: it is one for the whole node, and stays when that part has ended.
+    """
 
     def __init__(self, runtime: NodeRuntime, name: str = '') -> None:
-        self._runtime = runtime
         topic = alive_topic(name or runtime.node.get_fully_qualified_name())
-        self._publisher = runtime.call(lambda: runtime.node.create_publisher(Empty, topic, _qos()))
+        runtime.call(lambda: runtime.once(('token', topic), lambda runtime: _HeldToken(runtime, topic)))
+
+
+class _HeldToken:
+    def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+        self._runtime = runtime
+        self._publisher = runtime.node.create_publisher(Empty, topic, _qos())
         self._assert()
 
     def _assert(self) -> None:

@@ -35,6 +35,7 @@ from rclpy.task import Future
 
 from flexbt_common.diagnostics import DiagnosticsPublisher, entry
 from flexbt_common.errors import FlexbtError
+from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime, run_node
 from flexbt_common.node_scope import NodeScope
 from flexbt_common.parameters import refuse_while_configured
@@ -124,6 +125,7 @@ class ManagedNode(LifecycleNode):
         self._runtime = runtime
         self._configure = configure
         self._waiting = waiting
+        LivelinessToken(runtime)  # it is alive in every state
         self._is_starting = is_automatic = runtime.call(self._declare)
         self._scope = NodeScope(runtime)
         runtime.on_close(self._end)
@@ -235,6 +237,7 @@ class ManagedNode(LifecycleNode):
 
     def _end(self) -> None:
         """The last transition; after the one that goes on."""
+        self._is_managed.set()  # also when it has not come so far
 
         def shut_down() -> None:
             with contextlib.suppress(rclpy_implementation.RCLError):  # it is finalized

@@ -18,6 +18,7 @@ from server_world import INTERFACES, Client, Navigation, document, until
 
 from flexbt_common import names
 from flexbt_common.lifecycle_client import LifecycleClient
+from flexbt_common.liveliness import LivelinessWatch
 from flexbt_common.managed_node import ManagedNode
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import to_entry
@@ -127,6 +128,17 @@ def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
         until(lambda: len(world.wait.ends) == 4)
         world.wait.end(3)
         assert again.result.code == Result.SUCCESS
+
+
+def test_the_server_is_alive_in_every_state() -> None:
+    with managed() as world:
+        changes: list[bool] = []
+        watch = LivelinessWatch(world.client.runtime, names.BT_SERVER, changes.append)
+        for label in ('configure', 'activate', 'deactivate', 'cleanup', 'configure', 'shutdown'):
+            until(lambda: watch.alive)
+            world.change(label)
+        world.runtime.close()
+        until(lambda: changes == [True, False], 'the end')
 
 
 def test_cleanup_forgets_everything_and_frees_it() -> None:
