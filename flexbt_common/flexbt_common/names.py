@@ -42,6 +42,8 @@ EXECUTIVE_BEHAVIORS: Final = 'executive/behaviors'
 EXECUTIVE_COMMAND: Final = 'executive/command'
 EXECUTIVE_LOG: Final = 'executive/log'
 EXECUTIVE_PRESENCE: Final = 'executive/presence'
+EXECUTIVE_PING: Final = 'executive/ping'
+EXECUTIVE_PONG: Final = 'executive/pong'
 COMMAND_DEPTH: Final = 100
 LOG_DEPTH: Final = 50
 
@@ -96,6 +98,11 @@ def command() -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.VOLATILE,
     )
+
+
+def unacknowledged() -> QoSProfile:
+    """For what is said again and again, so that nothing has to be sent twice."""
+    return QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def deep_services() -> QoSProfile:

@@ -14,7 +14,6 @@ from typing import Any, Final
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from flexbt_common import names
 from flexbt_common.clock import Timer
@@ -27,10 +26,6 @@ WORD_SECONDS: Final = 1.0
 
 LEASE_SECONDS: Final = 5.0
 """How long a watcher waits for a word. Of a link that loses 30 % of its packets, one in 400 silences is so long."""
-
-
-def _qos() -> QoSProfile:
-    return QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class PresenceToken:
@@ -46,7 +41,9 @@ class PresenceToken:
     def _open(self) -> None:
         node = self._runtime.node
         matched = PublisherEventCallbacks(matched=lambda _event: self._speak())
-        self._publisher = node.create_publisher(PeerStatus, names.EXECUTIVE_PRESENCE, _qos(), event_callbacks=matched)
+        self._publisher = node.create_publisher(
+            PeerStatus, names.EXECUTIVE_PRESENCE, names.unacknowledged(), event_callbacks=matched
+        )
         # Wall time: also while simulated time stands still.
         node.create_timer(WORD_SECONDS, self._speak, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -74,7 +71,7 @@ class PresenceWatch:
             PeerStatus,
             names.EXECUTIVE_PRESENCE,
             self._hear,
-            _qos(),
+            names.unacknowledged(),
             event_callbacks=SubscriptionEventCallbacks(matched=self._matched),
         )
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import threading
 import time
+import uuid
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeVar
 
+from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.clock import Timer
@@ -44,6 +47,7 @@ class OperatorLink:
         self._resend: Timer | None = None
         self._executives = 0
         self._reachable = False
+        self._id = uuid.uuid4().hex
         mirror.add_listener(self._note_change)
         runtime.call(self._join)
         # The executive sees by this whether anybody watches, and whether the holder of the authority does.
@@ -110,6 +114,8 @@ class OperatorLink:
             (ExecutiveLog, names.EXECUTIVE_LOG, messages.log_line, self._mirror.receive_log, names.LOG_DEPTH),
         ):
             node.create_subscription(type, topic, _forward(convert, receive), names.latched(depth))
+        self._pings = node.create_publisher(Header, names.EXECUTIVE_PING, names.unacknowledged())
+        node.create_subscription(Header, names.EXECUTIVE_PONG, self._on_pong, names.unacknowledged())
         commands = names.command()
         # The middleware must not deliver after an interruption what the operator was told to be without an answer.
         commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
@@ -124,6 +130,14 @@ class OperatorLink:
         sent = info['source_timestamp'] * 1e-9
         transit = Transit(sent, time.time()) if sent > 0.0 else None
         self._mirror.receive_snapshot(messages.snapshot(message), transit)
+        if self._mirror.wants_ping():
+            seconds, nanoseconds = divmod(time.time_ns(), 10**9)
+            self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
+
+    def _on_pong(self, echo: Header, info: Mapping[str, int]) -> None:
+        if echo.frame_id == self._id and info['source_timestamp'] > 0:
+            said = echo.stamp.sec + echo.stamp.nanosec * 1e-9
+            self._mirror.receive_pong(info['source_timestamp'] * 1e-9 - said)
 
     def _on_status_matched(self, status: Any) -> None:
         self._executives = status.current_count

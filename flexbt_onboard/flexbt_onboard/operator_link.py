@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
+from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
@@ -46,6 +47,9 @@ class OperatorLink:
         self._commands = node.create_subscription(
             ExecutiveCommand, names.EXECUTIVE_COMMAND, on_command, names.command()
         )
+        # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
+        self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.unacknowledged())
+        self._pings = node.create_subscription(Header, names.EXECUTIVE_PING, self._echo.publish, names.unacknowledged())
 
     def publish_status(self, status: ExecutiveStatus) -> None:
         """Send a status; fills in sender, sequence, time and heartbeat period. On the executor thread."""

@@ -23,6 +23,12 @@ SKEW_TOLERANCE: Final = 0.05
 BASELINE_LENGTH: Final = 16
 """Messages over which the fastest way is taken for the difference of the two clocks."""
 
+PING_PERIOD: Final = 30.0
+"""Seconds after which the clocks are compared again."""
+
+ECHOES_REMEMBERED: Final = 8
+"""Comparisons of the clocks of which the best one counts."""
+
 
 class LinkState(Enum):
     """What may be said of the picture: it is the present, it is old, or nobody sends any more."""
@@ -37,21 +43,29 @@ class Freshness:
 
     ``transit`` is the time of arrival minus the time of sending, each on the wall clock of its own computer. The
     smallest of the last ones stands for the difference of the clocks plus the shortest way; what a message
-    took longer than that counts as age. Nothing can be said so of the first message, which may have been kept
-    for late subscribers: unless its transit alone shows that it is young, the picture is STALE until the next.
+    took longer than that counts as age.
+
+    Alone, that takes a link on which every message waits for a clock that differs. So the other side sends an echo of
+    our pings: it is sent after the ping was, hence its time on the sender's clock minus that of the ping on ours is
+    more than the sender's clock is ahead. That and the transit are together more than the time that a message was on
+    its way; of it a heartbeat period is allowed, and the rest counts as age. Without an echo, the picture is STALE
+    until a transit alone shows that it is young; the first one may have been kept for late subscribers.
     """
 
     def __init__(self) -> None:
         self._arrived: float | None = None
-        self._age_on_arrival = 0.0
+        self._transit: float | None = None
         self._period = 1.0
         self._confirmed = False
         self._gone = False
         self._transits: deque[float] = deque(maxlen=BASELINE_LENGTH)
+        self._ahead: deque[float] = deque(maxlen=ECHOES_REMEMBERED)
+        self._echoed = 0.0
 
     def start_over(self) -> None:
         """Forget what was measured: the messages come from another process now."""
         self._transits.clear()
+        self._ahead.clear()
         self._confirmed = False
         self._arrived = None
 
@@ -62,13 +76,23 @@ class Freshness:
         first = self._arrived is None
         self._arrived = now
         self._gone = False
-        self._age_on_arrival = 0.0
-        if transit is not None and math.isfinite(transit):
-            self._transits.append(transit)
-            excess = transit if first else transit - min(self._transits)
-            self._age_on_arrival = max(0.0, excess)
-        young = transit is not None and -SKEW_TOLERANCE <= transit <= self._period
-        self._confirmed = young if first else True
+        self._transit = transit if transit is not None and math.isfinite(transit) else None
+        if self._transit is None:
+            self._confirmed = not first
+            return
+        self._transits.append(self._transit)
+        young = -SKEW_TOLERANCE <= self._transit <= self._period
+        self._confirmed = self._confirmed or young or bool(self._ahead)
+
+    def echoed(self, now: float, ahead: float) -> None:
+        """An echo came that was sent ``ahead`` seconds after the ping, each on the wall clock of its own computer."""
+        self._ahead.append(ahead)
+        self._echoed = now
+        self._confirmed = self._confirmed or self._transit is not None
+
+    def wants_ping(self, now: float) -> bool:
+        """Whether an echo would tell more: there was none for some time, or messages come and are not live."""
+        return not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE
 
     def sender_gone(self) -> None:
         """The middleware says that the sender is not there any more."""
@@ -76,7 +100,7 @@ class Freshness:
 
     def age(self, now: float) -> float | None:
         """Seconds since the picture was true, as far as one can know; None before the first message."""
-        return None if self._arrived is None else max(0.0, now - self._arrived) + self._age_on_arrival
+        return None if self._arrived is None else max(0.0, now - self._arrived) + self._lateness()
 
     def silent(self, now: float) -> bool:
         """Whether the sender should have been heard again by now."""
@@ -99,3 +123,11 @@ class Freshness:
             return None
         limit = LIVE_PERIODS if state is LinkState.LIVE else LOST_PERIODS
         return now + limit * self._period - age + 1e-3
+
+    def _lateness(self) -> float:
+        """Age of the newest message on its arrival, as far as one can know."""
+        if self._transit is None:
+            return 0.0
+        if not self._ahead:
+            return max(0.0, self._transit if len(self._transits) == 1 else self._transit - min(self._transits))
+        return max(0.0, self._transit - min(self._transits), self._transit + min(self._ahead) - self._period)

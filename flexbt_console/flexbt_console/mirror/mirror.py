@@ -136,6 +136,17 @@ class Mirror:
         self._tell(Change.LOG)
         return True
 
+    def wants_ping(self) -> bool:
+        """Whether an echo of the executive would tell more of the age of the picture, see :meth:`receive_pong`."""
+        with self._lock:
+            return self._freshness.wants_ping(self._clock.now())
+
+    def receive_pong(self, ahead: float) -> None:
+        """An echo: it was sent ``ahead`` seconds after the ping, each time on the wall clock of its own computer."""
+        with self._lock:
+            self._freshness.echoed(self._clock.now(), ahead)
+        self._tell(Change.LINK)
+
     def sender_gone(self) -> None:
         """The middleware says that nobody sends snapshots any more."""
         with self._lock:
