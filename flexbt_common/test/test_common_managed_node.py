@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -278,6 +279,7 @@ def test_parameters_are_read_by_each_configure_and_fixed_in_between() -> None:
 
 PROGRAM = """
 import sys
+import time
 from flexbt_common.errors import FlexbtError
 from flexbt_common.managed_node import run_managed_node
 
@@ -290,7 +292,8 @@ class Made:
     def activate(self):
         print('activated', flush=True)
     def deactivate(self, why, within):
-        print('deactivated', why, flush=True)
+        print('deactivating', flush=True)
+        time.sleep(60.0)
 
 sys.exit(run_managed_node('managed', Made, waiting=lambda runtime: print('waiting', flush=True)))
 """
@@ -333,6 +336,21 @@ def test_a_signal_ends_the_process_in_any_state(
         out, err = child.communicate(timeout=10)
         assert (out.splitlines(), child.returncode) == (printed, 0), err
         assert 'Traceback' not in err
+
+
+def test_a_transition_that_does_not_end_does_not_hold_up_the_end(tmp_path: Path) -> None:
+    with NodeRuntime.open('manager') as manager, process(tmp_path) as child:
+        assert child.stdout is not None
+        assert [child.stdout.readline() for _ in range(2)] == ['configured \n', 'activated\n']
+        client = LifecycleClient(manager, 'managed')
+        answer = client.begin('deactivate')
+        assert child.stdout.readline() == 'deactivating\n'
+        began = time.monotonic()
+        child.send_signal(signal.SIGINT)
+        _out, err = child.communicate(timeout=10)
+        assert time.monotonic() - began < 2.5
+        assert (child.returncode, 'did not come to an end' in err) == (0, True), err
+        assert not answer.done()
 
 
 def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not(tmp_path: Path) -> None:
