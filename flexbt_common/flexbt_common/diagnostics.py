@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sendable import sendable
 
 TOPIC: Final = '/diagnostics'
 PERIOD: Final = 1.0
@@ -39,6 +40,6 @@ def entry(
     return DiagnosticStatus(
         level=level,
         name=f'{runtime.node.get_fully_qualified_name()}: {what}',
-        message=message,
+        message=sendable(message),
         values=[KeyValue(key=key, value=value) for key, value in (values or {}).items()],
     )

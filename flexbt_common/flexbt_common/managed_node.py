@@ -139,11 +139,9 @@ class ManagedNode(LifecycleNode):
         self._is_managed.set()
         if not is_automatic:
             return
-        for trigger in (self.trigger_configure, self.trigger_activate):
-            self._transitions.submit(trigger).result()
-            if self._error is not None:
-                raise self._error
-        self._is_starting = False
+        self._transitions.submit(self._start).result()
+        if self._error is not None:
+            raise self._error
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
@@ -174,6 +172,12 @@ class ManagedNode(LifecycleNode):
             self._runtime.report_fault(error, 'the way back from an error')
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
+
+    def _start(self) -> None:
+        self.trigger_configure()
+        if self._error is None:
+            self.trigger_activate()
+        self._is_starting = False
 
     def _enter(self, make: Callable[[NodeRuntime], Any]) -> None:
         self._scope.close()
