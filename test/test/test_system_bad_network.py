@@ -28,7 +28,7 @@ from flexbt_system_tests.stack import Stack
 
 T = TypeVar('T')
 
-BAD = Weather(loss=0.3, doubled=0.1, delay=(0.2, 0.5), rate=32_000.0)
+BAD = Weather(loss=0.3, doubled=0.1, delay=(0.2, 0.5), rate=64_000.0)
 PARTITION_S = 10.0
 SHORT_PARTITION_S = 3.0
 HEALING_S = 2.0
