@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.building import building
 from flexbt_onboard.errors import OnboardError
+from flexbt_onboard.run_building import definition_of
 from flexbt_onboard.state_machine import MachineError
 from flexbt_onboard.state_machine.definition import MachineDefinition
-from flexbt_onboard.state_machine.machine import define
 from flexbt_server.desk.errors import UsageError
 
 
@@ -32,7 +32,7 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
         with building():
             behavior = entry.instantiate()
             behavior.set_arguments(arguments)
-            return BuiltBehavior(entry.name, define(behavior.create()))
+            return BuiltBehavior(entry.name, definition_of(behavior))
     except MachineError as error:
         return BuiltBehavior(entry.name, None, error.problems)
     except OnboardError as error:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 from flexbt_onboard.errors import ManifestError, ParameterError
 
 if TYPE_CHECKING:
-    from flexbt_onboard.state_machine import OperatableStateMachine
+    from flexbt_onboard.state_machine import MachineDefinition, OperatableStateMachine
 
 ParameterValue = bool | int | float | str
 
@@ -200,8 +200,12 @@ class Behavior:
         for name, value in values.items():
             setattr(self, name, value)
 
-    def create(self) -> OperatableStateMachine:
-        """Build the state machine from the parameters' values. Called on the thread of the run."""
+    def create(self) -> OperatableStateMachine | MachineDefinition:
+        """Build the state machine from the parameters' values. Called on the thread of the run.
+
+        A definition is what :func:`flexbt_onboard.machine_file.read_machine` makes of YAML. It has the state objects of
+        one run, so it is made anew by each call.
+        """
         raise NotImplementedError(f'behavior {self.name!r} does not implement create()')
 
     def _declare(self, parameter: BehaviorParameter) -> None:

@@ -49,10 +49,24 @@ def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:
             f'behavior {behavior.name!r}: operator_gone has to be an OperatorGone, and operator_gone_after a number of '
             f'seconds above 0, not {gone!r} and {after!r}'
         )
+    return behavior, definition_of(behavior)
+
+
+def definition_of(behavior: Behavior) -> MachineDefinition:
+    """The checked machine that a behavior creates. Its code may raise anything.
+
+    Raises:
+        ParameterError: what was created is no machine.
+        MachineError: the machine is wrong.
+    """
     machine: Any = behavior.create()
+    if isinstance(machine, MachineDefinition):
+        return machine  # has been checked when it was made
     if not isinstance(machine, OperatableStateMachine):
-        raise ParameterError(f'create() has to return an OperatableStateMachine, not {machine!r:.60}')
-    return behavior, define(machine)
+        raise ParameterError(
+            f'create() has to return an OperatableStateMachine or a MachineDefinition, not {machine!r:.60}'
+        )
+    return define(machine)
 
 
 def structure_message(definition: MachineDefinition, run_id: str, behavior: str) -> BehaviorStructure:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -13,7 +14,8 @@ from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 from flexbt_common.values import to_entry
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.state_machine import Autonomy, EventState, MachineRun, OperatableStateMachine
+from flexbt_onboard.machine_file import read_machine
+from flexbt_onboard.state_machine import Autonomy, EventState, MachineDefinition, MachineRun, OperatableStateMachine
 
 START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
 IDLE, STARTING, RUNNING, STOPPING = (
@@ -396,3 +398,27 @@ def test_an_activity_that_raises_hides_nothing_else(make_bench: Make) -> None:
     bench.start()
     bench.wait_active('/One')
     assert 'KeyError' in bench.status.active_states[0].activity[0]
+
+
+def test_a_behavior_may_be_a_machine_in_yaml(make_bench: Make) -> None:
+    """What ``read_machine`` gives is run as it is, again and again; what is no machine is refused."""
+    text = 'machine: {outcomes: [out], states: {One: {state: Step, transitions: {done: out}}}}'
+    states = {'Step': partial(Step, execute=lambda _: 'done')}
+
+    class Yaml(Behavior):
+        manifest = BehaviorManifest('Yaml')
+
+        def create(self) -> MachineDefinition:
+            return read_machine(text, states)
+
+    class Text(Behavior):
+        manifest = BehaviorManifest('Text')
+
+        def create(self) -> Any:
+            return text
+
+    bench = make_bench(Yaml, Text)
+    for _ in range(2):
+        bench.start('Yaml')
+        assert bench.wait_idle() == 'out'
+    assert 'create() has to return' in bench.refused(START, behavior='Text')
