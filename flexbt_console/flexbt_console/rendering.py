@@ -169,8 +169,9 @@ def structure(known: Structure, view: View) -> list[str]:
         kind = '' if state.kind is StateKind.STATE else f' {state.kind.name.lower()}'
         shown.append(f'{mark} {"  " * depth}{one_line(label)}  ({one_line(state.type)}{kind})')
         for outcome, target, level in zip(state.outcomes, state.targets, state.autonomy, strict=False):
-            arrow = f'{one_line(outcome)} -> {one_line(target)}'
-            shown.append(f'  {"  " * depth}    {arrow}  requires {autonomy(level)}')
+            arrow = f'{one_line(outcome)} -> {one_line(target)}' if target else one_line(outcome)
+            needed = f'  requires {autonomy(level)}' if level >= 0 else ''
+            shown.append(f'  {"  " * depth}    {arrow}{needed}')
     return shown
 
 

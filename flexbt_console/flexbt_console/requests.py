@@ -21,6 +21,7 @@ from flexbt_console.mirror.records import (
     DecisionKind,
     ExecutiveState,
     InputValue,
+    StateKind,
 )
 from flexbt_console.mirror.view import View
 from flexbt_console.operator_values import Place, answer
@@ -317,6 +318,11 @@ def _active_path(view: View, text: str) -> str:
     matches = [path for path in levels if path.endswith(suffix)]
     if len(matches) == 1:
         return matches[0]
+    if not matches and view.structure is not None:
+        known = _known_path(view, text)
+        state = view.state(known)
+        if state is not None and state.kind is not StateKind.STATE:
+            return known  # it may be active though all in it has ended: the executive knows
     active = ', '.join(matches or view.active_paths) or 'none'
     what = 'is not unique' if matches else 'is not active'
     raise RefusedError(f'{text!r} {what}; active: {active}')

@@ -26,6 +26,7 @@ from flexbt_console.mirror.records import (
     DecisionKind,
     ExecutiveState,
     Snapshot,
+    StateKind,
     StateStructure,
     Structure,
 )
@@ -40,8 +41,8 @@ STRUCTURE = Structure(
     'r1',
     'Drive',
     (
-        StateStructure('/', outcomes=('finished',)),
-        StateStructure('/Nav', outcomes=('done', 'failed')),
+        StateStructure('/', StateKind.MACHINE, outcomes=('finished',)),
+        StateStructure('/Nav', StateKind.MACHINE, outcomes=('done', 'failed')),
         StateStructure('/Nav/Plan', outcomes=('done', 'failed')),
     ),
 )
@@ -100,14 +101,26 @@ def test_choosing_the_wanted_outcome_confirms_and_another_forces(requests: Reque
         requests.choose(view(TRANSITION), TRANSITION, 'x')
 
 
+def test_a_container_may_be_left_though_all_in_it_has_ended(requests: Requests) -> None:
+    """It may wait for the operator, or be locked; only the executive knows the latter."""
+    waiting = Decision('t2', DecisionKind.TRANSITION, '/Nav', 'done', ('done', 'failed'), 3)
+    command = requests.force(view(waiting, active=()), 'Nav', 'failed')
+    assert (command.path, command.decision_id) == ('/Nav', 't2')
+    assert requests.repeat(view(waiting, active=()), '/Nav').path == '/Nav'
+    assert requests.force(view(active=()), '/Nav', 'failed').path == '/Nav'
+    assert any(line.startswith('>   Nav') for line in rendering.structure(STRUCTURE, view(waiting, active=())))
+
+
 def test_force_finds_the_state(requests: Requests) -> None:
     assert requests.force(view(), '', 'done').path == '/Nav/Plan'
     assert requests.force(view(), 'Plan', 'done').path == '/Nav/Plan'
     assert requests.force(view(), 'Nav', 'done').path == '/Nav'
     assert requests.force(view(TRANSITION), '', 'failed').decision_id == 't1'
     assert requests.force(view(TRANSITION), '/Nav', 'failed').decision_id == ''
-    with pytest.raises(RefusedError, match='not active; active: /Nav/Plan'):
+    with pytest.raises(RefusedError, match='no state'):
         requests.force(view(), '/Other', 'done')
+    with pytest.raises(RefusedError, match='not active; active: none'):
+        requests.force(view(active=()), '/Nav/Plan', 'done')
     with pytest.raises(RefusedError, match="no outcome 'gone'; choose one of done, failed"):
         requests.force(view(), '', 'gone')
     with pytest.raises(RefusedError, match='/A, /B'):

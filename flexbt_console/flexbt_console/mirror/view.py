@@ -64,9 +64,13 @@ class View:
 
     @property
     def active_levels(self) -> tuple[str, ...]:
-        """Paths of the active leaves and of the containers around them, from the outside in, each once."""
-        levels = {'/': None} if self.active_paths else {}
-        for path in self.active_paths:
+        """Paths of all that is known to be active, from the outside in, each once: leaves, and containers around them.
+
+        A container that waits for a decision is active, though all of its children may have ended.
+        """
+        paths = (*self.active_paths, *(decision.path for decision in self.decisions))
+        levels = {'/': None} if paths else {}
+        for path in paths:
             labels = path.strip('/').split('/')
             levels.update(dict.fromkeys('/' + '/'.join(labels[: n + 1]) for n in range(len(labels))))
         return tuple(levels)
