@@ -160,11 +160,19 @@ class _Reader:
         self._active: dict[str, float] = {}
         self._waiting: dict[str, tuple[float, Event]] = {}
         self._now: float | None = None
+        self._is_over = False
 
     def take(self, kind: str, event: Event) -> None:
-        """Take in an event. A clock that was set back stands still until it is there again."""
+        """Take in an event. A clock that was set back stands still until it is there again.
+
+        A command whose effect was the end may be written after it; one that came too late is not of the run.
+        """
         metrics = self._metrics
         now = float(event.get(self._clock, 0.0))
+        if self._is_over:
+            if kind != 'command' or event.get('effect') != 'applied':
+                return
+            now = metrics.end
         if self._now is None:
             metrics.begin = now
         else:
@@ -199,6 +207,7 @@ class _Reader:
         elif kind == 'ended':
             metrics.outcome, metrics.message = str(event.get('outcome', '')), str(event.get('message', ''))
             self.interrupt(metrics.outcome)
+            self._is_over = True
 
     def interrupt(self, outcome: str = '') -> None:
         """Everything that is active ends here: with the run, or with the executive."""

@@ -167,3 +167,16 @@ def test_a_run_without_any_event_has_a_report_as_well() -> None:
     assert as_text(empty)
     assert as_json(empty)['duration'] == 0.0
     parsed(timeline(empty))
+
+
+def test_what_comes_after_the_end_is_not_of_the_run() -> None:
+    """A command that is refused as too late makes the run no longer; the result of the one that ended it may be late."""
+    kinds: list[dict[str, Any]] = [
+        {'event': 'started', 'behavior': 'B', 'by': 'ann', 'at': 1.0},
+        {'event': 'ended', 'outcome': 'preempted', 'at': 3.0},
+        {'event': 'command', 'command': 'STOP', 'effect': 'applied', 'at': 3.5},
+        {'event': 'command', 'command': 'CONFIRM', 'effect': 'refused', 'at': 60.0},
+    ]
+    (run,) = metrics_of({**kind, 'run': 'r', 'stamp': kind['at']} for kind in kinds)
+    assert run.duration == 2.0
+    assert [(one.command, one.time) for one in run.interventions] == [('STOP', 3.0)]
