@@ -40,8 +40,9 @@ from flexbt_common.node_runtime import NodeRuntime, run_node
 from flexbt_common.node_scope import NodeScope
 from flexbt_common.parameters import refuse_while_configured
 
+DEACTIVATED: Final = 'was deactivated'
 SHUTTING_DOWN: Final = 'is shutting down'
-"""Why a node refuses to work at its end; follows a subject."""
+"""Why something was stopped; they follow a subject."""
 
 STOP_SECONDS: Final = 10.0
 """How long a node that is deactivated waits for what runs to come to rest."""
@@ -58,10 +59,11 @@ class Managed(Protocol):
     def activate(self) -> None:
         """Begin to work."""
 
-    def deactivate(self, why: str, within: float) -> None:
+    def deactivate(self, why: str, refusal: str, within: float) -> None:
         """Refuse what comes from now on, and stop what runs; come back when it is at rest and all results are sent.
 
-        ``why`` follows a subject, as in 'the server is inactive'. ``within`` is in seconds of wall time.
+        ``why`` tells what is stopped, ``refusal`` what is refused; they follow a subject, as in 'the server was
+        deactivated'. ``within`` is in seconds of wall time.
 
         Raises:
             FlexbtError: something was not at rest in this time.
@@ -154,7 +156,7 @@ class ManagedNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
-        return self._step(lambda: self._managed.deactivate(inactive(self), STOP_SECONDS))
+        return self._step(lambda: self._managed.deactivate(DEACTIVATED, inactive(self), STOP_SECONDS))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""

@@ -65,7 +65,7 @@ class Machine:
         self.bench.notes.append('activate')
         self.bench.fail('activate')
 
-    def deactivate(self, why: str, within: float) -> None:
+    def deactivate(self, why: str, refusal: str, within: float) -> None:
         self.bench.notes.append('deactivate')
         if self.bench.hold is not None:
             # It comes to rest on the executor thread, as all that runs does.
@@ -291,7 +291,7 @@ class Made:
         print('configured', refusal.partition(';')[0], flush=True)
     def activate(self):
         print('activated', flush=True)
-    def deactivate(self, why, within):
+    def deactivate(self, why, refusal, within):
         print('deactivating', flush=True)
         time.sleep(60.0)
 

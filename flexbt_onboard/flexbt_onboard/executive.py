@@ -211,24 +211,25 @@ class Executive:
         """Behaviors can be started from now on. Not on the executor thread."""
         self.runtime.call(self._activate)
 
-    def deactivate(self, why: str, within: float) -> None:
+    def deactivate(self, why: str, refusal: str, within: float) -> None:
         """Refuse to start behaviors, stop the run and wait for it. Not on the executor thread.
 
-        ``why`` follows a subject; ``within`` is in seconds of wall time.
+        ``why`` (for what runs) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
 
         Raises:
             OnboardError: the behavior was not at rest in this time.
         """
-        run = self.runtime.call(lambda: self._stop(why))
+        told = f'the executive {why}'
+        run = self.runtime.call(lambda: self._stop(told, refusal))
         is_at_rest = run is None or run.join(within)
-        self.runtime.call(self._withdraw)
+        self.runtime.call(lambda: self._withdraw(told))
         if run is not None and not is_at_rest:
             raise OnboardError(f'behavior {run.behavior!r} was not at rest {within:g} s after the stop; leaving it')
 
     def close(self) -> None:
         """Stop the run, and wait for it for a limited time; on the closing thread, while callbacks still run."""
         try:
-            self.deactivate(SHUTTING_DOWN, SHUTDOWN_SECONDS)
+            self.deactivate(SHUTTING_DOWN, SHUTTING_DOWN, SHUTDOWN_SECONDS)
         except OnboardError as error:
             self.link.log(ExecutiveLog.ERROR, str(error), run_id=self.shown_run_id)
         self.record.note('executive', state='ended', executive=self.executive_id)
@@ -239,16 +240,16 @@ class Executive:
             self.link.log(ExecutiveLog.INFO, 'the executive is active')
             self.changed()
 
-    def _stop(self, why: str) -> BehaviorRun | None:
-        self.gate.close(why)
+    def _stop(self, why: str, refusal: str) -> BehaviorRun | None:
+        self.gate.close(refusal)
         self.link.log(ExecutiveLog.INFO, self.gate.refusal)
         if self.run is not None:
-            self.run.stop(self.gate.refusal)
+            self.run.stop(why)
         self.changed()
         return self.run
 
-    def _withdraw(self) -> None:
-        self.questions.close(self.gate.refusal)
+    def _withdraw(self, why: str) -> None:
+        self.questions.close(why)
         self._status.flush()
 
     def _on_command(self, command: ExecutiveCommand) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import random
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -91,6 +92,15 @@ class ManagedBench(ConsoleBench):
         wait_until(lambda: self.statuses and self.status.message == text, lambda: f'{text}; {self.statuses[-1:]}')
         wait_until(self._commands.get_subscription_count, 'link up')
 
+    def wait_shown(self, state: str) -> None:
+        """Wait until the status, which may tell of the last run first, shows a state, and commands arrive."""
+
+        def is_shown() -> bool:
+            refusal = next((one for one in (UNCONFIGURED, INACTIVE) if self.status.message.endswith(one)), '')
+            return refusal == {'unconfigured': UNCONFIGURED, 'inactive': INACTIVE}.get(state, '')
+
+        wait_until(lambda: self.statuses and is_shown() and self._commands.get_subscription_count(), state)
+
     def entities(self) -> Counter[type]:
         """What there is on the node, by kind."""
 
@@ -134,7 +144,7 @@ def test_the_operator_is_told_in_every_state_why_nothing_can_be_started(bench: M
     bench.change('deactivate')
     wait_until(lambda: bench.status.outcome == 'preempted', lambda: bench.status)
     assert bench.status.state == ExecutiveStatus.IDLE
-    assert bench.status.message.endswith(INACTIVE)
+    assert bench.status.message == f'the executive was deactivated; {INACTIVE}'
     assert len(Hold.left) == 1
     assert bench.refused(START, behavior='Test') == INACTIVE
 
@@ -180,7 +190,10 @@ def test_programs_are_refused_and_their_goals_ended(bench: ManagedBench) -> None
     bench.wait_for(lambda status: status.decisions, 'question')
     bench.change('deactivate')
     assert run.result.code == ExecuteBehavior.Result.CANCELED
-    assert (asked.result.code, asked.result.message) == (OperatorInput.Result.CANCELED, INACTIVE)
+    assert (asked.result.code, asked.result.message) == (
+        OperatorInput.Result.CANCELED,
+        'the executive was deactivated',
+    )
 
 
 def test_twenty_rounds_leave_nothing_behind(bench: ManagedBench) -> None:
@@ -229,3 +242,35 @@ def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(bench: 
     wait_until(lambda: 'active' in [one.message for one in heard if one.name.endswith('lifecycle')], 'active')
     bench.wait_message('')
     bench.start()
+
+
+GOALS_OF = {
+    'unconfigured': {'configure': 'inactive'},
+    'inactive': {'activate': 'active', 'cleanup': 'unconfigured'},
+    'active': {'deactivate': 'inactive'},
+}
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_no_run_outlives_the_active_state_whatever_transitions_come(bench: ManagedBench, seed: int) -> None:
+    chance = random.Random(seed)
+    before = bench.entities()
+    state = 'unconfigured'
+    started = 0
+    for _ in range(40):
+        if chance.random() < 0.7:
+            bench.wait_shown(state)
+            if state != 'active':
+                assert bench.refused(START, behavior='Test') in (UNCONFIGURED, INACTIVE)
+            elif bench.status.state == ExecutiveStatus.IDLE:
+                bench.start()
+                started += 1
+        label = chance.choice(['configure', 'activate', 'activate', 'deactivate', 'cleanup'])
+        goal = GOALS_OF[state].get(label)
+        assert bench.manager.change(label) == (goal is not None)
+        state = goal or state
+        if state != 'active':
+            assert len(Hold.left) == started
+        if state == 'unconfigured':
+            assert bench.entities() == before
+    assert started > 0

@@ -83,7 +83,7 @@ class BtServer:
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, gate))
         self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake, gate))
         self.alive = LivelinessToken(runtime)
-        runtime.on_close(lambda: self._stop(SHUTTING_DOWN, _END_SECONDS))
+        runtime.on_close(lambda: self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS))
         self._log = logger.info
         self._log(f'configured: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
 
@@ -92,25 +92,25 @@ class BtServer:
         self._gate.open()
         self._log('active')
 
-    def deactivate(self, why: str, within: float) -> None:
+    def deactivate(self, why: str, refusal: str, within: float) -> None:
         """Refuse goals, stop every tree and wait until all goals have their results. Not on the executor thread.
 
-        ``why`` follows a subject; ``within`` is in seconds of wall time.
+        ``why`` (for what runs) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
 
         Raises:
             BtServerError: something was not at rest in this time.
         """
-        is_at_rest = self._stop(why, within)
+        is_at_rest = self._stop(why, refusal, within)
         *_, unread = wait([self._reader.submit(lambda: None)], within)
         if unread or not is_at_rest:
             raise BtServerError(
                 f'{"a file is being read" if unread else "a tree is running"} {within:g} s after the stop'
             )
-        self._log(f'the BT server {why}')
+        self._log(f'the BT server {refusal}')
 
-    def _stop(self, why: str, within: float) -> bool:
-        self._gate.close(why)
-        return self.execute.stop_all(self._gate.refusal, within)
+    def _stop(self, why: str, refusal: str, within: float) -> bool:
+        self._gate.close(refusal)
+        return self.execute.stop_all(f'the BT server {why}', within)
 
     def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
         watchers: list[RunWatcher] = []

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from server_world import INTERFACES, Client, Navigation, document, until
@@ -21,6 +22,7 @@ from flexbt_common.lifecycle_client import LifecycleClient
 from flexbt_common.liveliness import LivelinessWatch
 from flexbt_common.managed_node import ManagedNode
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sent_goal import SentGoal
 from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
@@ -118,7 +120,7 @@ def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
         assert set(world.wait.statuses.values()) == {'canceled'} and len(world.wait.statuses) == 3
         for run in runs:
             assert run.result.code == Result.CANCELED
-            assert run.result.message.startswith('the BT server is inactive; activate it')
+            assert run.result.message.startswith('the BT server was deactivated')
         world.client.runtime.call(
             lambda: control.call_async(ControlTree.Request()).add_done_callback(lambda _: controlled.set())
         )
@@ -209,6 +211,51 @@ def test_twenty_rounds_with_running_trees_leave_nothing_behind() -> None:
             if round > 1:
                 threads.add(threading.active_count())
         assert max(threads) - min(threads) <= 1, threads  # a thread may be about to end
+
+
+GOALS_OF = {
+    'unconfigured': {'configure': 'inactive'},
+    'inactive': {'activate': 'active', 'cleanup': 'unconfigured'},
+    'active': {'deactivate': 'inactive'},
+}
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_nothing_runs_and_no_goal_is_forgotten_whatever_transitions_come(seed: int) -> None:
+    chance = random.Random(seed)
+    with managed() as world:
+        before = world.entities()
+        state, is_loaded = 'unconfigured', False
+        goals: list[SentGoal] = []
+        for _ in range(60):
+            if state == 'active' and not is_loaded:
+                world.client.load_tree(WAITING)
+                is_loaded = True
+            if state != 'unconfigured' and chance.random() < 0.6:
+                goals += [world.client.execute(blackboard=str(chance.randrange(6))) for _ in range(chance.randrange(5))]
+            for goal in goals:
+                if goal.accepted.is_set() and chance.random() < 0.1:
+                    goal.call.cancel()
+            if chance.random() < 0.5:
+                for goal in goals:
+                    assert goal.accepted.wait(20.0) or goal.ended
+            world.wait.delay_cancel = chance.choice([0.0, 0.0, 0.02])
+            label = chance.choice(['configure', 'activate', 'deactivate', 'deactivate', 'cleanup'])
+            goal_state = GOALS_OF[state].get(label)
+            assert world.manager.change(label) == (goal_state is not None)
+            state = goal_state or state
+            if state == 'active':
+                continue
+            assert world.wait.running == []
+            for goal in goals:
+                result = goal.wait().result
+                # One that was still under way when there was no server any more got no answer.
+                assert result is None or result.code in (Result.CANCELED, Result.ERROR), result
+                assert result is not None or state == 'unconfigured', goal.outcomes
+            goals.clear()
+            if state == 'unconfigured':
+                is_loaded = False
+                assert world.entities() == before
 
 
 def test_the_end_of_the_process_is_orderly_in_every_state() -> None:

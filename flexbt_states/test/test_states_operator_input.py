@@ -10,6 +10,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import CancelResponse
 
+from flexbt_common.goal_gate import GoalGate
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import to_entry
 from flexbt_msgs.action import OperatorInput
@@ -30,7 +31,7 @@ class Desk:
     def __init__(self, bench: StateBench) -> None:
         self.runtime = NodeRuntime('desk', args=())
         self.changes = 0
-        self.questions = self.runtime.call(lambda: OperatorQuestions(self.runtime, self._count))
+        self.questions = self.runtime.call(lambda: OperatorQuestions(self.runtime, GoalGate('the desk'), self._count))
         link = bench.services.actions.link(OperatorInput, 'operator_input')
         wait_until(lambda: bench.runtime.call(link.is_ready), 'discovered')
 
@@ -53,7 +54,7 @@ class Desk:
 def desk(bench: StateBench) -> Iterator[Desk]:
     desk = Desk(bench)
     yield desk
-    desk.runtime.call(desk.questions.close)
+    desk.runtime.call(lambda: desk.questions.close('the desk is closed'))
     desk.runtime.close()
 
 
