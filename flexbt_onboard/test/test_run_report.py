@@ -170,7 +170,7 @@ def test_a_run_without_any_event_has_a_report_as_well() -> None:
 
 
 def test_what_comes_after_the_end_is_not_of_the_run() -> None:
-    """A command that is refused as too late makes the run no longer; the result of the one that ended it may be late."""
+    """A command that is refused as too late makes the run no longer; the result of one that ended it may be late."""
     kinds: list[dict[str, Any]] = [
         {'event': 'started', 'behavior': 'B', 'by': 'ann', 'at': 1.0},
         {'event': 'ended', 'outcome': 'preempted', 'at': 3.0},
