@@ -21,6 +21,7 @@ from _flexbe_native import ACTION
 from _flexbe_stamp import Entries
 
 from flexbt_common import names
+from flexbt_common.goal_server import GoalServer, ServedGoal
 from flexbt_common.navigation_interfaces import load
 from flexbt_common.node_runtime import NodeRuntime
 
@@ -33,30 +34,23 @@ SETTLE_SECONDS: Final = 0.3
 
 
 class Server:
-    """Ends each goal after a random time, and notes when."""
+    """Ends each goal after a random time, and notes when: the result is on its way then."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
-        from rclpy.action import ActionServer
-
         self._runtime = runtime
         self._type = load().Wait
         self.seconds = (0.0, 0.0)
         self.result_sent = 0
-        options = names.deep_action_services()
-        # All results that are kept are told at every change: with rclpy's 15 minutes that would be what is measured.
-        runtime.call(lambda: ActionServer(runtime.node, self._type, ACTION, self._execute, result_timeout=5, **options))
+        runtime.call(lambda: GoalServer(runtime, self._type, ACTION, self._serve))
 
-    async def _execute(self, handle: Any) -> Any:
-        from rclpy.task import Future
-
-        pause = Future(executor=self._runtime.node.executor)
+    def _serve(self, goal: ServedGoal) -> None:
         steady = self._runtime.steady
         until = steady.now() + random.uniform(*self.seconds)
-        steady.call_at(until, lambda: self._runtime.post(lambda: pause.set_result(None)))
-        await pause
+        steady.call_at(until, lambda: self._runtime.post(lambda: self._end(goal)))
+
+    def _end(self, goal: ServedGoal) -> None:
         self.result_sent = time.monotonic_ns()
-        handle.succeed()
-        return self._type.Result()
+        goal.succeed(self._type.Result())
 
 
 class Operator(Protocol):
