@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Many robots in one DDS domain, apart by namespace: each has an executive, a process, and a console of its own.
 
-1. From the first start of an executive until every console shows its own one, live.
+1. From the first start of an executive until every console shows its own one, live. They are started some at a time:
+   all at once, 100 nodes would have to start on the cores of one machine.
 2. At rest, with a state active that waits for the operator: processor time of an executive, and what one console gets
    (serialized messages, without the headers of the middleware).
 3. All operators command at the same time: from the command to the picture that shows its effect.
 
 All consoles are nodes in this process, so that the third figure has their contention for one interpreter in it.
 
-Each robot and each console is a DDS participant, and what they tell each other about themselves grows with the square
-of their number. So the discovery is that of a fleet: by multicast, as across machines (on localhost alone Fast DDS
-shows the first 32 participants of a domain to each other only), and with the announcements of the middleware's
-defaults instead of those of tools/fastdds.xml, which come 15 times as often.
+Each robot and each console is a DDS participant. By simple discovery, each tells each of all that it has; on two cores
+the time until all are live grows with the cube of their number (20 robots: 37 s, 30: 155 s, 35: 286 s), and on
+localhost alone Fast DDS shows no more than 32 participants of a domain to each other. So there is a discovery server of
+Fast DDS, as a fleet would have, through which each hears of what it shares topics with; --simple does without it.
 
-Usage: fleet.py [--robots N] [--rounds N] [--output FILE.json]
+Usage: fleet.py [--robots N] [--rounds N] [--simple] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -21,14 +22,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import signal
+import socket
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +40,7 @@ from domain_coordinator import domain_id
 
 DEADLINE = 400.0
 REST_SECONDS = 10.0
+AT_A_TIME = 5
 BETWEEN_ROUNDS = 0.3  # a picture is sent 20 times a second at most, on average
 ROS_ARGUMENTS = ('--ros-args', '--log-level', 'error', '-p', 'peers:=[""]', '-p', 'record_directory:=""')
 
@@ -78,11 +82,8 @@ def cpu_seconds(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def measure(stations: Sequence[Station], processes: Sequence[int], started: float, rounds: int) -> dict[str, Any]:
+def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) -> dict[str, Any]:
     """The figures; times in ms unless said otherwise."""
-    for station in stations:
-        station.link.live_view(DEADLINE)
-    all_live = time.monotonic() - started
     for station in stations:
         view = station.link.wait_for(lambda view: view if view.behaviors else None, DEADLINE)
         assert view is not None, 'no list of behaviors'
@@ -109,8 +110,6 @@ def measure(stations: Sequence[Station], processes: Sequence[int], started: floa
             effects.append((time.monotonic() - since) * 1e3)
     cuts = statistics.quantiles(effects, n=100)
     return {
-        'robots': len(stations),
-        'all live after (s)': all_live,
         'executive at rest (% of a core)': statistics.median(at_rest),
         'console at rest (% of a core)': consoles / len(stations),
         'link at rest (bytes/s)': statistics.median(traffic),
@@ -118,36 +117,67 @@ def measure(stations: Sequence[Station], processes: Sequence[int], started: floa
     }
 
 
+@contextmanager
+def discovery_server() -> Iterator[str]:
+    """A discovery server of Fast DDS on this machine; gives its address."""
+    program = shutil.which('fast-discovery-server')
+    if program is None:
+        raise SystemExit('fast-discovery-server is not there (a part of Fast DDS); --simple does without it')
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(('127.0.0.1', 0))
+        port = free.getsockname()[1]
+    address = '127.0.0.1'
+    command = [program, '-i', '0', '-l', address, '-p', str(port)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        try:
+            yield f'{address}:{port}'
+        finally:
+            process.terminate()
+
+
+def stop(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    """End the executives."""
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    for process in processes:
+        process.wait(60)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--robots', type=int, default=10)
     parser.add_argument('--rounds', type=int, default=10)
+    parser.add_argument('--simple', action='store_true', help='without a discovery server')
     parser.add_argument('--output', type=Path, default=Path('out/fleet.json'))
     arguments = parser.parse_args()
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
         install_behavior(Path(directory), '_fleet_probe', 'FleetProbe')
         os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET', ROS_LOG_DIR=directory)
+        # Its announcements come 15 times as often as the middleware's default.
         os.environ.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
+        if not arguments.simple:
+            os.environ['ROS_DISCOVERY_SERVER'] = stack.enter_context(discovery_server())
         from flexbt_common.node_runtime import NodeRuntime
 
         started = time.monotonic()
-        processes = [
-            subprocess.Popen(
-                [executable('flexbt_onboard', 'onboard_executive'), *ROS_ARGUMENTS, '-r', f'__ns:=/robot{number}']
-            )
-            for number in range(arguments.robots)
-        ]
-        try:
-            stations = [
-                Station(stack.enter_context(NodeRuntime.open('console', namespace=f'robot{number}')))
-                for number in range(arguments.robots)
-            ]
-            figures = measure(stations, [process.pid for process in processes], started, arguments.rounds)
-        finally:
-            for process in processes:
-                process.send_signal(signal.SIGINT)
-            for process in processes:
-                process.wait(30)
+        processes: list[subprocess.Popen[bytes]] = []
+        stations: list[Station] = []
+        stack.callback(stop, processes)
+        names = [f'robot{number}' for number in range(arguments.robots)]
+        for begin in range(0, len(names), AT_A_TIME):
+            some = names[begin : begin + AT_A_TIME]
+            command = [executable('flexbt_onboard', 'onboard_executive'), *ROS_ARGUMENTS]
+            processes += [subprocess.Popen([*command, '-r', f'__ns:=/{name}']) for name in some]
+            stations += [Station(stack.enter_context(NodeRuntime.open('console', namespace=name))) for name in some]
+            for station in stations[begin:]:
+                station.link.live_view(DEADLINE)
+            print(f'{len(stations)} live after {time.monotonic() - started:.1f} s', file=sys.stderr)
+        all_live = time.monotonic() - started
+        figures = {
+            'robots': len(stations),
+            'all live after (s)': all_live,
+            **measure(stations, [process.pid for process in processes], arguments.rounds),
+        }
     print(json.dumps(figures, indent=2))
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     arguments.output.write_text(json.dumps(figures, indent=2) + '\n')

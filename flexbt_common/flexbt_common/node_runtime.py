@@ -42,6 +42,10 @@ T = TypeVar('T')
 _CLOSE_SECONDS = 1.7
 """A process ends within 2 s of its signal; interpreter and middleware need the rest."""
 
+CALL_SECONDS = 30.0
+"""An executor that does not get to something in this time never will. To make the entities of a node can take many
+seconds when a whole fleet starts on one machine."""
+
 _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
 
@@ -132,7 +136,7 @@ class NodeRuntime:
             if not self.closed:
                 self._post_locked(fn)
 
-    def call(self, fn: Callable[[], T], timeout: float = 5.0) -> T:
+    def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
         """Run ``fn`` on the executor thread and give its value; raise what it raises.
 
         Raises:

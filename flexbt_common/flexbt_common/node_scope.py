@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from rclpy.action import ActionClient, ActionServer
 
 from flexbt_common.names import CLOCK
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.node_runtime import CALL_SECONDS, NodeRuntime
 
 T = TypeVar('T')
 
@@ -46,7 +46,7 @@ class NodeScope(NodeRuntime):
         """As that of the host; dropped when the scope has ended meanwhile."""
         self._host.post(lambda: None if self.closed else fn())
 
-    def call(self, fn: Callable[[], T], timeout: float = 5.0) -> T:
+    def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
         """As that of the host.
 
         Raises:
