@@ -13,7 +13,9 @@ every process of the domain: among 12 robots it was half of what an idle executi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final
 
 from rclpy.duration import Duration
@@ -38,6 +40,7 @@ cannot be taken back."""
 
 
 def _qos() -> QoSProfile:
+    _check_profile()
     return QoSProfile(
         depth=1,
         reliability=ReliabilityPolicy.RELIABLE,
@@ -45,6 +48,20 @@ def _qos() -> QoSProfile:
         liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
         liveliness_lease_duration=Duration(nanoseconds=int(LEASE_SECONDS * 1e9)),
     )
+
+
+def _check_profile() -> None:
+    """Fast DDS would end the process without a word.
+
+    Raises:
+        RuntimeError: the profile in use turns the protocol off by which liveliness is told.
+    """
+    file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
+    if file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'):
+        raise RuntimeError(
+            f'{file} turns the liveliness protocol off, which the nodes of a robot need; '
+            'set FASTRTPS_DEFAULT_PROFILES_FILE to another profile (radio_robot.xml beside radio_console.xml)'
+        )
 
 
 class LivelinessToken:

@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
+from ament_index_python.packages import get_package_share_directory
 
 from flexbt_common.liveliness import GRACE_SECONDS, LEASE_SECONDS, LivelinessToken, LivelinessWatch
 from flexbt_common.node_runtime import NodeRuntime
@@ -130,3 +132,14 @@ def test_a_process_that_hangs_is_taken_for_dead_until_it_goes_on() -> None:
             process.send_signal(signal.SIGCONT)
             assert changes.get(timeout=DEADLINE) is True
         process.kill()
+
+
+def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a liveliness protocol, the middleware would crash."""
+    profiles = Path(get_package_share_directory('flexbt_common')) / 'config'
+    with NodeRuntime.open('here') as here:
+        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profiles / 'radio_console.xml'))
+        with pytest.raises(RuntimeError, match=r'radio_robot\.xml'):
+            LivelinessToken(here)
+        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profiles / 'radio_robot.xml'))
+        LivelinessToken(here)
