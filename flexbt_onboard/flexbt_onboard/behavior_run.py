@@ -132,10 +132,11 @@ class BehaviorRun:
         return self.view.decisions()
 
     def stop(self, reason: str) -> None:
-        """Stop the run; :meth:`RunObserver.run_ended` follows when everything is at rest."""
+        """Stop the run; :meth:`RunObserver.run_ended` follows when everything is at rest. The first reason counts."""
         with self._lock:
-            if self._stop_reason is None:
-                self._stop_reason = reason
+            if self._stop_reason is not None:
+                return
+            self._stop_reason = reason
             machine = self._machine
         self._observer.run_event(self, 'stopping', {'why': reason})
         if machine is not None:

@@ -106,6 +106,20 @@ def test_commands_decisions_and_states_are_recorded_with_their_effect(
     ]
 
 
+def test_a_stop_is_recorded_once_with_the_first_reason(
+    make_bench: Callable[..., ExecutiveBench], tmp_path: Path
+) -> None:
+    bench = make_bench(tmp_path)
+    bench.start(autonomy=3)
+    run = bench.executive.run
+    assert run is not None
+    for why in ('one', 'two', 'three'):
+        run.stop(why)
+    assert bench.wait_idle() == 'preempted'
+    bench.runtime.close()
+    assert [event['why'] for event in events(tmp_path) if event['event'] == 'stopping'] == ['one']
+
+
 def test_a_directory_that_cannot_be_written_is_told_once_and_harms_nobody(
     make_bench: Callable[..., ExecutiveBench], tmp_path: Path
 ) -> None:

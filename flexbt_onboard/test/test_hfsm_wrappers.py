@@ -203,6 +203,11 @@ def test_what_cannot_be_wrapped_is_refused() -> None:
         with_retry(Scripted(), 2)
     with pytest.raises(StateError, match='0 attempts'):
         with_retry(Scripted('failed'), 0)
+    inner: Any = machine(Place('A', Scripted(), {'done': 'ended'}))
+    with pytest.raises(StateError, match='only a state can have a time-out or further attempts'):
+        with_timeout(inner, 1.0)
+    with pytest.raises(StateError, match='only a state can have a time-out or further attempts'):
+        with_retry(inner, 2)
     state = Scripted()
     made = machine(
         Place('A', state, {'done': 'B'}), Place('B', with_timeout(state, 1.0), {'done': 'A', 'timeout': 'ended'})

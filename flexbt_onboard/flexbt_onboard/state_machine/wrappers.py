@@ -8,7 +8,7 @@ state and enters it again when it fails. Both have the keys of the state, and it
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from .errors import StateError
 from .event_state import EventState, ExitReason
@@ -28,7 +28,7 @@ def with_timeout(state: EventState, seconds: float, outcome: str = TIMEOUT) -> E
     while the state is paused. While the operator is asked for an outcome, nothing is timed out.
 
     Raises:
-        StateError: the time is not positive.
+        StateError: the time is not positive, or it is no state (a machine is none).
     """
     return _Timeout(state, seconds, outcome)
 
@@ -42,7 +42,7 @@ def with_retry(
     does not come to rest, it is left by its outcome. What it raises is no failure to try again, but a fault.
 
     Raises:
-        StateError: there are no attempts, or ``on`` has something that is no outcome of the state.
+        StateError: there are no attempts, ``on`` has something that is no outcome of the state, or it is no state.
     """
     return _Retry(state, attempts, on, delay)
 
@@ -58,6 +58,9 @@ class StateWrapper(EventState):
     """A state around another one: here it is the same in everything. What the engine says of it holds for both."""
 
     def __init__(self, inner: EventState, extra_outcomes: Collection[str] = ()) -> None:
+        given: Any = inner
+        if not isinstance(given, EventState):
+            raise StateError(f'only a state can have a time-out or further attempts, not {given!r:.60}')
         self.inner = inner
         super().__init__(
             (*inner.outcomes, *extra_outcomes), inner.input_keys, inner.output_keys, desired_rate=inner.desired_rate
@@ -128,9 +131,9 @@ class StateWrapper(EventState):
 
 class _Timeout(StateWrapper):
     def __init__(self, inner: EventState, seconds: float, outcome: str) -> None:
+        super().__init__(inner, [outcome])
         if not seconds > 0.0:
             raise StateError(f'{inner.type_name}: a time-out has to be positive, not {seconds} s')
-        super().__init__(inner, [outcome])
         self._seconds = seconds
         self._outcome = outcome
         self._until = 0.0
@@ -158,11 +161,11 @@ class _Timeout(StateWrapper):
 
 class _Retry(StateWrapper):
     def __init__(self, inner: EventState, attempts: int, on: Collection[str], delay: float) -> None:
+        super().__init__(inner)
         unknown = [outcome for outcome in on if outcome not in inner.outcomes]
         if attempts < 1 or unknown or not delay >= 0.0:
             problem = f'{unknown[0]!r} is none of its outcomes' if unknown else f'{attempts} attempts, delay {delay} s'
             raise StateError(f'{inner.type_name}: cannot be tried again: {problem}')
-        super().__init__(inner)
         self._attempts = attempts
         self._on = frozenset(on)
         self._delay = delay
