@@ -118,14 +118,13 @@ class ExecuteBehaviorState(EventState):
         return str(result.outcome)
 
     def on_exit(self, userdata: UserData) -> None:
-        self._activity = ()
         self._goal.leave()
 
     def settled(self) -> str | None:
         return self._goal.settled()
 
     def activity(self) -> Sequence[str]:
-        return self._activity
+        return self._activity if self._goal.goal_id else ()
 
     def _on_feedback(self, feedback: Any) -> None:
         self._activity = tuple(feedback.active_states)

@@ -118,7 +118,6 @@ class TreeExecution:
 
     def leave(self) -> None:
         """Cancel the tree when it still runs."""
-        self._activity = ()
         self._pause.begin('')
         self._goal.leave()
 
@@ -127,8 +126,8 @@ class TreeExecution:
         return self._goal.settled()
 
     def activity(self) -> Sequence[str]:
-        """Paths of the tree's nodes that are running."""
-        return self._activity
+        """Paths of the tree's nodes that are running; none when the tree has ended, or was lost."""
+        return self._activity if self._goal.goal_id else ()
 
     def _on_feedback(self, feedback: Any) -> None:
         self._pause.run_seen()

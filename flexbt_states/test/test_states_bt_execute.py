@@ -19,7 +19,7 @@ from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.executive import open_executive
 from flexbt_onboard.executive_parameters import ExecutiveParameters
 from flexbt_onboard.run_building import RunRequest
-from flexbt_onboard.state_machine import OperatableStateMachine
+from flexbt_onboard.state_machine import Autonomy, Child, OperatableStateMachine
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
 from flexbt_states.testing import DEADLINE, ScriptedServer, StateBench, ends, wait_until
@@ -245,6 +245,33 @@ def test_the_running_nodes_are_the_activity_of_the_state(bench: StateBench) -> N
 
     wait_until(lambda: activity() == ['Root', 'Root/Follow'], 'activity shown')
     assert bench.changes >= 1
+    run.stop()
+
+
+def test_nothing_of_a_tree_that_has_ended_is_shown_while_the_operator_decides(bench: StateBench) -> None:
+    async def script(goal_handle: Any) -> Any:
+        goal_handle.publish_feedback(BtExecute.Feedback(active_nodes=['Root', 'Root/Follow']))
+        await future
+        goal_handle.abort()
+        return RESULT(code=RESULT.FAILURE)
+
+    server = bench.serve(BtExecute, 'bt_executor', script)
+    future = server.future()
+
+    def machine() -> OperatableStateMachine:
+        ways = {'done': 'done', 'canceled': 'done', 'failed': 'failed'}
+        child = Child('State', execute(), ways, autonomy={'failed': Autonomy.Full})
+        return OperatableStateMachine(outcomes=['done', 'failed'], children=[child])
+
+    run = bench.run(machine)
+
+    def shown() -> list[list[str]]:
+        return [list(state.activity) for state in run.behavior_run.active_states()]
+
+    wait_until(lambda: shown() == [['Root', 'Root/Follow']], 'activity shown')
+    server.resolve(future)
+    wait_until(lambda: run.behavior_run.view.decisions(), 'the question whether it has failed')
+    assert shown() == [[]]
     run.stop()
 
 
