@@ -87,15 +87,16 @@ def authority(snapshot: Snapshot) -> str:
     )
 
 
-def decision(pending: Decision) -> str:
-    """A question in one line."""
+def decision(pending: Decision, snapshot: Snapshot) -> str:
+    """A question of a snapshot in one line."""
     where = one_line(pending.path)
     prompt = f': {one_line(pending.prompt)}' if pending.prompt else ''
     if pending.kind is DecisionKind.INPUT:
         form = 'place or x y yaw' if is_pose(pending.input_type) else one_line(pending.input_type)
         return f'[{one_line(pending.id)}] {where} asks for a value ({form}){prompt}'
     if pending.kind is DecisionKind.TRANSITION:
-        needs = f' ({_required(pending.required_autonomy)})'
+        has_breakpoint = pending.path in snapshot.breakpoints
+        needs = f' ({"breakpoint" if has_breakpoint else _required(pending.required_autonomy)})'
         return f'[{one_line(pending.id)}] {where} wants {one_line(pending.outcome)}{needs}{prompt}'
     return f'[{one_line(pending.id)}] {where} asks to choose{prompt}'
 
@@ -133,7 +134,7 @@ def status(view: View) -> list[str]:
         shown.append(f'active    {one_line(state.path)}{" (paused)" if state.paused else ""}')
         shown += [f'            {one_line(line)}' for line in state.activity]
     for pending in snapshot.decisions:
-        shown.append(f'waiting   {decision(pending)}')
+        shown.append(f'waiting   {decision(pending, snapshot)}')
         options = pending.input_choices or pending.outcomes
         if options:
             shown.append(f'            {choice_lines(options, pending.outcome)}')

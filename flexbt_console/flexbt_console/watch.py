@@ -119,7 +119,7 @@ def _changes(before: View | None, view: View) -> list[str]:
     asked = {decision.id for decision in old.decisions} if old else set()
     for decision in new.decisions:
         if decision.id not in asked:
-            text.append(f'waiting: {rendering.decision(decision)}')
+            text.append(f'waiting: {rendering.decision(decision, new)}')
             options = choices(decision)
             text += [f'    {rendering.choice_lines(options, decision.outcome)}'] if options else []
     answered = asked - {decision.id for decision in new.decisions}

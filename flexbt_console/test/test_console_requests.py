@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import time
@@ -248,6 +249,17 @@ def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_s
     assert requests.resume(interrupted).kind is CommandKind.RESUME_RUN
     assert requests.abort(interrupted).run_id == 'r1'
     assert '"resume" goes on' in '\n'.join(rendering.status(interrupted))
+
+
+def test_a_question_says_why_it_is_asked() -> None:
+    """By the autonomy that is required, or by a breakpoint, whatever is required."""
+    low = dataclasses.replace(TRANSITION, required_autonomy=0)
+    shown = '\n'.join(rendering.status(view(low)))
+    assert 'requires more than 0 Off' in shown and 'breakpoint' not in shown
+    snapshot = view(low).snapshot
+    assert snapshot is not None
+    stopped = dataclasses.replace(snapshot, breakpoints=('/Nav', low.path))
+    assert '/Nav/Plan wants done (breakpoint)' in rendering.decision(low, stopped)
 
 
 def test_the_authority_is_handed_to_the_one_who_asks(requests: Requests) -> None:

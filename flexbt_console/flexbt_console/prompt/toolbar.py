@@ -72,12 +72,12 @@ def _head(view: View) -> list[Line]:
 
 
 def _question(view: View) -> list[Line]:
-    decision = view.decision
-    if decision is None:
+    decision, snapshot = view.decision, view.snapshot
+    if decision is None or snapshot is None:
         return []
     others = len(view.decisions) - 1
     more = f'  (+{others} more: status)' if others else ''
-    lines = [('class:question', f'? {rendering.decision(decision)}{more}')]
+    lines = [('class:question', f'? {rendering.decision(decision, snapshot)}{more}')]
     options = choices(decision)
     if options:
         lines.append(('class:question', f'  {rendering.choice_lines(options, decision.outcome)}'))
