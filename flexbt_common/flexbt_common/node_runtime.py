@@ -13,6 +13,7 @@ The order of the end, which is silent whatever the node was doing: the component
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -289,6 +290,7 @@ def run_node(
         try:
             runtime = NodeRuntime(name, args=args, node_class=node_class)
             setup(runtime)
+            gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
             print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
