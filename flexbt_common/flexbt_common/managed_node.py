@@ -260,6 +260,7 @@ def run_managed_node(
     args: list[str] | None = None,
     waiting: Waiting = lambda _: None,
     parameters: Declare = lambda _: None,
+    about: str | None = None,
 ) -> int:
     """:func:`run_node` for a managed node; see :meth:`ManagedNode.manage` for what is given to it."""
 
@@ -267,4 +268,4 @@ def run_managed_node(
         assert isinstance(runtime.node, ManagedNode)
         runtime.node.manage(runtime, configure, waiting, parameters)
 
-    return run_node(name, setup, args, ManagedNode)
+    return run_node(name, setup, args, ManagedNode, about)

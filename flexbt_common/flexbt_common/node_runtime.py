@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import itertools
 import os
 import signal
 import sys
@@ -42,6 +43,13 @@ T = TypeVar('T')
 
 _CLOSE_SECONDS = 1.7
 """A process ends within 2 s of its signal; interpreter and middleware need the rest."""
+
+_HELP = """\
+usage: {name} [--ros-args -p PARAMETER:=VALUE ... -r __ns:=/NAMESPACE ...]
+
+{about}
+
+The parameters are in the README of FlexBT; ros2 param describe tells them of a node that runs."""
 
 CALL_SECONDS = 30.0
 """An executor that does not get to something in this time never will. To make the entities of a node can take many
@@ -278,13 +286,19 @@ def run_node(
     setup: Callable[[NodeRuntime], object],
     args: list[str] | None = None,
     node_class: type[Node] = Node,
+    about: str | None = None,
 ) -> int:
     """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
 
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
     ends. The exit code is 0 after a signal, however many come, and 1 with a line on stderr when the node could not
-    be set up. Must be called on the main thread.
+    be set up. With ``--help`` it is told what the node is (``about``), and nothing is run. Must be called on the main
+    thread.
     """
+    given = sys.argv[1:] if args is None else args
+    if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
+        print(_HELP.format(name=name, about=(about or '').strip()))
+        return 0
     with _signals_as_bytes() as signals:
         runtime: NodeRuntime | None = None
         try:

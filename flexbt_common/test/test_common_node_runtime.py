@@ -31,7 +31,7 @@ def setup(runtime):
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-sys.exit(run_node('program', setup))
+sys.exit(run_node('program', setup, about='Drives the robot.'))
 """
 
 
@@ -217,3 +217,19 @@ def test_many_runtimes_one_after_the_other_leave_nothing_behind() -> None:
             runtime.steady.call_at(runtime.steady.now() + 100, lambda: None)
             runtime.clock.call_at(runtime.clock.now() + 100, lambda: None)
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'is_asked'),
+    [(['-h'], True), (['--help', '--ros-args'], True), (['--ros-args', '-p', 'help:=1'], False)],
+)
+def test_help_is_told_instead_of_running_the_node(arguments: list[str], is_asked: bool) -> None:
+    with subprocess.Popen([sys.executable, '-c', PROGRAM, *arguments], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        if is_asked:
+            assert first.startswith('usage: program') and 'Drives the robot.' in process.stdout.read()
+        else:
+            assert first.startswith('ready')
+            process.send_signal(signal.SIGINT)
+        assert process.wait(DEADLINE) == 0

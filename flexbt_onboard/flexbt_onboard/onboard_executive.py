@@ -23,7 +23,9 @@ def configure(runtime: NodeRuntime, refusal: str) -> Executive:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
-    return run_managed_node(names.ONBOARD_EXECUTIVE, configure, args, UnconfiguredExecutive, declare_parameters)
+    return run_managed_node(
+        names.ONBOARD_EXECUTIVE, configure, args, UnconfiguredExecutive, declare_parameters, __doc__
+    )
 
 
 if __name__ == '__main__':

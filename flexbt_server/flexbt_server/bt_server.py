@@ -129,7 +129,7 @@ class BtServer:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``bt_server``."""
-    return run_managed_node(names.BT_SERVER, BtServer, args, parameters=declare_parameters)
+    return run_managed_node(names.BT_SERVER, BtServer, args, parameters=declare_parameters, about=__doc__)
 
 
 if __name__ == '__main__':

@@ -169,7 +169,7 @@ class Navigation:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``navigation``."""
-    return run_node(names.NAVIGATION, Navigation, args)
+    return run_node(names.NAVIGATION, Navigation, args, about=__doc__)
 
 
 if __name__ == '__main__':

@@ -230,7 +230,7 @@ class Simulator:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``simulator``."""
-    return run_node(names.SIMULATOR, Simulator, args)
+    return run_node(names.SIMULATOR, Simulator, args, about=__doc__)
 
 
 if __name__ == '__main__':

@@ -68,7 +68,7 @@ def setup(runtime: NodeRuntime) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
-    return run_node(NODE_NAME, setup, args)
+    return run_node(NODE_NAME, setup, args, about=__doc__)
 
 
 if __name__ == '__main__':
