@@ -22,7 +22,6 @@ import argparse
 import contextlib
 import gc
 import importlib
-import json
 import os
 import statistics
 import subprocess
@@ -33,6 +32,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
+import _figures
 import bt_tick
 from domain_coordinator import domain_id
 
@@ -248,8 +248,7 @@ def main() -> int:
                     )
     kept = [row for row in rows if row['ratio of the tick'] <= TARGET]
     print(f'target: at most {TARGET} for the tick itself; kept by {len(kept)} of {len(rows)}')
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps(rows, indent=2) + '\n')
+    _figures.write(arguments.output, rows)
     return 0
 
 

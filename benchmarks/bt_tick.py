@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import gc
 import importlib
-import json
 import statistics
 import sys
 import tempfile
@@ -28,6 +27,8 @@ import tracemalloc
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
+
+import _figures
 
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.behavior_tree import (
@@ -404,8 +405,7 @@ def main() -> int:
     loaded = loading(10_000, arguments.rounds, wheel)
     for what, value in loaded.items():
         print(f'{what:36}{value:12.4g}')
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps({'tick': rows, 'other nodes': others, 'loading': loaded}, indent=2) + '\n')
+    _figures.write(arguments.output, {'tick': rows, 'other nodes': others, 'loading': loaded})
     return 0
 
 

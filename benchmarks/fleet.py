@@ -35,6 +35,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import _figures
 from _processes import executable, install_behavior
 from domain_coordinator import domain_id
 
@@ -179,8 +180,7 @@ def main() -> int:
             **measure(stations, [process.pid for process in processes], arguments.rounds),
         }
     print(json.dumps(figures, indent=2))
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps(figures, indent=2) + '\n')
+    _figures.write(arguments.output, figures)
     return 0
 
 

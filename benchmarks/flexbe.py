@@ -37,6 +37,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+import _figures
 from _flexbe_engine import SUBJECTS
 from _flexbe_native import TREE_XML
 from _flexbe_stamp import ADDRESS
@@ -267,8 +268,7 @@ def main() -> int:
     show(results)
     lost = {name: sum(one['lost'] for one in rounds) for name, rounds in blocks.items()}
     print('\nresults that never came: ' + ', '.join(f'{name}: {count}' for name, count in lost.items()))
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps({**results, 'results that never came': lost}, indent=2) + '\n')
+    _figures.write(arguments.output, {**results, 'results that never came': lost})
     return 0
 
 

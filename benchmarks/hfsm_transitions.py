@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import statistics
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
+
+import _figures
 
 from flexbt_common.clock import SteadyClock
 from flexbt_onboard.state_machine import (
@@ -180,8 +181,7 @@ def main() -> int:
     for row in rows:
         print(f'{row["shape"] + ", " + row["way"]:36}{row["median, us"]:9.2f}{row["least, us"]:9.2f}')
     print(f'target: at most {TARGET:g} us 4 levels deep')
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps({'rows': rows, 'target, us': TARGET}, indent=2) + '\n')
+    _figures.write(arguments.output, {'rows': rows, 'target, us': TARGET})
     return 0
 
 

@@ -15,7 +15,6 @@ Usage: latency.py [--samples N] [--output FILE.json]
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
 import statistics
@@ -30,6 +29,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import _figures
 from _processes import executable, install_behavior
 from domain_coordinator import domain_id
 
@@ -188,8 +188,7 @@ def main() -> int:
     print(f'{"ms":28}{"median":>9}{"p90":>9}{"p99":>9}{"max":>9}')
     for what, row in figures.items():
         print(f'{what:28}' + ''.join(f'{row[column]:9.2f}' for column in ('median', 'p90', 'p99', 'max')))
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps({'samples': arguments.samples, 'ms': figures}, indent=2) + '\n')
+    _figures.write(arguments.output, {'samples': arguments.samples, 'ms': figures})
     return 0
 
 

@@ -29,6 +29,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import _figures
 from ament_index_python.packages import get_package_share_directory
 from domain_coordinator import domain_id
 
@@ -171,8 +172,7 @@ def main() -> int:
             os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
             figures = {name: measure(*setting, arguments.seconds) for name, setting in SETTINGS.items()}
     print(json.dumps(figures, indent=2))
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps(figures, indent=2) + '\n')
+    _figures.write(arguments.output, figures)
     return 0
 
 
