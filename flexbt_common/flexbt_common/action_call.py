@@ -38,8 +38,9 @@ _ANSWER_LATE: Final = 0.1
 """Seconds after which an acceptance that only the list of goals tells is believed."""
 _RESULT_LATE: Final = 0.4
 """Seconds after which the result of a goal that is known to have ended is asked for again."""
-_RESULT_REPEAT: Final = 5.0
-"""Seconds after which it is asked for again in any case: the server may have been replaced unnoticed."""
+_RESULT_REPEAT: Final = (5.0, 60.0)
+"""Seconds after which it is asked for again in any case, since the server may have been replaced unnoticed: at first, and
+in the end, doubling in between. A server keeps every request until the goal has ended."""
 _CANCEL_REPEAT: Final = 0.5
 _ENDED: Final = frozenset((RosGoalStatus.STATUS_SUCCEEDED, RosGoalStatus.STATUS_CANCELED, RosGoalStatus.STATUS_ABORTED))
 
@@ -110,6 +111,7 @@ class ActionCall:
         self._cancel_waits = False
         self._result_futures: list[Any] = []
         self._result_asked = 0.0
+        self._result_repeat = _RESULT_REPEAT[0]
         self._ended_seen: float | None = None
         self._gone_since: float | None = None
         self._runtime.post(self._start)
@@ -274,7 +276,10 @@ class ActionCall:
             if self._status in _ENDED and self._ended_seen is None:
                 self._ended_seen = now
             is_late = self._ended_seen is not None and now - max(self._ended_seen, self._result_asked) > _RESULT_LATE
-            if self._gone_since is not None or is_late or now - self._result_asked > _RESULT_REPEAT:
+            is_due = now - self._result_asked > self._result_repeat
+            if is_due:
+                self._result_repeat = min(2.0 * self._result_repeat, _RESULT_REPEAT[1])
+            if self._gone_since is not None or is_late or is_due:
                 self._ask_for_result()
             self._gone_since = None
         self._after('watch', _WATCH_PERIOD, self._watch)
