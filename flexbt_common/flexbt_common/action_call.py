@@ -39,8 +39,8 @@ _ANSWER_LATE: Final = 0.1
 _RESULT_LATE: Final = 0.4
 """Seconds after which the result of a goal that is known to have ended is asked for again."""
 _RESULT_REPEAT: Final = (5.0, 60.0)
-"""Seconds after which it is asked for again in any case, since the server may have been replaced unnoticed: at first, and
-in the end, doubling in between. A server keeps every request until the goal has ended."""
+"""Seconds after which it is asked for again in any case, since the server may have been replaced unnoticed: at first,
+and in the end, doubling in between. A server keeps every request until the goal has ended."""
 _CANCEL_REPEAT: Final = 0.5
 _ENDED: Final = frozenset((RosGoalStatus.STATUS_SUCCEEDED, RosGoalStatus.STATUS_CANCELED, RosGoalStatus.STATUS_ABORTED))
 
