@@ -97,6 +97,8 @@ class Executive:
             functools.partial(self._news.problem, 'journal', ExecutiveLog.ERROR),
         )
         runtime.on_close(self.journal.close)
+        if self.journal.damage:
+            self.link.log(ExecutiveLog.ERROR, self.journal.damage)
         self.command_table.restore(self.journal.results)
         presence = PresenceWatch(runtime)
         self.authority = Authority(runtime, presence, parameters.authority_timeout, self._news.authority)

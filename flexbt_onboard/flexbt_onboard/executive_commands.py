@@ -215,10 +215,11 @@ class CommandHandlers:
     def _run_of(self, command: ExecutiveCommand) -> BehaviorRun:
         """The run that the command is meant for, when it is the one that goes on."""
         run = self._executive.run
+        if run is None:
+            meant = f'; run {command.run_id} is not active' if command.run_id else ''
+            raise CommandRefusedError(f'no behavior is running{meant}')
         if not command.run_id:
             raise CommandRefusedError('the command must name the run that it is meant for in run_id')
-        if run is None:
-            raise CommandRefusedError(f'no behavior is running; run {command.run_id} is not active')
         if run.run_id != command.run_id:
             raise CommandRefusedError(f'meant for run {command.run_id}, but run {run.run_id} is active now')
         return run

@@ -3,7 +3,8 @@
 
 The file ``<node>.journal`` holds lines that are only appended: the CRC-32 of the rest as eight hexadecimal digits, a
 space, and an object of JSON. What a crash has cut off at the end is dropped when the file is opened. The file is
-written anew, beside the old one and then in its place, when it has grown.
+written anew, beside the old one and then in its place, when it has grown. Damage that no crash leaves, a whole line
+that is wrong, is told, and the file is kept as ``<node>.spoiled``.
 
 A line has some of these:
 
@@ -88,6 +89,8 @@ class Journal:
         """
         self.file = file
         self.state = JournalState()
+        self.damage = ''
+        """What the operator has to know of the file that was found; '' when all is well."""
         self._on_problem = on_problem
         self._lock = threading.Lock()
         self._has_problem = False
@@ -109,8 +112,7 @@ class Journal:
             ) from None
         try:
             if file.exists():
-                for line in read_lines(file.read_bytes()):
-                    self.state.apply(line)
+                self._read(file.read_bytes())
             self._write_anew()
         except OSError as error:
             self.close()
@@ -165,6 +167,18 @@ class Journal:
                     os.close(descriptor)
             self._descriptor = self._guard = -1
 
+    def _read(self, data: bytes) -> None:
+        lines, rest = read_lines(data)
+        for line in lines:
+            self.state.apply(line)
+        if b'\n' in rest:
+            spoiled = self.file.with_suffix('.spoiled')
+            spoiled.write_bytes(data)
+            self.damage = (
+                f'the journal {self.file} is damaged after {len(lines)} lines, and what it said from there on is lost: '
+                f'a run that was interrupted may not be known, or be known at an earlier state; it is kept as {spoiled}'
+            )
+
     def _append(self, data: bytes) -> None:
         written = os.write(self._descriptor, data)
         self._size += written
@@ -208,12 +222,14 @@ def encode_line(line: dict[str, Any]) -> bytes:
     return b'%08x %s\n' % (zlib.crc32(text), text)
 
 
-def read_lines(data: bytes) -> list[dict[str, Any]]:
-    """The lines up to the first that is not whole: what a crash has cut off, or a disk has spoiled."""
+def read_lines(data: bytes) -> tuple[list[dict[str, Any]], bytes]:
+    """The lines up to the first that is not whole, and the rest: what a crash has cut off, or a disk has spoiled."""
     lines: list[dict[str, Any]] = []
+    size = 0
     for raw in data.split(b'\n')[:-1]:
         checksum, _, text = raw.partition(b' ')
         if checksum != b'%08x' % zlib.crc32(text):
             break
         lines.append(json.loads(text))
-    return lines
+        size += len(raw) + 1
+    return lines, data[size:]

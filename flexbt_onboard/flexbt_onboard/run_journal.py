@@ -96,6 +96,11 @@ class RunJournal:
             self._journal = Journal(home_path(directory) / f'{file_stem(node_name)}.journal', on_problem)
 
     @property
+    def damage(self) -> str:
+        """What the operator has to know of the journal that was found; '' when all is well."""
+        return self._journal.damage if self._journal is not None else ''
+
+    @property
     def results(self) -> Sequence[CommandResult]:
         """Results of the commands that were decided before, the oldest first."""
         known = self._journal.state.commands if self._journal is not None else {}

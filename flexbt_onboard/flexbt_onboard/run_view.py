@@ -5,16 +5,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from builtin_interfaces.msg import Time
 
 from flexbt_common.ros_clock import RosClock
+from flexbt_common.sendable import sendable
 from flexbt_msgs.msg import ActiveState, PendingDecision
-from flexbt_onboard.operator_link import sendable
 from flexbt_onboard.state_machine import EventState, MachineRun
 
 _NANOSECONDS = 1_000_000_000
+
+_MOST_LINES: Final = 20
+_LONGEST_LINE: Final = 200
+"""Of what a state says that it does: each status has it, and the link may be slow."""
 
 _KINDS = {
     PendingDecision.TRANSITION: 'transition',
@@ -141,6 +145,9 @@ def waiting_fields(decision: PendingDecision) -> dict[str, Any]:
 
 def _activity(state: EventState) -> list[str]:
     try:
-        return [sendable(str(line)) for line in state.activity()]
+        lines = [str(line) for line in state.activity()]
     except Exception as error:  # code of the state; a fault in it must not hide everything else
-        return [sendable(f'activity() raised {type(error).__name__}: {error}')]
+        lines = [f'activity() raised {type(error).__name__}: {error}']
+    if len(lines) > _MOST_LINES:
+        lines[_MOST_LINES:] = [f'... {len(lines) - _MOST_LINES} more']
+    return [sendable(line, _LONGEST_LINE) for line in lines]

@@ -20,7 +20,7 @@ from nav_msgs.msg import Path as NavPath
 
 from flexbt_common.errors import FlexbtError
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.journal import REMEMBERED_COMMANDS, Journal, JournalState
+from flexbt_onboard.journal import REMEMBERED_COMMANDS, Journal, JournalState, encode_line
 from flexbt_onboard.plain_form import from_plain_form, to_plain_form
 
 TEXTS = st.text(st.characters(codec='utf-8'), max_size=8)
@@ -67,6 +67,25 @@ def test_a_journal_that_is_cut_off_anywhere_holds_the_lines_before(lines: list[d
         last = Journal(file, no_problem)
         assert last.state == state_of([*lines[:survived], {'position': 'further'}])
         last.close()
+
+
+@pytest.mark.parametrize(
+    ('rest', 'is_damage'), [(b'', False), (b'12345678 {"beg', False), (b'\0' * 64, False), (b'00000000 {}\n', True)]
+)
+def test_damage_that_no_crash_leaves_is_told_and_kept(tmp_path: Path, rest: bytes, is_damage: bool) -> None:
+    file = tmp_path / 'e.journal'
+    first = encode_line({'begin': {'run': 'r'}})
+    data = first + rest + (encode_line({'end': 'over'}) if is_damage else b'')
+    file.write_bytes(data)
+    journal = Journal(file, no_problem)
+    journal.close()
+    assert journal.state.begin == {'run': 'r'}
+    spoiled = tmp_path / 'e.spoiled'
+    assert bool(journal.damage) == spoiled.exists() == is_damage
+    if is_damage:
+        assert str(spoiled) in journal.damage and 'after 1 lines' in journal.damage
+        assert spoiled.read_bytes() == data
+    assert Journal(file, no_problem).damage == ''
 
 
 def test_it_stays_small_and_forgets_only_the_oldest_commands(tmp_path: Path) -> None:

@@ -389,6 +389,20 @@ def test_a_run_that_does_not_stop_does_not_hold_up_the_end(make_bench: Make) -> 
     bench.logged('was not at rest')
 
 
+def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> None:
+    class Chatty(Step):
+        def activity(self) -> list[str]:
+            return ['a' * 100_000, *(f'line {number}' for number in range(100))]
+
+    bench = make_bench(single(Chatty))
+    bench.start()
+    bench.wait_active('/One')
+    lines = bench.status.active_states[0].activity
+    assert len(lines) == 21 and max(map(len, lines)) < 300
+    assert '99800 characters left out' in lines[0]
+    assert lines[1] == 'line 0' and lines[-1] == '... 81 more'
+
+
 def test_an_activity_that_raises_hides_nothing_else(make_bench: Make) -> None:
     class Bad(Step):
         def activity(self) -> list[str]:
