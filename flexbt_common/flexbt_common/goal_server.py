@@ -153,6 +153,8 @@ class _Server(ActionServer):
     def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
         goal_id = bytes(handle.goal_id.uuid)
         with handle._lock:
+            if handle._goal_handle is None:  # the server is closed: nobody hears of it
+                return
             handle._goal_handle.update_goal_state(event)
             status = handle._goal_handle.get_status()
         response = self.action_type.Impl.GetResultService.Response(status=status, result=result)
@@ -166,8 +168,9 @@ class _Server(ActionServer):
     async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
         request_header, request = request_header_and_message
         goal_id = bytes(request.goal_id.uuid)
-        if goal_id in self.results:
-            self._send(request_header, self.results[goal_id])
+        response = self.results.get(goal_id)  # which another thread takes away in the end
+        if response is not None:
+            self._send(request_header, response)
         elif goal_id in self._goal_handles:
             self._waiting.setdefault(goal_id, []).append(request_header)
         else:

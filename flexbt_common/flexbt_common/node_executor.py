@@ -57,9 +57,7 @@ class NodeExecutor(SingleThreadedExecutor):
             ExternalShutdownException: the context is shut down.
         """
         self._run_soon()
-        for task in tuple(self._awaiting):
-            if task.done():
-                self._awaiting.remove(task)
+        self._let_go_of_ended()
         known = len(self._awaiting)
         if known:
             self._turn_of_rclpy(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
@@ -83,7 +81,7 @@ class NodeExecutor(SingleThreadedExecutor):
         else:
             task = Task(callback, args, kwargs, executor=self)
             self._soon.append(task)
-            super().wake()
+        super().wake()  # only now: rclpy's wake comes before the task is known here
         return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
@@ -107,6 +105,22 @@ class NodeExecutor(SingleThreadedExecutor):
         except ExternalShutdownException:
             raise
         except Exception as error:
+            if not any(task.exception() is error for task in self._awaiting):  # those are told when they are let go
+                self._on_fault(error)
+
+    def _let_go_of_ended(self) -> None:
+        if not self._awaiting:
+            return
+        for task in tuple(self._awaiting):
+            if task.done() or task.cancelled():
+                self._awaiting.remove(task)
+                self._tell_fault(task)
+        if not self._awaiting:
+            self._cb_iter = None  # rclpy's loop, at rest between two turns, holds entities that may be destroyed now
+
+    def _tell_fault(self, task: Task) -> None:
+        error = task.exception()
+        if error is not None:
             self._on_fault(error)
 
     def _make_handler(self, *arguments: Any, **options: Any) -> Task:
@@ -160,9 +174,7 @@ class NodeExecutor(SingleThreadedExecutor):
         while self._soon:
             task = self._soon.popleft()
             task()
-            error = task.exception()
-            if error is not None:
-                self._on_fault(error)
+            self._tell_fault(task)
 
 
 _Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]

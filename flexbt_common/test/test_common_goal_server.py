@@ -184,6 +184,20 @@ def test_the_first_end_counts_and_nothing_is_sent_after_it(served: Served, clien
     assert len(feedback) == 1
 
 
+def test_a_goal_may_end_when_its_server_is_closed(served: Served, client: Client) -> None:
+    client.send()
+    goal = served.goal()
+    served.runtime.call(served.server.close)
+
+    def end() -> None:
+        goal.publish_feedback(Wait.Feedback())
+        goal.succeed(result('too late'))
+
+    served.runtime.call(end)
+    assert not goal.active
+    assert not served.faults
+
+
 def test_a_fault_in_the_callback_aborts_the_goal_and_is_reported(served: Served, client: Client) -> None:
     def fail(goal: ServedGoal) -> None:
         raise ValueError('no such map')

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 import threading
 import time
@@ -13,9 +14,10 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.task import Future
+from rclpy.task import Future, Task
 from std_msgs.msg import Int32
 
 from flexbt_common.node_executor import NodeExecutor
@@ -57,6 +59,42 @@ def bench() -> Iterator[Bench]:
     yield bench
     bench.close()
     rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture(params=['polls', 'resumes'])
+def rclpy_that(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to 7.1.8 rclpy calls a task that awaits in each turn; from 7.1.9 on, the future that it awaits does so."""
+    if request.param == 'polls' or 'yield self' in inspect.getsource(Future.__await__):
+        return
+    plain = Task.__call__
+
+    def wait(future: Any) -> Iterator[Any]:
+        if future._pending():
+            yield future
+        return future.result()
+
+    def call(task: Any) -> None:
+        if not inspect.iscoroutine(task._handler):
+            plain(task)
+        elif task._pending() and not task._executing:
+            task._executing = True
+            step(task)
+
+    def step(task: Any) -> None:
+        try:
+            awaited = task._handler.send(None)
+        except StopIteration as end:
+            task.set_result(end.value)
+        except Exception as error:
+            task.set_exception(error)
+        else:
+            awaited._set_executor(task._executor())
+            awaited.add_done_callback(lambda _: step(task))
+            return
+        task._executing = False
+
+    monkeypatch.setattr(Future, '__await__', wait)
+    monkeypatch.setattr(Task, '__call__', call)
 
 
 def test_topics_services_timers_and_guards_are_called_and_faults_stop_none_of_them(bench: Bench) -> None:
@@ -185,6 +223,7 @@ def test_the_wait_set_is_made_anew_when_the_node_has_changed_and_only_then(bench
     assert bench.executor._entities is not kept
 
 
+@pytest.mark.usefixtures('rclpy_that')
 @pytest.mark.parametrize('group', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
 def test_a_service_that_awaits_holds_up_its_group_only(bench: Bench, group: type[Any]) -> None:
     node, held = bench.node, Future()
@@ -225,6 +264,7 @@ def test_a_service_that_awaits_holds_up_its_group_only(bench: Bench, group: type
     assert not bench.faults
 
 
+@pytest.mark.usefixtures('rclpy_that')
 def test_a_coroutine_that_fails_after_it_awaited_is_told(bench: Bench) -> None:
     held = Future()
 
@@ -239,10 +279,75 @@ def test_a_coroutine_that_fails_after_it_awaited_is_told(bench: Bench) -> None:
     bench.turn_until(lambda: bench.executor._awaiting, 'the coroutine')
     held.set_result(None)
     bench.turn_until(lambda: bench.faults, 'the fault')
-    assert str(bench.faults[0]) == 'after all'
+    bench.turn_until(lambda: not bench.executor._awaiting, 'the end of the coroutine')
+    bench.executor.turn(0.0)
+    assert [str(fault) for fault in bench.faults] == ['after all']
+
+
+def test_a_coroutine_that_is_cancelled_is_let_go(bench: Bench) -> None:
+    held = Future()
+
+    async def wait() -> None:
+        await held
+
+    task = bench.executor.create_task(wait)
+    for _ in range(3):
+        bench.executor.turn(0.0)
+    assert bench.executor._awaiting == [task]
+    task.cancel()
     bench.turn_until(lambda: not bench.executor._awaiting, 'the end of the coroutine')
 
 
+@pytest.mark.usefixtures('rclpy_that')
+def test_what_is_destroyed_after_an_await_leaves_the_graph(bench: Bench) -> None:
+    node, held = bench.node, Future()
+
+    async def wait() -> None:
+        await held
+
+    bench.executor.create_task(wait)
+    bench.turn_until(lambda: bench.executor._awaiting, 'the coroutine')
+    subscription = node.create_subscription(Int32, 'numbers', lambda message: None, 10)
+    for callback in (lambda event: None, lambda event: held.set_result(None)):
+        node.create_publisher(Int32, 'numbers', 10, event_callbacks=PublisherEventCallbacks(matched=callback))
+    bench.turn_until(held.done, 'the event that ends the coroutine')
+    bench.turn_until(lambda: not bench.executor._awaiting, 'the end of the coroutine')
+    node.destroy_subscription(subscription)
+    bench.turn_until(lambda: node.count_subscribers('numbers') == 0, 'the end of the subscription')
+
+
+def test_a_coroutine_of_another_thread_ends_the_wait_however_late_it_is_known(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread stops where rclpy has woken the executor, until that waits again."""
+    create = SingleThreadedExecutor.create_task
+    waits = threading.Event()
+
+    def create_slowly(*arguments: Any) -> Any:
+        waits.clear()
+        task = create(*arguments)
+        waits.wait(DEADLINE)
+        time.sleep(0.02)
+        return task
+
+    monkeypatch.setattr(SingleThreadedExecutor, 'create_task', create_slowly)
+    ran = threading.Event()
+
+    async def run() -> None:
+        ran.set()
+
+    bench.executor.turn(0.0)
+    thread = threading.Thread(target=lambda: bench.executor.create_task(run))
+    thread.start()
+    end = time.monotonic() + DEADLINE
+    while not ran.is_set():
+        waits.set()
+        bench.executor.turn(DEADLINE)
+    thread.join()
+    assert time.monotonic() < end
+
+
+@pytest.mark.usefixtures('rclpy_that')
 def test_a_coroutine_begins_before_what_is_brought_in_after_it(bench: Bench) -> None:
     """As with rclpy's own executor: the callback of an action goal begins before a cancel is told of."""
     order: list[str] = []
