@@ -167,7 +167,8 @@ class RunStream:
         if len(log) >= MAX_MARKS:
             self._flush()
         elif self._timer is None:
-            self._timer = self._clock.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
+            with self._lock:  # it may be due before it is known here
+                self._timer = self._clock.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
 
     def paused(self, is_paused: bool) -> None:
         self._paused = is_paused

@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -21,6 +21,7 @@ from server_world import open_world, until
 
 from flexbt_common import names
 from flexbt_common.action_call import GoalStatus
+from flexbt_common.clock import Timer
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
 from flexbt_server.behavior_tree import (
@@ -238,6 +239,33 @@ def test_the_first_change_of_a_quiet_time_is_sent_at_once_and_others_wait(
     watched.end()
     subscriber.await_end('run')
     check_whole(subscriber.of('run'), watched.heard, 2)
+
+
+def test_a_flush_that_comes_before_its_timer_is_known_stops_nothing(
+    server: NodeRuntime, monitor: NodeRuntime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread that ticks is stopped for a moment as soon as the clock knows when to send."""
+    call_at, flushed = server.steady.call_at, threading.Event()
+
+    def call_late(when: float, callback: Callable[[], None]) -> Timer:
+        def call() -> None:
+            try:
+                callback()
+            finally:
+                flushed.set()
+
+        flushed.clear()
+        timer = call_at(when, call)
+        flushed.wait(4 * BATCH_SECONDS)
+        return timer
+
+    monkeypatch.setattr(server.steady, 'call_at', call_late)
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    watched = Watched(stream, 'run', '<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>')
+    for _ in range(3):
+        watched.tree.tick_exactly_once()
+        until(lambda: changes_of(subscriber.of('run')) == watched.heard, 'what was ticked')
+    watched.end()
 
 
 def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
