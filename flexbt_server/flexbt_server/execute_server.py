@@ -190,6 +190,8 @@ class ExecuteServer:
         """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
         try:
             step()
+        except FlexbtError as error:
+            goal.end(RunOutcome(Result.ERROR, str(error)))
         except Exception as error:
             goal.end(RunOutcome(Result.ERROR, self._fault(error)))
 

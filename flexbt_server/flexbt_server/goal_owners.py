@@ -6,7 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import Final
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+from flexbt_common.errors import FlexbtError
 from flexbt_common.liveliness import LivelinessWatch
+from flexbt_common.names import alive_topic
 from flexbt_common.node_runtime import NodeRuntime
 
 OWNER_SECONDS: Final = 5.0
@@ -25,12 +29,17 @@ class GoalOwners:
         self._stops: dict[str, dict[Hashable, Stop]] = {}
 
     def watch(self, owner: str, goal: Hashable, stop: Stop) -> None:
-        """Call ``stop`` when the owner has died, or is not seen in time, until the goal is released."""
-        self._stops.setdefault(owner, {})[goal] = stop
+        """Call ``stop`` when the owner has died, or is not seen in time, until the goal is released.
+
+        Raises:
+            FlexbtError: no node can have this name.
+        """
         if owner not in self._watches:
+            self._check(owner)
             self._watches[owner] = LivelinessWatch(
                 self._runtime, owner, lambda alive: self._runtime.post(lambda: self._changed(owner, alive))
             )
+        self._stops.setdefault(owner, {})[goal] = stop
         if not self.sees(owner):
             # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
             steady = self._runtime.steady
@@ -45,6 +54,14 @@ class GoalOwners:
     def sees(self, owner: str) -> bool:
         """Whether the owner is watched, and alive."""
         return owner in self._watches and self._watches[owner].alive is True
+
+    def _check(self, owner: str) -> None:
+        try:
+            self._runtime.node.resolve_topic_name(alive_topic(owner))
+        except rclpy_implementation.RCLError as error:
+            raise FlexbtError(
+                f'the owner {owner!r} is no name of a node; give one, such as /robot1/executive, or leave owner empty'
+            ) from error
 
     def _look_for(self, owner: str, goal: Hashable) -> None:
         stop = self._stops[owner].get(goal)

@@ -370,6 +370,17 @@ def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: p
     assert '/nobody' in goal.result.message and 'liveliness' in goal.result.message
 
 
+@pytest.mark.parametrize('owner', ['two words', '/a//b', '/', '1st', '{robot}', '/' + 'long' * 99])
+def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: World, owner: str) -> None:
+    faults: list[BaseException] = []
+    world.server_runtime.on_fault(faults.append)
+    world.client.load_tree('<AlwaysSuccess/>')
+    result = world.client.execute(owner=owner).result
+    assert result.code == Result.ERROR and repr(owner) in result.message and 'name of a node' in result.message
+    owners = world.server.execute._owners
+    assert not faults and not owners._stops and not owners._watches
+
+
 def test_the_end_of_the_server_stops_the_robot_and_tells_the_client() -> None:
     with NodeRuntime.open('bt_server', parameters={'navigation_interfaces': 'flexbt_msgs'}) as extra:
         extra.close()
