@@ -7,14 +7,13 @@ node (simulated time included) is in ``ros_clock``.
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
 from typing import Protocol
+
+from flexbt_common.alarms import AlarmQueue
 
 _logger = logging.getLogger(__name__)
 
@@ -42,29 +41,6 @@ class Clock(Protocol):
         """Seconds of wall time until ``when``; None where wall time is not what moves this clock. Thread-safe."""
 
 
-class _Alarm:
-    """One entry of an alarm queue. Entries of the same time are called in the order of asking."""
-
-    __slots__ = ('callback', 'sequence', 'when')
-
-    def __init__(self, when: float, sequence: int, callback: Callable[[], None]) -> None:
-        self.when = when
-        self.sequence = sequence
-        self.callback: Callable[[], None] | None = callback
-
-    def __lt__(self, other: _Alarm) -> bool:
-        return (self.when, self.sequence) < (other.when, other.sequence)
-
-    def cancel(self) -> None:
-        self.callback = None
-
-
-def _checked(when: float) -> float:
-    if math.isnan(when):
-        raise ValueError('an alarm cannot be set for time NaN; give seconds on the clock, as now() does')
-    return when
-
-
 class ManualClock:
     """A clock that stands still until it is told to go on: for tests and for stepping.
 
@@ -73,8 +49,7 @@ class ManualClock:
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
-        self._alarms: list[_Alarm] = []
-        self._sequence = itertools.count()
+        self._alarms = AlarmQueue()
         self._lock = threading.Lock()
 
     def now(self) -> float:
@@ -83,9 +58,7 @@ class ManualClock:
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
         """As in :class:`Clock`; an alarm that is due already waits for the next :meth:`advance`, if by 0."""
         with self._lock:
-            alarm = _Alarm(_checked(when), next(self._sequence), callback)
-            heapq.heappush(self._alarms, alarm)
-        return alarm
+            return self._alarms.add(when, callback)
 
     def wall_seconds(self, when: float) -> float | None:
         return None
@@ -93,9 +66,7 @@ class ManualClock:
     def next_alarm(self) -> float | None:
         """Time of the earliest callback that is waiting, or None."""
         with self._lock:
-            while self._alarms and self._alarms[0].callback is None:
-                heapq.heappop(self._alarms)
-            return self._alarms[0].when if self._alarms else None
+            return self._alarms.earliest()
 
     def advance(self, seconds: float) -> None:
         """Goes on by ``seconds``, calling what becomes due in the order of time, each at its own time.
@@ -110,23 +81,20 @@ class ManualClock:
         """Goes to the time ``now``: forth as :meth:`advance`, or back, as simulated time does at a reset."""
         while True:
             with self._lock:
-                if not self._alarms or self._alarms[0].when > now:
+                due = self._alarms.take(now)
+                if due is None:
                     self._now = now
                     return
-                alarm = heapq.heappop(self._alarms)
-                callback, alarm.callback = alarm.callback, None
-                if callback is not None:
-                    self._now = max(self._now, alarm.when)
-            if callback is not None:
-                callback()
+                when, callback = due
+                self._now = max(self._now, when)
+            callback()
 
 
 class SteadyClock:
     """The machine's monotonic clock. One daemon thread, started with the first alarm, calls back."""
 
     def __init__(self) -> None:
-        self._alarms: list[_Alarm] = []
-        self._sequence = itertools.count()
+        self._alarms = AlarmQueue()
         self._condition = threading.Condition()
         self._thread: threading.Thread | None = None
         self._closed = False
@@ -137,15 +105,13 @@ class SteadyClock:
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
         """As in :class:`Clock`. After :meth:`close` nothing is called any more."""
         with self._condition:
-            alarm = _Alarm(_checked(when), next(self._sequence), callback)
+            alarm = self._alarms.add(when, callback)
             if self._closed:
-                alarm.cancel()
-                return alarm
-            heapq.heappush(self._alarms, alarm)
-            if self._thread is None:
+                self._alarms.clear()
+            elif self._thread is None:
                 self._thread = threading.Thread(target=self._run, name='steady_clock', daemon=True)
                 self._thread.start()
-            elif self._alarms[0] is alarm:
+            elif self._alarms.is_first(alarm):
                 self._condition.notify()
         return alarm
 
@@ -165,17 +131,18 @@ class SteadyClock:
     def _run(self) -> None:
         while True:
             with self._condition:
-                while not self._closed and (not self._alarms or self._alarms[0].when > time.monotonic()):
-                    wait = self._alarms[0].when - time.monotonic() if self._alarms else None
+                due = None
+                while not self._closed and (due := self._alarms.take(time.monotonic())) is None:
+                    when = self._alarms.earliest()
                     # A wait takes no more than TIMEOUT_MAX; an alarm at infinity is simply never due.
-                    self._condition.wait(None if wait is None else min(max(wait, 0.0), threading.TIMEOUT_MAX))
-                if self._closed:
+                    self._condition.wait(
+                        None if when is None else min(max(when - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
+                    )
+                if due is None:
                     return
-                alarm = heapq.heappop(self._alarms)
-                callback, alarm.callback = alarm.callback, None
-            if callback is not None:
-                try:
-                    callback()
-                except Exception:
-                    # One faulty callback must not take everybody else's alarms away.
-                    _logger.exception('a callback of the steady clock raised')
+            _, callback = due
+            try:
+                callback()
+            except Exception:
+                # One faulty callback must not take everybody else's alarms away.
+                _logger.exception('a callback of the steady clock raised')

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -13,6 +11,7 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 
+from flexbt_common.alarms import AlarmQueue
 from flexbt_common.clock import Timer
 
 if TYPE_CHECKING:
@@ -21,21 +20,6 @@ if TYPE_CHECKING:
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
 """Seconds; an alarm that is farther away is looked at again then. rcl counts nanoseconds in 64 bits."""
-
-
-class _Alarm:
-    __slots__ = ('callback', 'sequence', 'when')
-
-    def __init__(self, when: float, sequence: int, callback: Callable[[], None]) -> None:
-        self.when = when
-        self.sequence = sequence
-        self.callback: Callable[[], None] | None = callback
-
-    def __lt__(self, other: _Alarm) -> bool:
-        return (self.when, self.sequence) < (other.when, other.sequence)
-
-    def cancel(self) -> None:
-        self.callback = None
 
 
 class RosClock:
@@ -57,8 +41,7 @@ class RosClock:
         self._last = self._ros_clock.now().nanoseconds
         self._began = self._last > 0
         self._asked = False
-        self._alarms: list[_Alarm] = []
-        self._sequence = itertools.count()
+        self._alarms = AlarmQueue()
         self._timer: Any = runtime.node.create_timer(_FARTHEST, self._fire, clock=self._ros_clock)
         self._timer.cancel()
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
@@ -80,12 +63,9 @@ class RosClock:
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
         """As in :class:`flexbt_common.clock.Clock`; from any thread."""
-        if when != when:
-            raise ValueError('an alarm cannot be set for time NaN; give seconds on the clock, as now() does')
         with self._lock:
-            alarm = _Alarm(when, next(self._sequence), callback)
-            heapq.heappush(self._alarms, alarm)
-            is_earliest = self._alarms[0] is alarm
+            alarm = self._alarms.add(when, callback)
+            is_earliest = self._alarms.is_first(alarm)
         if is_earliest:
             if self._runtime.on_executor_thread:
                 self._set_timer()
@@ -110,12 +90,11 @@ class RosClock:
     def _set_timer(self) -> None:
         now = self._now()
         with self._lock:
-            while self._alarms and self._alarms[0].callback is None:
-                heapq.heappop(self._alarms)
-            if not self._alarms:
+            earliest = self._alarms.earliest()
+            if earliest is None:
                 self._timer.cancel()
                 return
-            when = min(self._alarms[0].when, now / _NANOSECONDS + _FARTHEST)
+            when = min(earliest, now / _NANOSECONDS + _FARTHEST)
         # Where a float says a little more than the whole nanoseconds, the timer comes twice.
         self._timer.timer_period_ns = max(1, round(when * _NANOSECONDS) - now)
         self._timer.reset()
@@ -124,13 +103,12 @@ class RosClock:
         now = self._now() / _NANOSECONDS
         while True:
             with self._lock:
-                if not self._alarms or self._alarms[0].when > now:
-                    break
-                alarm = heapq.heappop(self._alarms)
-                callback, alarm.callback = alarm.callback, None
-            if callback is not None:
-                try:
-                    callback()
-                except Exception as error:
-                    self._runtime.report_fault(error, 'an alarm')
+                due = self._alarms.take(now)
+            if due is None:
+                break
+            _, callback = due
+            try:
+                callback()
+            except Exception as error:
+                self._runtime.report_fault(error, 'an alarm')
         self._set_timer()

@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_common.alarms import AlarmQueue
+from flexbt_common.bell import Bell
 from flexbt_common.clock import Clock, ManualClock, SteadyClock
 
 DEADLINE = 10.0
@@ -85,6 +87,34 @@ def test_manual_clock_calls_exactly_what_is_due(alarms: list[float], steps: list
         clock.advance(step)
     clock.advance(0.0)
     assert called == sorted(when for when in alarms if when <= clock.now())
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.booleans()), max_size=400), st.integers(0, 9))
+def test_cancelled_alarms_go_and_no_other(alarms: list[tuple[int, bool]], now: int) -> None:
+    """Against a list: some alarms are cancelled as soon as they are set, while others wait."""
+    queue, waiting, called = AlarmQueue(), list[tuple[int, int]](), list[tuple[int, int]]()
+    for number, (when, is_cancelled) in enumerate(alarms):
+        alarm = queue.add(when, lambda entry=(when, number): called.append(entry))  # type: ignore[misc]
+        if is_cancelled:
+            alarm.cancel()
+        else:
+            waiting.append((when, number))
+        assert len(queue) <= max(64, 2 * len(waiting) + 1)
+    assert queue.earliest() == (min(waiting)[0] if waiting else None)
+    while (due := queue.take(now)) is not None:
+        due[1]()
+    assert called == sorted(entry for entry in waiting if entry[0] <= now)
+
+
+def test_a_sleep_that_ends_early_leaves_nothing_with_the_clock() -> None:
+    clock, bell = SteadyClock(), Bell()
+    try:
+        for _ in range(1000):
+            clock.call_at(clock.now(), bell.ring)
+            bell.wait(clock, clock.now() + 3600.0)
+        assert len(clock._alarms) < 100
+    finally:
+        clock.close()
 
 
 def test_steady_clock_calls_on_time_and_in_order() -> None:
