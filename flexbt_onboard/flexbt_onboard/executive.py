@@ -19,6 +19,7 @@ from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.managed_node import SHUTTING_DOWN
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.presence import PresenceWatch
+from flexbt_common.sendable import sendable
 from flexbt_common.service_call import ServiceLinks
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.authority import Authority
@@ -33,7 +34,7 @@ from flexbt_onboard.executive_commands import CommandHandlers, command_fields
 from flexbt_onboard.executive_news import ExecutiveNews
 from flexbt_onboard.executive_parameters import ExecutiveParameters
 from flexbt_onboard.executive_status import status_of
-from flexbt_onboard.operator_link import OperatorLink, sendable
+from flexbt_onboard.operator_link import OperatorLink
 from flexbt_onboard.operator_questions import OperatorQuestions
 from flexbt_onboard.operator_watch import OperatorWatch
 from flexbt_onboard.peers import PeersWatch

@@ -10,17 +10,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.sendable import sendable
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-
-
-def sendable(text: str) -> str:
-    """The text without what a ROS string cannot carry; it may come from anywhere, such as an exception."""
-    return text.replace('\0', '\\0').encode('utf-8', 'backslashreplace').decode()
 
 
 class OperatorLink:
@@ -71,22 +68,23 @@ class OperatorLink:
 
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """Tell the operator a line, and the node's own log as well; from any thread."""
-        if self._runtime.closed:
-            return  # a run that was left behind at the end of the process
         text = sendable(text)
-        with self._log_lock:  # numbers are published in their order
-            self._log_sequence += 1
-            self._log.publish(
-                ExecutiveLog(
-                    stamp=self._runtime.clock.stamp(),
-                    sequence=self._log_sequence,
-                    executive_id=self._executive_id,
-                    run_id=run_id,
-                    severity=severity,
-                    path=path,
-                    text=text,
+        try:
+            with self._log_lock:  # numbers are published in their order
+                self._log_sequence += 1
+                self._log.publish(
+                    ExecutiveLog(
+                        stamp=self._runtime.clock.stamp(),
+                        sequence=self._log_sequence,
+                        executive_id=self._executive_id,
+                        run_id=run_id,
+                        severity=severity,
+                        path=path,
+                        text=text,
+                    )
                 )
-            )
+        except InvalidHandle:
+            return  # the executive has ended; a run was left behind
         _log_to_node(self._runtime.node.get_logger(), severity, f'{path}: {text}' if path else text)
 
 

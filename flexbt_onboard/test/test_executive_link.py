@@ -7,8 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -22,9 +24,11 @@ from flexbt_common import names
 from flexbt_common.errors import FlexbtError
 from flexbt_common.liveliness import LivelinessToken
 from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.node_scope import NodeScope
 from flexbt_common.user_files import USER_DIRECTORY
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_parameters
+from flexbt_onboard.operator_link import OperatorLink
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
 from flexbt_onboard.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 
@@ -277,3 +281,30 @@ def test_the_process_lists_a_broken_behavior_runs_another_and_ends_in_order(tmp_
         process.kill()
         process.wait()
         console.close()
+
+
+def test_who_logs_while_the_executive_ends_is_not_disturbed() -> None:
+    """A run may be left behind, which knows nothing of the end."""
+    faults: list[BaseException] = []
+    is_over = threading.Event()
+    with NodeRuntime.open('node') as runtime:
+        for _ in range(5):
+            scope = NodeScope(runtime)
+            link = runtime.call(partial(OperatorLink, scope, 'id', 1.0, lambda command: None))
+
+            def log(link: OperatorLink = link) -> None:
+                try:
+                    while not is_over.is_set():
+                        link.log(ExecutiveLog.DEBUG, 'still here')
+                except BaseException as error:
+                    faults.append(error)
+
+            threads = [threading.Thread(target=log) for _ in range(3)]
+            is_over.clear()
+            for thread in threads:
+                thread.start()
+            scope.close()
+            is_over.set()
+            for thread in threads:
+                thread.join()
+    assert not faults
