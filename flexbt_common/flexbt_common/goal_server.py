@@ -25,6 +25,9 @@ __all__ = ['RESULT_SECONDS', 'GoalServer', 'ServedGoal']
 RESULT_SECONDS: Final = 30.0
 """How long the result of a goal can be asked for again, after an outage of the link."""
 
+_LIST_AFTER_SECONDS: Final = 0.02
+"""How much later than its news the list of goals is sent: who waits for a result need not unpack a list meanwhile."""
+
 _LISTED_SECONDS: Final = 0.25
 """How long the list of goals tells of a goal that has ended."""
 
@@ -98,7 +101,7 @@ class GoalServer:
         self._on_cancel = on_cancel
         self._goals: dict[bytes, ServedGoal] = {}
         self._server = _Server(
-            runtime.node,
+            runtime,
             action_type,
             name,
             execute_callback=_never,
@@ -112,13 +115,13 @@ class GoalServer:
 
     def close(self) -> None:
         """Take the server out of the graph. Goals that have not ended get no result."""
-        self._server.destroy()
+        self._server.close()
 
     def _accepted(self, handle: ServerGoalHandle) -> None:
         goal = ServedGoal(self._server, handle)
         self._goals[goal.id] = goal
         self._server.results.pop(goal.id, None)  # of a goal with the same ID, which is not listed any more
-        handle._update_state(GoalEvent.EXECUTE)
+        self._server.begin(handle)
         try:
             self._on_goal(goal)
         except Exception as error:
@@ -145,10 +148,16 @@ class _Server(ActionServer):
 
     forget_later: Callable[[bytes], None]
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+    def __init__(self, runtime: NodeRuntime, *arguments: Any, **options: Any) -> None:
+        super().__init__(runtime.node, *arguments, **options)
         self.results: dict[bytes, Any] = {}
+        self._runtime = runtime
         self._waiting: dict[bytes, list[Any]] = {}
+        self._has_news = False
+
+    def begin(self, handle: ServerGoalHandle) -> None:
+        handle._goal_handle.update_goal_state(GoalEvent.EXECUTE)
+        self._list_soon()
 
     def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
         goal_id = bytes(handle.goal_id.uuid)
@@ -161,9 +170,24 @@ class _Server(ActionServer):
         self.results[goal_id] = response
         for request_header in self._waiting.pop(goal_id, ()):
             self._send(request_header, response)
-        self._handle.publish_status()
+        self._list_soon()
         self.notify_goal_done()
         self.forget_later(goal_id)
+
+    def close(self) -> None:
+        self._list()
+        self.destroy()
+
+    def _list_soon(self) -> None:
+        if not self._has_news:
+            self._has_news = True
+            steady = self._runtime.steady
+            steady.call_at(steady.now() + _LIST_AFTER_SECONDS, lambda: self._runtime.post(self._list))
+
+    def _list(self) -> None:
+        if self._has_news:
+            self._has_news = False
+            self._handle.publish_status()
 
     async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
         request_header, request = request_header_and_message

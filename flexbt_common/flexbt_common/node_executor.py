@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Coroutine, Iterable
 from contextlib import ExitStack
 from inspect import iscoroutine, iscoroutinefunction
+from threading import get_ident
 from types import coroutine
 from typing import Any, Final
 
@@ -46,6 +47,7 @@ class NodeExecutor(SingleThreadedExecutor):
         self._is_changed = True
         self._soon: deque[Task] = deque()
         self._awaiting: list[Task] = []
+        self._thread = 0
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
@@ -56,6 +58,7 @@ class NodeExecutor(SingleThreadedExecutor):
         Raises:
             ExternalShutdownException: the context is shut down.
         """
+        self._thread = get_ident()
         self._run_soon()
         self._let_go_of_ended()
         known = len(self._awaiting)
@@ -81,7 +84,8 @@ class NodeExecutor(SingleThreadedExecutor):
         else:
             task = Task(callback, args, kwargs, executor=self)
             self._soon.append(task)
-        super().wake()  # only now: rclpy's wake comes before the task is known here
+        if get_ident() != self._thread:  # whose own tasks are run before the next wait
+            super().wake()  # only now: rclpy's wake comes before the task is known here
         return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:

@@ -156,10 +156,10 @@ def test_the_result_comes_before_the_list_that_tells_of_the_end(served: Served, 
     def end() -> None:
         server._handle = Wire()
         served.goal().succeed(result('done'))
-        server._handle = real
 
     served.runtime.call(end)
     wait_for(future.done, 'the result')
+    wait_for(lambda: len(seen) == 2, 'the list')
     assert seen == ['result', 'list']
     assert future.result().result.error_msg == 'done'
 
