@@ -211,6 +211,8 @@ class ManagedNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """As that of the base, which leaves the services of the lifecycle in the graph until Python collects them."""
+        self._transitions.shutdown(wait=False, cancel_futures=True)  # one is asked for, and the node was never managed
+        self._is_managed.set()
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 

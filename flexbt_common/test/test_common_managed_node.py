@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lifecycle_msgs.msg import TransitionEvent
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
@@ -363,3 +364,17 @@ def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not(tmp_path: P
     with process(tmp_path, 'broken:=true') as child:
         _out, err = child.communicate(timeout=10)
         assert (err, child.returncode) == ('managed: cannot start: it is broken; mend it\n', 1)
+
+
+def test_a_node_that_never_was_managed_ends_although_it_was_asked_for_a_transition() -> None:
+    def transitions() -> list[threading.Thread]:
+        return [thread for thread in threading.enumerate() if thread.name.startswith('unmanaged_transitions')]
+
+    with NodeRuntime.open('manager') as manager, NodeRuntime.open('unmanaged', node_class=ManagedNode):
+        client = manager.call(lambda: manager.node.create_client(ChangeState, 'unmanaged/change_state'))
+        assert client.wait_for_service(10.0)
+        manager.call(lambda: client.call_async(ChangeState.Request()))
+        wait_until(transitions)
+        (thread,) = transitions()
+    thread.join(10.0)
+    assert not thread.is_alive()
