@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from action_msgs.msg import GoalStatus
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import GoalEvent, RCLError, ServerGoalHandle
 
@@ -188,6 +189,15 @@ class _Server(ActionServer):
         if self._has_news:
             self._has_news = False
             self._handle.publish_status()
+
+    async def _execute_goal_request(self, request_header_and_message: Any) -> None:
+        await super()._execute_goal_request(request_header_and_message)
+        handle = self._goal_handles.get(bytes(request_header_and_message[1].goal_id.uuid))
+        if handle is not None and handle.status == GoalStatus.STATUS_ACCEPTED:
+            # The answer cannot be sent to a client that is not discovered yet, and rclpy leaves the goal like this for
+            # ever. The list of goals tells the client.
+            self._handle.publish_status()
+            self._handle_accepted_callback(handle)
 
     async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
         request_header, request = request_header_and_message

@@ -16,6 +16,7 @@ from action_msgs.msg import GoalStatus as RosGoalStatus
 from action_msgs.msg import GoalStatusArray
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
+from rclpy.action.server import RCLError, ServerGoalHandle
 from unique_identifier_msgs.msg import UUID
 
 from flexbt_common.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
@@ -182,6 +183,41 @@ def test_the_first_end_counts_and_nothing_is_sent_after_it(served: Served, clien
     served.runtime.call(lambda: served.goal(1).succeed(result('')))
     client.answer(other.get_result_async)
     assert len(feedback) == 1
+
+
+def test_a_goal_whose_acceptance_cannot_be_sent_is_served(
+    served: Served, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The middleware says so when it has not discovered the client within 0.1 s."""
+    server = served.server._server
+    real = server._handle
+    failed: list[str] = []
+
+    class Wire:
+        def __getattr__(self, name: str) -> Any:
+            return getattr(real, name)
+
+        def send_goal_response(self, *arguments: Any) -> None:
+            failed.append('goal response')
+            server._handle = real
+            raise RCLError('client will not receive response')
+
+    def handle_of(server: Any, info: Any, request: Any) -> ServerGoalHandle:
+        wire, server._handle = server._handle, real  # the wire is none to rclpy's own parts
+        handle = ServerGoalHandle(server, info, request)
+        server._handle = wire
+        return handle
+
+    monkeypatch.setattr('rclpy.action.server.ServerGoalHandle', handle_of)
+    served.on_goal = lambda goal: goal.succeed(result('done'))
+    served.runtime.call(lambda: setattr(server, '_handle', Wire()))
+    outcomes: list[GoalOutcome] = []
+    link = ActionLinks(client.runtime).link(Wait, 'wait')
+    ActionCall(link, Wait.Goal(), on_done=outcomes.append, accept_timeout=2.0)
+    wait_for(lambda: outcomes, 'the outcome')
+    assert failed
+    assert outcomes[0].status is GoalStatus.SUCCEEDED, outcomes[0].reason
+    assert len(served.goals) == 1 and not served.faults
 
 
 def test_a_goal_may_end_when_its_server_is_closed(served: Served, client: Client) -> None:
