@@ -203,12 +203,10 @@ class _Server(ActionServer):
         request_header, request = request_header_and_message
         goal_id = bytes(request.goal_id.uuid)
         response = self.results.get(goal_id)  # which another thread takes away in the end
-        if response is not None:
-            self._send(request_header, response)
-        elif goal_id in self._goal_handles:
+        if response is None and goal_id in self._goal_handles:
             self._waiting.setdefault(goal_id, []).append(request_header)
         else:
-            await super()._execute_get_result_request(request_header_and_message)
+            self._send(request_header, response or self.action_type.Impl.GetResultService.Response())  # status: unknown
 
     def _send(self, request_header: Any, response: Any) -> None:
         try:

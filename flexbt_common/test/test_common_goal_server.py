@@ -220,6 +220,28 @@ def test_a_goal_whose_acceptance_cannot_be_sent_is_served(
     assert len(served.goals) == 1 and not served.faults
 
 
+def test_a_client_that_asks_for_the_result_of_a_stranger_and_goes_is_no_fault(served: Served, client: Client) -> None:
+    server = served.server._server
+    real = server._handle
+    failed: list[str] = []
+
+    class Wire:
+        def __getattr__(self, name: str) -> Any:
+            return getattr(real, name)
+
+        def send_result_response(self, *arguments: Any) -> None:
+            failed.append('result')
+            raise RCLError('client will not receive response')
+
+    served.runtime.call(lambda: setattr(server, '_handle', Wire()))
+    response_type = Wait.Impl.SendGoalService.Response
+    stranger = ClientGoalHandle(client.client, UUID(uuid=list(uuid.uuid4().bytes)), response_type(accepted=True))
+    client.runtime.call(stranger.get_result_async)
+    wait_for(lambda: failed, 'the answer')
+    served.runtime.call(lambda: setattr(server, '_handle', real))
+    assert not served.faults
+
+
 def test_a_goal_may_end_when_its_server_is_closed(served: Served, client: Client) -> None:
     client.send()
     goal = served.goal()
