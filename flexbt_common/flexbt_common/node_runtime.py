@@ -32,6 +32,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from flexbt_common.clock import SteadyClock
 from flexbt_common.node_executor import NodeExecutor
@@ -291,14 +292,21 @@ def run_node(
     """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
 
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
-    ends. The exit code is 0 after a signal, however many come, and 1 with a line on stderr when the node could not
-    be set up. With ``--help`` it is told what the node is (``about``), and nothing is run. Must be called on the main
-    thread.
+    ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be
+    set up; 2 for arguments that are not for ROS. With ``--help`` it is told what the node is (``about``), and nothing
+    is run. Must be called on the main thread.
     """
     given = sys.argv[1:] if args is None else args
     if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
         print(_HELP.format(name=name, about=(about or '').strip()))
         return 0
+    unknown = remove_ros_args([name, *given])[1:]
+    if unknown:
+        print(
+            f'{name}: unknown argument {unknown[0]!r}; parameters are given by --ros-args -p NAME:=VALUE',
+            file=sys.stderr,
+        )
+        return 2
     with _signals_as_bytes() as signals:
         runtime: NodeRuntime | None = None
         try:

@@ -31,7 +31,8 @@ def setup(runtime):
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-sys.exit(run_node('program', setup, about='Drives the robot.'))
+how = [word for word in sys.argv[1:] if word not in ('fail', 'stuck')]
+sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
 
 
@@ -233,3 +234,10 @@ def test_help_is_told_instead_of_running_the_node(arguments: list[str], is_asked
             assert first.startswith('ready')
             process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE) == 0
+
+
+def test_arguments_that_are_not_for_ros_are_refused() -> None:
+    words = ['--map', 'here', '--ros-args', '-p', 'speed:=2.0']
+    done = subprocess.run([sys.executable, '-c', PROGRAM, *words], capture_output=True, text=True, timeout=DEADLINE)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert "unknown argument '--map'" in done.stderr

@@ -71,11 +71,11 @@ def behavior_line(view: View) -> str:
     if snapshot is None:
         return ''
     name = one_line(snapshot.behavior) or 'no behavior'
+    why = f' ({one_line(snapshot.message)})' if snapshot.message else ''
     if view.running:
         hint = ': "resume" goes on with it, "abort" gives it up'
-        return f'{snapshot.state.name}  {name}{hint if snapshot.state is ExecutiveState.INTERRUPTED else ""}'
+        return f'{snapshot.state.name}  {name}{hint if snapshot.state is ExecutiveState.INTERRUPTED else ""}{why}'
     last = f'{name} ended: {one_line(snapshot.outcome) or "?"}' if snapshot.run_id else 'nothing has run yet'
-    why = f' ({one_line(snapshot.message)})' if snapshot.message else ''
     return f'{snapshot.state.name}  {last}{why}'
 
 

@@ -25,6 +25,7 @@ from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.run_file import read_run
 from flexbt_console.recording.topics import TOPICS
+from flexbt_console.rendering import behavior_line
 from flexbt_console.requests import Requests
 
 DEADLINE = 20.0
@@ -107,6 +108,7 @@ def test_the_console_sees_in_a_replay_what_it_saw_of_the_robot(executives: Any, 
         assert seen.decisions == view.decisions and seen.active_paths == view.active_paths
         assert seen.structure == view.structure and seen.behaviors == view.behaviors
         assert at.mirror.log()[: len(logs)] == logs
+        assert 'replay of run.mcap' in behavior_line(seen)
 
 
 def test_a_recorder_that_is_killed_leaves_what_it_had_written(executives: Any, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executable ``replay``: publishes a recorded run, so that the console shows it without a robot.
 
-Commands are not published again, and those of a console find nobody.
+Commands are not published again, and those of a console find nobody. Each status says that it is one of a replay.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
     if first is None:
         raise UsageError(f'{file}: has no messages of a run')
     with NodeRuntime.open('replay', namespace=namespace) as runtime:
-        stage = _Stage(runtime)
+        stage = _Stage(runtime, f'replay of {file.name}')
         stage.refuse_executives()
         begin = runtime.steady.now() - start / rate
         count = 0
@@ -84,13 +84,14 @@ def _chained(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
 
 
 class _Stage:
-    """The publishers of a replay, made as they are needed."""
+    """The publishers of a replay, made as they are needed; ``mark`` is shown with each status."""
 
-    def __init__(self, runtime: Any) -> None:
+    def __init__(self, runtime: Any, mark: str) -> None:
         from flexbt_common.bell import Bell
 
         self._runtime = runtime
         self._bell = Bell()
+        self._mark = mark
         self._publishers: dict[str, Any] = {}
 
     def refuse_executives(self) -> None:
@@ -113,7 +114,19 @@ class _Stage:
         publisher = self._publishers.get(message.topic)
         if publisher is None:
             publisher = self._publishers[message.topic] = self._publisher(message)
-        self._runtime.call(lambda: publisher.publish(message.data))
+        shown = self._marked(publisher.msg_type, message)
+        self._runtime.call(lambda: publisher.publish(shown))
+
+    def _marked(self, type: Any, message: Any) -> Any:
+        from rclpy.serialization import deserialize_message
+
+        from flexbt_common import names
+
+        if message.topic != names.EXECUTIVE_STATUS:
+            return message.data
+        status = deserialize_message(message.data, type)
+        status.message = f'{self._mark}: {status.message}' if status.message else self._mark
+        return status
 
     def flush(self) -> None:
         """Wait until the subscribers have got everything."""
