@@ -53,7 +53,7 @@ class MotionArbiter:
             rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
             self.end(GoalEnd(message='a newer motion has taken over'), stop=not rolling)
         self.running = newer
-        self._look_for_pose_in(self._pose_timeout)
+        self._look_for_pose_in(self._pose_timeout, newer)
 
     def _on_pose(self, pose: Pose, now: float) -> None:
         running = self.running
@@ -93,16 +93,18 @@ class MotionArbiter:
         if self.running is not None and self.running.goal is goal:
             self.end(CANCELED)
 
-    def _look_for_pose_in(self, seconds: float) -> None:
+    def _look_for_pose_in(self, seconds: float, running: RunningMotion) -> None:
         steady = self._runtime.steady
-        self._watch = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(self._look_for_pose))
+        self._watch = steady.call_at(
+            steady.now() + seconds, lambda: self._runtime.post(lambda: self._look_for_pose(running))
+        )
 
-    def _look_for_pose(self) -> None:
-        if self.running is None:
+    def _look_for_pose(self, running: RunningMotion) -> None:
+        if self.running is not running:
             return
         silence = self.robot.silence
         if silence < self._pose_timeout:
-            self._look_for_pose_in(self._pose_timeout - silence)
+            self._look_for_pose_in(self._pose_timeout - silence, running)
         else:
             self.end(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
 

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
+import pytest
 from sim_world import DOCK, FAST, OFFICE, aborted, line, open_navigation, open_probe, open_simulator, without_faults
 
 from flexbt_common import names
 from flexbt_common.action_call import GoalStatus
 from flexbt_msgs.action import ComputePathToPose, FollowPath, Spin
+from flexbt_sim.motion_server import MotionArbiter
 from flexbt_sim.navigation import Navigation
 from flexbt_sim.robot import RobotLimits
 from flexbt_sim.ros_messages import duration_message
@@ -41,6 +45,28 @@ def test_requests_that_are_canceled_while_they_wait_for_the_robot_end_canceled()
             assert goal.accepted.wait(20.0)
             goal.call.cancel()
         assert [goal.wait().status for goal in goals] == [GoalStatus.CANCELED] * 3
+
+
+def test_one_look_for_the_robot_at_a_time_however_motions_take_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes over when the look for the motion before it is due, and has not been made."""
+    looks: list[float] = []
+    look = MotionArbiter._look_for_pose
+
+    def count(*arguments: Any) -> None:
+        looks.append(time.monotonic())
+        look(*arguments)
+
+    monkeypatch.setattr(MotionArbiter, '_look_for_pose', count)
+    with open_simulator(**FAST) as probe, open_navigation(pose_timeout=0.2) as navigation:
+        for _ in range(6):
+            with ThreadPoolExecutor() as pool:
+                pool.submit(navigation.call, lambda: time.sleep(0.3))
+                goal = probe.send(names.SPIN, target_yaw=1000.0, time_allowance=duration_message(1000.0))
+            assert goal.accepted.wait(20.0)
+        assert not goal.ended
+        looks.clear()
+        probe.later(10.0)  # 1 s on the wall
+        assert 1 <= len(looks) <= 10
 
 
 def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back() -> None:
