@@ -11,6 +11,7 @@ from flexbt_demo_behaviors.navigate_split import NavigateSplit
 from flexbt_demo_behaviors.show_path_state import ShowPathState
 from flexbt_onboard.behavior import Behavior
 from flexbt_onboard.behavior_library import BehaviorLibrary
+from flexbt_onboard.run_building import definition_of
 from flexbt_onboard.state_machine import Autonomy, MachineDefinition, StateDefinition, define
 
 BEHAVIORS = [Navigate, NavigateSplit, Inspection, InspectSite]
@@ -28,7 +29,7 @@ def transitions(definition: MachineDefinition) -> dict[tuple[str, str], tuple[st
 @pytest.mark.parametrize('behavior', BEHAVIORS)
 def test_a_behavior_builds_twice_from_one_instance(behavior: type[Behavior]) -> None:
     instance = behavior()
-    first, second = define(instance.create()), define(instance.create())
+    first, second = definition_of(instance), definition_of(instance)
     states = [child.state for child in first.children.values() if isinstance(child, StateDefinition)]
     others = [child.state for child in second.children.values() if isinstance(child, StateDefinition)]
     assert not set(map(id, states)) & set(map(id, others))

@@ -19,8 +19,7 @@ from flexbt_flexbe.parameter_values import converted
 from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.building import building
 from flexbt_onboard.errors import OnboardError, ParameterError
-from flexbt_onboard.run_building import RunRequest
-from flexbt_onboard.state_machine import define
+from flexbt_onboard.run_building import RunRequest, definition_of
 from flexbt_states.testing import StateBench, wait_until
 
 _numbers = itertools.count()
@@ -238,7 +237,7 @@ def test_a_behavior_can_be_built_without_a_run_by_tools_that_look_at_its_machine
     with building():
         behavior = entry.instantiate()
         behavior.set_arguments([('rounds', '3')])
-        paths = [node.path for node in define(behavior.create()).nodes()]
+        paths = [node.path for node in definition_of(behavior).nodes()]
     assert {'/Hello/Say', '/Both/Wait', '/Goodbye/Say'} <= set(paths)
     with pytest.raises(OnboardError, match='only where a behavior is built or run'):
         behavior.create()
@@ -250,7 +249,7 @@ def test_behaviors_with_the_states_of_the_paper_s_package_get_ours(package: Inst
     write_package(package.prefix, package.name, manifests=manifests, sources=sources)
     (package.prefix / 'share' / package.name / 'config' / 'plan.xml').write_text('<root BTCPP_format="4"/>')
     with building():
-        machine = define(package.entries()['Trees'].instantiate().create())
+        machine = definition_of(package.entries()['Trees'].instantiate())
     uses = {child.label: child.state.bt_use for child in machine.children.values()}  # type: ignore[union-attr]
     assert uses['Load'].files == (f'{package.name}/config/plan.xml',)
     assert uses['Set'].writes == {'limit': 'float64'}
