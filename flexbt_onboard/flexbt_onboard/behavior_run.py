@@ -11,6 +11,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
 from typing import Any, Final, Protocol
 
@@ -88,13 +89,15 @@ class BehaviorRun:
         self.operator_gone = OperatorGone.CONTINUE
         self.operator_gone_after = 0.0
         """What the behavior wants when no operator has been there for so many seconds; known when it is built."""
-        self._services = services
+        self._services = replace(services, changed=self._activity_changed)
         self._observer = observer
         self._bell = Bell()
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._is_announced = False
         self._has_changed = False
+        self._has_activity_changed = False  # perhaps: the states have to be asked
+        self._is_activity_shown = False  # so that it has to be asked for again
         self._answers = CommandAnswers()
         self._switches: deque[tuple[RunRequest, Answer]] = deque()
         self._machine: MachineRun | None = None
@@ -124,7 +127,12 @@ class BehaviorRun:
         self._is_announced = True
 
     def active_states(self) -> list[ActiveState]:
-        """The active states, and what each of them is doing."""
+        """The active states, and what each of them was doing when it was asked last.
+
+        Code of the states is called on the thread of the run only. They are asked again soon, for the next time.
+        """
+        self._is_activity_shown = True
+        self._bell.ring()
         return self.view.active_states()
 
     def decisions(self) -> list[PendingDecision]:
@@ -197,7 +205,7 @@ class BehaviorRun:
         """See :class:`flexbt_onboard.state_machine.RunObserver`."""
         # What is entered is shown at once, since on_enter may take long; all else when the step is over, so that what a
         # command has done and the answer to it are written in one.
-        self._has_changed = True
+        self._has_changed = self._has_activity_changed = True
         machine = self._machine
         if machine is not None and self.view.is_outdated(machine):
             self._show()
@@ -302,6 +310,8 @@ class BehaviorRun:
                 while machine.step():
                     if self._has_changed or self._answers.has_decided:
                         self._show()
+                    if self._has_activity_changed or self._is_activity_shown:
+                        self._ask_activities()
                     while self._switches:
                         self._switch(machine, *self._switches.popleft())
                     self._bell.wait(self._services.runtime.clock, machine.next_wake)
@@ -313,6 +323,17 @@ class BehaviorRun:
     def _escaped(self, machine: MachineRun, error: BaseException) -> None:
         self._observer.run_log(self, ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
         machine.abort(f'{type(error).__name__} escaped from the state machine: {error}')
+
+    def _activity_changed(self) -> None:
+        self._has_activity_changed = True
+        self._bell.ring()
+
+    def _ask_activities(self) -> None:
+        # One that is another one each time it is asked for, such as a time, is not news: the next status has it.
+        is_news = self._has_activity_changed
+        self._has_activity_changed = self._is_activity_shown = False
+        if self.view.ask_activities() and is_news:
+            self._observer.changed()
 
     def _show(self) -> None:
         machine = self._machine

@@ -27,11 +27,12 @@ _KINDS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass
 class _ActiveLeaf:
     path: str
     entered: Time
     state: EventState
+    activity: tuple[str, ...] = ()
 
 
 class RunView:
@@ -101,14 +102,23 @@ class RunView:
         self._leaves, self._decisions = tuple(leaves), tuple(decisions)
         return events
 
+    def ask_activities(self) -> bool:
+        """Ask the active states what they are doing; on the thread of the run. Whether one says something else."""
+        is_new = False
+        for leaf in self._leaves:
+            activity = _activity(leaf.state)
+            is_new |= activity != leaf.activity
+            leaf.activity = activity
+        return is_new
+
     def active_states(self) -> list[ActiveState]:
-        """The active leaves with what they are doing now."""
+        """The active leaves, with what they were doing when they were asked last."""
         return [
             ActiveState(
                 path=leaf.path,
                 entered=leaf.entered,
                 paused=leaf.path in self._paused,
-                activity=_activity(leaf.state),
+                activity=list(leaf.activity),
             )
             for leaf in self._leaves
         ]
@@ -143,11 +153,11 @@ def waiting_fields(decision: PendingDecision) -> dict[str, Any]:
     }
 
 
-def _activity(state: EventState) -> list[str]:
+def _activity(state: EventState) -> tuple[str, ...]:
     try:
         lines = [str(line) for line in state.activity()]
     except Exception as error:  # code of the state; a fault in it must not hide everything else
         lines = [f'activity() raised {type(error).__name__}: {error}']
     if len(lines) > _MOST_LINES:
         lines[_MOST_LINES:] = [f'... {len(lines) - _MOST_LINES} more']
-    return [sendable(line, _LONGEST_LINE) for line in lines]
+    return tuple(sendable(line, _LONGEST_LINE) for line in lines)

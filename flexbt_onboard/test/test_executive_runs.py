@@ -16,6 +16,7 @@ from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, Ex
 from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.machine_file import read_machine
 from flexbt_onboard.state_machine import Autonomy, EventState, MachineDefinition, MachineRun, OperatableStateMachine
+from flexbt_onboard.state_services import state_services
 
 START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
 IDLE, STARTING, RUNNING, STOPPING = (
@@ -396,8 +397,7 @@ def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> No
 
     bench = make_bench(single(Chatty))
     bench.start()
-    bench.wait_active('/One')
-    lines = bench.status.active_states[0].activity
+    lines = bench.wait_for(lambda status: status.active_states and status.active_states[0].activity, 'activity')
     assert len(lines) == 21 and max(map(len, lines)) < 300
     assert '99800 characters left out' in lines[0]
     assert lines[1] == 'line 0' and lines[-1] == '... 81 more'
@@ -410,8 +410,65 @@ def test_an_activity_that_raises_hides_nothing_else(make_bench: Make) -> None:
 
     bench = make_bench(single(Bad))
     bench.start()
-    bench.wait_active('/One')
-    assert 'KeyError' in bench.status.active_states[0].activity[0]
+    lines = bench.wait_for(lambda status: status.active_states and status.active_states[0].activity, 'activity')
+    assert 'KeyError' in lines[0]
+
+
+def test_an_activity_that_blocks_holds_up_its_run_only(make_bench: Make) -> None:
+    """The link goes on and a stop is taken while ``activity`` does not return; no other thread calls it."""
+    go, asked = threading.Event(), set[str]()
+
+    class Slow(Step):
+        def activity(self) -> list[str]:
+            asked.add(threading.current_thread().name)
+            go.wait(DEADLINE)
+            return ['late']
+
+    bench = make_bench(single(Slow))
+    bench.start()
+    wait_until(lambda: asked, 'asked')
+    for _ in range(3):
+        bench.wait_for_next_status()
+    assert bench.status.state == ExecutiveStatus.RUNNING and not bench.status.active_states[0].activity
+    stop = bench.send(STOP)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.STOPPING, 'stopping')
+    go.set()
+    bench.result(stop)
+    assert bench.wait_idle() == 'preempted'
+    assert asked == {'run_Test'}
+
+
+def test_what_a_state_does_is_shown_when_it_tells_and_with_each_heartbeat(make_bench: Make) -> None:
+    """A state that says something else each time it is asked does not make more statuses than the heartbeat."""
+
+    class Counting(Step):
+        count = 0
+        news = ''
+
+        def activity(self) -> list[str]:
+            self.count += 1
+            return [f'asked {self.count} times', self.news]
+
+    made: list[Counting] = []
+
+    def make() -> EventState:
+        made.append(Counting())
+        return made[-1]
+
+    bench = make_bench(single(make))
+    bench.start()
+    bench.wait_for(lambda status: status.active_states and status.active_states[0].activity, 'activity')
+    for _ in range(3):
+        bench.wait_for_next_status()
+    begin = len(bench.statuses)
+    for _ in range(3):
+        bench.wait_for_next_status()
+    *_, before, last = bench.arrivals[: begin + 3]
+    assert last - before > 0.2  # of a heartbeat of 0.5 s
+    assert bench.statuses[begin].active_states[0].activity != bench.statuses[begin + 2].active_states[0].activity
+    made[0].news = 'news'
+    state_services(made[0]).changed()
+    bench.wait_for(lambda status: 'news' in status.active_states[0].activity, 'news')
 
 
 def test_a_behavior_may_be_a_machine_in_yaml(make_bench: Make) -> None:

@@ -130,7 +130,11 @@ class EventState:
         return None
 
     def activity(self) -> Sequence[str]:
-        """What the state is doing, one line each, for the operator. Called on any thread."""
+        """What the state is doing, one line each, for the operator.
+
+        Called between the other callbacks, with each status of the run: it must not block. When the host's services
+        tell changes (``changed`` of :class:`flexbt_onboard.state_services.StateServices`), it is shown at once.
+        """
         return ()
 
     # -- services of the engine --------------------------------------------------------------------------------------
