@@ -19,6 +19,7 @@ from flexbt_common.bell import Bell
 from flexbt_common.errors import FlexbtError
 from flexbt_msgs.msg import ActiveState, BehaviorStructure, ExecutiveLog, PendingDecision
 from flexbt_onboard.behavior import OperatorGone
+from flexbt_onboard.callback_watch import CallbackWatch
 from flexbt_onboard.command_answers import CommandAnswers, Decided
 from flexbt_onboard.errors import ParameterError
 from flexbt_onboard.run_building import RunRequest, build, checked_inputs, structure_message
@@ -246,7 +247,8 @@ class BehaviorRun:
             self._observer.run_refused(self, f'stopped before it began: {self._stop_reason}')
             return
         self._observer.run_built(self, structure_message(machine.definition, self.run_id, self.behavior))
-        outcome, message = self._drive(machine)
+        with CallbackWatch(self._services.runtime.steady, self._held_up):
+            outcome, message = self._drive(machine)
         self._answers.close('the run has ended')
         self._tell(self._answers.take_decided())
         values = machine.userdata()
@@ -319,6 +321,10 @@ class BehaviorRun:
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
+
+    def _held_up(self, path: str, callback: str, seconds: float) -> None:
+        text = f'has been in {callback}() for {seconds:.1f} s and holds up the behavior'
+        self._observer.run_log(self, ExecutiveLog.WARN, path, f'{text}: no command has an effect until it returns')
 
     def _escaped(self, machine: MachineRun, error: BaseException) -> None:
         self._observer.run_log(self, ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))

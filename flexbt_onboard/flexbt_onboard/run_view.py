@@ -12,13 +12,17 @@ from builtin_interfaces.msg import Time
 from flexbt_common.ros_clock import RosClock
 from flexbt_common.sendable import sendable
 from flexbt_msgs.msg import ActiveState, PendingDecision
-from flexbt_onboard.state_machine import EventState, MachineRun
+from flexbt_onboard.state_machine import MachineRun
+from flexbt_onboard.state_machine.leaf import LeafRun
 
 _NANOSECONDS = 1_000_000_000
 
 _MOST_LINES: Final = 20
 _LONGEST_LINE: Final = 200
 """Of what a state says that it does: each status has it, and the link may be slow."""
+
+_RAISED: Final = ('activity() raised; see the log',)
+"""Instead of what a state says that it does. It is not asked again as long as it is active."""
 
 _KINDS = {
     PendingDecision.TRANSITION: 'transition',
@@ -31,7 +35,7 @@ _KINDS = {
 class _ActiveLeaf:
     path: str
     entered: Time
-    state: EventState
+    run: LeafRun
     activity: tuple[str, ...] = ()
 
 
@@ -71,7 +75,7 @@ class RunView:
         for active in machine.active_states():
             leaf = known.get(active.path)
             if leaf is None or self._entered_at.get(active.path) != active.entered_at:
-                leaf = _ActiveLeaf(active.path, self._stamp(active.entered_at), active.state)
+                leaf = _ActiveLeaf(active.path, self._stamp(active.entered_at), active)
                 events.append(('entered', {'path': active.path}))
             leaves.append(leaf)
             times[active.path] = active.entered_at
@@ -106,7 +110,9 @@ class RunView:
         """Ask the active states what they are doing; on the thread of the run. Whether one says something else."""
         is_new = False
         for leaf in self._leaves:
-            activity = _activity(leaf.state)
+            if leaf.activity is _RAISED:
+                continue
+            activity = _activity(leaf.run)
             is_new |= activity != leaf.activity
             leaf.activity = activity
         return is_new
@@ -153,11 +159,10 @@ def waiting_fields(decision: PendingDecision) -> dict[str, Any]:
     }
 
 
-def _activity(state: EventState) -> tuple[str, ...]:
-    try:
-        lines = [str(line) for line in state.activity()]
-    except Exception as error:  # code of the state; a fault in it must not hide everything else
-        lines = [f'activity() raised {type(error).__name__}: {error}']
+def _activity(leaf: LeafRun) -> tuple[str, ...]:
+    lines = leaf.activity()
+    if lines is None:
+        return _RAISED
     if len(lines) > _MOST_LINES:
         lines[_MOST_LINES:] = [f'... {len(lines) - _MOST_LINES} more']
     return tuple(sendable(line, _LONGEST_LINE) for line in lines)

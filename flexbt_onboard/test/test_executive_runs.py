@@ -411,7 +411,12 @@ def test_an_activity_that_raises_hides_nothing_else(make_bench: Make) -> None:
     bench = make_bench(single(Bad))
     bench.start()
     lines = bench.wait_for(lambda status: status.active_states and status.active_states[0].activity, 'activity')
-    assert 'KeyError' in lines[0]
+    assert 'activity() raised' in lines[0]
+    fault = bench.logged('KeyError')
+    assert fault.path == '/One'
+    bench.wait_for_next_status()
+    bench.wait_for_next_status()
+    assert len([line for line in bench.logs if 'KeyError' in line.text]) == 1
 
 
 def test_an_activity_that_blocks_holds_up_its_run_only(make_bench: Make) -> None:

@@ -103,7 +103,7 @@ class LeafRun:
 
     def start(self) -> bool:
         """Before the run; whether the state raised."""
-        return self._guarded('on_start', self.state.on_start) is _Raised.RAISED
+        return self.call('on_start', self.state.on_start) is _Raised.RAISED
 
     def stop(self) -> None:
         """After the run, once for each state that was started here."""
@@ -141,14 +141,14 @@ class LeafRun:
         self.state.exit_reason = None
         self.state.is_resumed = is_resumed
         self._engine.changed()  # already now, since on_enter may take long
-        if self._guarded('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
+        if self.call('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
             self._fail()
 
     def advance(self) -> bool:
         """Execute the state if there is a reason to; whether it wants something now."""
         if not self._is_running or not self._is_due():
             return False
-        outcome = self._guarded('execute', self._execute)
+        outcome = self.call('execute', self._execute)
         if outcome is _Raised.RAISED:
             self._fail()
         else:
@@ -168,7 +168,7 @@ class LeafRun:
             self.clock.go_on()  # what it finishes now may take its time
             self._engine.changed()
         self.state.exit_reason = reason
-        raised = self._guarded('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
+        raised = self.call('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
         if raised and reason is ExitReason.OUTCOME:
             self._fail()
 
@@ -176,7 +176,7 @@ class LeafRun:
         """The state is not executed until it is resumed, and its time stands still."""
         self.is_paused = True
         self.clock.stop()
-        if self._guarded('on_pause', self.state.on_pause) is _Raised.RAISED:
+        if self.call('on_pause', self.state.on_pause) is _Raised.RAISED:
             self._fail()
 
     def resume(self) -> None:
@@ -184,17 +184,22 @@ class LeafRun:
         self.is_paused = False
         self.clock.go_on()
         self._woken = True
-        if self._guarded('on_resume', self.state.on_resume, self._userdata) is _Raised.RAISED:
+        if self.call('on_resume', self.state.on_resume, self._userdata) is _Raised.RAISED:
             self._fail()
 
     def unsettled(self) -> str | None:
         """What the state that was left has not finished yet. One that raised is not asked again: nobody knows."""
         if self._never_settled is not None:
             return self._never_settled
-        unsettled = self._guarded('settled', self.state.settled)
+        unsettled = self.call('settled', self.state.settled)
         if unsettled is _Raised.RAISED:
             unsettled = self._never_settled = 'settled() raised'
         return unsettled
+
+    def activity(self) -> list[str] | None:
+        """What the state says that it is doing; None when it raised."""
+        lines = self.call('activity', self._activity)
+        return None if lines is _Raised.RAISED else lines
 
     def next_wake(self) -> float | None:
         """When it is to be executed next, apart from wake-ups, on the clock of the run."""
@@ -255,6 +260,9 @@ class LeafRun:
             )
         return outcome
 
+    def _activity(self) -> list[str]:
+        return [str(line) for line in self.state.activity()]
+
     def _fail(self) -> None:
         self.exit_reason = ExitReason.FAULT
         self.question = None
@@ -266,14 +274,14 @@ class LeafRun:
         """Nothing follows for this state."""
         if state._leaf is self:
             try:
-                self._guarded('on_stop', state.on_stop)
+                self.call('on_stop', state.on_stop)
             finally:
                 state._leaf = None
 
-    def _guarded(
+    def call(
         self, what: str, callback: Callable[..., _Result], *arguments: object
     ) -> _Result | Literal[_Raised.RAISED]:
-        """What a callback of the state gives."""
+        """What a callback of the state gives. All of them are called here, where it can be seen from outside."""
         set_called_state(self.state)
         try:
             return callback(*arguments)

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A callback that does not return is told by its name, on a clock that the test owns and over the operator link."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from executive_bench import DEADLINE, ExecutiveBench, behavior_of
+
+from flexbt_common.clock import ManualClock
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
+from flexbt_onboard.callback_watch import LIMIT, CallbackWatch
+from flexbt_onboard.state_machine import EventState, ExitReason, MachineRun, OperatableStateMachine, Severity, define
+
+_CALLBACKS = ('on_enter', 'execute', 'on_exit', 'settled', 'activity')
+
+
+class Quiet:
+    """An observer that nothing is done with."""
+
+    def changed(self) -> None: ...
+
+    def log(self, severity: Severity, path: str, text: str) -> None: ...
+
+    def fault(self, path: str, text: str) -> None: ...
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None: ...
+
+
+class Working(EventState):
+    """Calls ``work`` in each of its callbacks, with the name of the callback; done the second time."""
+
+    def __init__(self, work: Callable[[str], None]) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self._work = work
+        self._count = 0
+
+    def on_enter(self, userdata: Any) -> None:
+        self._work('on_enter')
+
+    def execute(self, userdata: Any) -> str | None:
+        self._work('execute')
+        self._count += 1
+        self.wake()
+        return 'done' if self._count == 2 else None
+
+    def on_exit(self, userdata: Any) -> None:
+        self._work('on_exit')
+
+    def settled(self) -> str | None:
+        self._work('settled')
+        return None
+
+    def activity(self) -> list[str]:
+        self._work('activity')
+        return []
+
+
+def machine_of(work: Callable[[str], None]) -> OperatableStateMachine:
+    """One working state, inside another machine."""
+    inner, outer = (OperatableStateMachine(outcomes=['done']) for _ in range(2))
+    with inner:
+        OperatableStateMachine.add('In', Working(work), {'done': 'done'})
+    with outer:
+        OperatableStateMachine.add('Out', inner, {'done': 'done'})
+    return outer
+
+
+def test_each_callback_that_takes_long_is_told_once_and_no_other() -> None:
+    """The callbacks move the clock of the watch themselves, which is as if they took that long."""
+    clock, told = ManualClock(), list[tuple[str, str, float]]()
+    step = 0.1
+
+    def work(callback: str) -> None:
+        for _ in range(30):
+            clock.advance(step)
+
+    def run() -> None:
+        machine = MachineRun(define(machine_of(work)), clock, Quiet())
+        machine.start()
+        while machine.step():
+            for leaf in machine.active_states():
+                leaf.activity()
+        clock.advance(10.0)  # between the callbacks
+
+    with CallbackWatch(clock, lambda *what: told.append(what)):
+        run()
+        assert sorted(callback for _, callback, _ in told) == sorted(_CALLBACKS)
+        assert {path for path, _, _ in told} == {'/Out/In'}
+        assert all(LIMIT <= seconds < LIMIT + 0.6 for _, _, seconds in told)
+        told.clear()
+        run()
+        assert not told
+    with CallbackWatch(clock, lambda *what: told.append(what)):
+        step = 0.03  # so that a callback takes 0.9 s
+        run()
+    assert not told
+    clock.advance(10.0)
+    assert clock.next_alarm() is None
+
+
+@pytest.mark.parametrize('callback', ['on_enter', 'execute', 'on_exit'])
+def test_the_operator_is_told_what_holds_up_the_behavior(callback: str) -> None:
+    go = threading.Event()
+    bench = ExecutiveBench(
+        behavior_of(lambda: machine_of(lambda called: None if called != callback else _wait(go)), 'Slow')
+    )
+    try:
+        bench.start('Slow')
+        line = bench.logged(f'{callback}()')
+        assert (line.severity, line.path, line.run_id) == (ExecutiveLog.WARN, '/Out/In', bench.run_id)
+        stop = bench.send(ExecutiveCommand.STOP)
+        go.set()
+        bench.result(stop)
+        bench.wait_idle()
+    finally:
+        go.set()
+        bench.close()
+
+
+def _wait(go: threading.Event) -> None:
+    assert go.wait(DEADLINE)
