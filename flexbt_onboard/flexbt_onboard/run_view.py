@@ -13,7 +13,9 @@ from flexbt_common.ros_clock import RosClock
 from flexbt_common.sendable import sendable
 from flexbt_msgs.msg import ActiveState, PendingDecision
 from flexbt_onboard.state_machine import MachineRun
+from flexbt_onboard.state_machine.definition import is_inside
 from flexbt_onboard.state_machine.leaf import LeafRun
+from flexbt_onboard.state_machine.region import HeldBack
 
 _NANOSECONDS = 1_000_000_000
 
@@ -37,6 +39,7 @@ class _ActiveLeaf:
     entered: Time
     run: LeafRun
     activity: tuple[str, ...] = ()
+    held_back: tuple[str, ...] = ()
 
 
 class RunView:
@@ -72,11 +75,13 @@ class RunView:
         known = {leaf.path: leaf for leaf in self._leaves}
         events: list[tuple[str, dict[str, Any]]] = []
         leaves, times = [], {}
+        held_back = machine.held_back
         for active in machine.active_states():
             leaf = known.get(active.path)
             if leaf is None or self._entered_at.get(active.path) != active.entered_at:
                 leaf = _ActiveLeaf(active.path, self._stamp(active.entered_at), active)
                 events.append(('entered', {'path': active.path}))
+            leaf.held_back = tuple(_line(one, leaf.path) for one in held_back if is_inside(leaf.path, one.path))
             leaves.append(leaf)
             times[active.path] = active.entered_at
         shown = {decision.id: decision for decision in self._decisions}
@@ -118,13 +123,13 @@ class RunView:
         return is_new
 
     def active_states(self) -> list[ActiveState]:
-        """The active leaves, with what they were doing when they were asked last."""
+        """The active leaves, with what they were doing when they were asked last, and first what locks hold back."""
         return [
             ActiveState(
                 path=leaf.path,
                 entered=leaf.entered,
                 paused=leaf.path in self._paused,
-                activity=list(leaf.activity),
+                activity=[*leaf.held_back, *leaf.activity],
             )
             for leaf in self._leaves
         ]
@@ -157,6 +162,11 @@ def waiting_fields(decision: PendingDecision) -> dict[str, Any]:
         'required': decision.required_autonomy,
         'prompt': decision.prompt,
     }
+
+
+def _line(held_back: HeldBack, path: str) -> str:
+    who = '' if held_back.path == path else f'{held_back.path}: '
+    return sendable(f"{who}'{held_back.outcome}' waits for the unlock of {', '.join(held_back.locked)}", _LONGEST_LINE)
 
 
 def _activity(leaf: LeafRun) -> tuple[str, ...]:

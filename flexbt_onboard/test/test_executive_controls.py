@@ -105,6 +105,40 @@ def test_locks_and_breakpoints_are_shown_and_hold(bench: ControlBench) -> None:
     assert list(bench.status.locked) == []
 
 
+def activities(bench: ControlBench) -> list[str]:
+    """What the only active state is shown to do."""
+    (state,) = bench.status.active_states
+    return list(state.activity)
+
+
+def test_what_a_lock_holds_back_is_shown_with_its_lock(bench: ControlBench) -> None:
+    bench.start(autonomy=1)
+    bench.wait_active('/M/A')
+    bench.applied(C.LOCK, path='/M/A')
+    assert activities(bench) == []
+    bench.finish_inner(bench.inner)  # by itself
+    bench.wait_for(lambda _: activities(bench) == ["'done' waits for the unlock of /M/A"], 'held back')
+    bench.applied(C.LOCK, path='/M')
+    assert activities(bench) == ["'done' waits for the unlock of /M, /M/A"]
+    bench.applied(C.UNLOCK, path='/M/A')
+    assert activities(bench) == ["'done' waits for the unlock of /M"]
+    bench.applied(C.UNLOCK, path='/M')
+    bench.wait_for(lambda status: status.decisions and activities(bench) == [], 'asked for instead')
+    bench.applied(C.LOCK, path='/M/A')
+    bench.wait_for(lambda status: not status.decisions and len(activities(bench)) == 1, 'held back again')
+    bench.applied(C.FORCE, path='/M', outcome='done')
+    assert activities(bench)[0] == "/M: 'done' waits for the unlock of /M/A"
+    bench.applied(C.UNLOCK, path='/M/A')
+    bench.wait_active('/Last')
+    bench.applied(C.LOCK, path='/Last')
+    bench.applied(C.FORCE, path='/Last', outcome='done')
+    assert activities(bench) == ["'done' waits for the unlock of /Last"]  # with the answer, not later
+    bench.applied(C.REPEAT, path='/Last')
+    bench.wait_for(lambda _: activities(bench) == [], 'repeated, and nothing wanted')
+    bench.applied(C.STOP)
+    assert bench.wait_idle() == 'preempted'
+
+
 def test_a_state_is_repeated_and_a_sub_tree_has_its_own_level(bench: ControlBench) -> None:
     bench.start(autonomy=3)
     bench.wait_active('/M/A')

@@ -11,7 +11,7 @@ the region that it is in takes the same three steps with it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from .autonomy import UNDECLARED
 from .decision import Decision, DecisionKind
@@ -20,6 +20,14 @@ from .event_state import ExitReason
 if TYPE_CHECKING:
     from .container import ContainerRun, Node
     from .run import MachineRun
+
+
+class HeldBack(NamedTuple):
+    """A state or machine that is not left by an outcome that it wants, since that would leave what is ``locked``."""
+
+    path: str
+    outcome: str
+    locked: tuple[str, ...]
 
 
 class Region:
@@ -36,6 +44,7 @@ class Region:
         self.is_resumed = False
         """Whether what is coming goes on where an interrupted run was."""
         self.decision: Decision | None = None
+        self.held_back: HeldBack | None = None
         self.is_leaving = False
         """Whether the child was left, and comes to rest: by the outcome that it wants, or to be entered again."""
         self.is_approved = False
@@ -57,7 +66,7 @@ class Region:
         self.is_leaving = self.is_approved = False
         self.coming = None
         self._rest.cancel()
-        self._withdraw_decision()
+        self._wait_for(None, None)
         if self.child is not None:
             self.child.leave(reason)
 
@@ -111,7 +120,7 @@ class Region:
         assert self.child is not None  # checked by the caller
         self.child.outcome = outcome
         self.is_approved = True
-        self._withdraw_decision()
+        self._wait_for(None, None)
 
     # -- transitions -------------------------------------------------------------------------------------------------
 
@@ -128,14 +137,15 @@ class Region:
         kind, wanted, prompt = DecisionKind.TRANSITION, child.outcome, ''
         if wanted is None:
             if child.question is None:
-                self._withdraw_decision()
+                self._wait_for(None, None)
                 return False
             kind = DecisionKind.CHOICE
             prompt, wanted = child.question
         engine, required = self._engine, UNDECLARED
         if wanted is not None:
-            if engine.controls.locked and engine.locked_inside(self._left_by(child, wanted)):
-                self._withdraw_decision()
+            locked = engine.locked_inside(self._left_by(child, wanted)) if engine.controls.locked else ()
+            if locked:
+                self._wait_for(None, HeldBack(child.path, wanted, tuple(locked)))
                 return False
             required = child.definition.transitions[wanted].autonomy
             if self.is_approved or engine.controls.may_pass(child.path, required):
@@ -148,14 +158,13 @@ class Region:
         """Put something to the operator, unless that was done."""
         asked = self.decision
         if asked is None or (asked.kind, asked.outcome) != (kind, outcome):
-            self.decision = self._engine.new_decision(
-                kind, child.path, outcome, child.definition.outcomes, required, prompt
-            )
-            self._engine.changed()
+            decision = self._engine.new_decision(kind, child.path, outcome, child.definition.outcomes, required, prompt)
+            self._wait_for(decision, None)
 
-    def _withdraw_decision(self) -> None:
-        if self.decision is not None:
-            self.decision = None
+    def _wait_for(self, decision: Decision | None, held_back: HeldBack | None) -> None:
+        """The child cannot be left before the operator decides or unlocks something; or nothing keeps it."""
+        if decision is not self.decision or held_back != self.held_back:
+            self.decision, self.held_back = decision, held_back
             self._engine.changed()
 
     def _left_by(self, child: Node, outcome: str) -> str:
@@ -173,7 +182,7 @@ class Region:
     def _leave_child(self, child: Node, outcome: str | None) -> None:
         """Leave it by an outcome, or by none to enter it again."""
         self._engine.count_transition(child.path)
-        self._withdraw_decision()
+        self._wait_for(None, None)
         self.is_approved = False
         child.outcome = outcome
         child.leave(child.exit_reason)

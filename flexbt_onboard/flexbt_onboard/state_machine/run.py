@@ -30,7 +30,7 @@ from .holds import Holds
 from .leaf import LeafRun
 from .observer import RunObserver
 from .position import Position
-from .region import Region
+from .region import HeldBack, Region
 from .rest import EXIT_TIMEOUT, RestWait
 from .userdata import Scope
 
@@ -184,6 +184,13 @@ class MachineRun:
         """What waits for the operator, oldest first."""
         found = [region.decision for region in self.regions() if region.decision is not None]
         return sorted(found, key=lambda decision: int(decision.id)) if len(found) > 1 else found
+
+    @property
+    def held_back(self) -> list[HeldBack]:
+        """What is not left since something is locked, outermost first."""
+        if not self.controls.locked:
+            return []
+        return [region.held_back for region in self.regions() if region.held_back is not None]
 
     def autonomy_of(self, path: str) -> int:
         """The level that holds for a state or machine: the one that was set last for it, or for what is around it."""
