@@ -85,18 +85,18 @@ class Behavior:
         as in ``/Inner/speed``, those of that behavior and of what it embeds. Whether there was any.
 
         Raises:
-            ParameterError: the value is none of the type.
+            ParameterError: the value is none of the type; it names the parameter with its path.
         """
         path, _, key = name.rpartition('/')
         path = f'/{path.strip("/")}' if path else ''
         behaviors = {'': self, **self.get_contained_behaviors()}
-        meant = [
-            behavior
+        meant = {
+            own: behavior
             for own, behavior in behaviors.items()
             if (own == path or own.startswith(f'{path}/')) and key in vars(behavior)
-        ]
-        for behavior in meant:
-            behavior.set_own_parameter(key, value)
+        }
+        for own, behavior in meant.items():
+            setattr(behavior, key, converted(f'{own}/{key}' if own else key, value, getattr(behavior, key)))
         return bool(meant)
 
     def set_own_parameter(self, name: str, value: Any) -> None:

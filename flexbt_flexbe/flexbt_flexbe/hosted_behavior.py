@@ -64,7 +64,9 @@ class HostedBehavior(Behavior):
                     behavior.set_own_parameter(parameter.name, default)
         for name, value in self._given.items():
             if not behavior.set_parameter(name, value):
-                raise ParameterError(f'behavior {self.name!r}: its code has no parameter {name!r}')
+                raise ParameterError(
+                    f'behavior {self.name!r}: its code has no parameter {name!r}{_embedded_hint(behavior, name)}'
+                )
         machine = behavior.create()
         if isinstance(machine, OperatableStateMachine):  # otherwise the run says that it is none
             without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
@@ -94,6 +96,15 @@ def load_class(source: FlexbeManifest) -> Callable[[Any], FlexbeBehavior]:
         )
         raise FlexbeManifestError(f'{source.file}: class {source.class_name}: module {source.module} {shown}')
     return found
+
+
+def _embedded_hint(behavior: FlexbeBehavior, name: str) -> str:
+    """The embedded behaviors that there are, when the path in front of a parameter names none of them."""
+    path = name.rpartition(_SLASH)[0]
+    embedded = behavior.get_contained_behaviors()
+    if not path or path in embedded:
+        return ''
+    return f'; there is no embedded behavior {path!r}, there are: {", ".join(sorted(embedded)) or "none"}'
 
 
 def _content(parameter: FlexbeParameter, value: Any) -> Any:

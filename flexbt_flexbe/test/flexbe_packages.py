@@ -176,6 +176,7 @@ class GreetSM(Behavior):
         self.name = 'Greet'
         self.add_parameter('word', 'Hello')
         self.add_parameter('title', '')
+        self.add_parameter('times', 1)
         OperatableStateMachine.initialize_ros(node)
         SayState.initialize_ros(node)
 

@@ -152,7 +152,8 @@ def test_fixed_parameters_of_an_embedded_behavior_are_not_the_operators(package:
         ('/YAML:places', '/etc/passwd:x', 'no package/relative/path.yaml'),
         ('unknown', '1', "no parameter 'unknown'"),
         ('/Hello/unknown', '1', "no parameter '/Hello/unknown'"),
-        ('/Hell/word', 'x', "no parameter '/Hell/word'"),
+        ('/Hell/word', 'x', "no parameter '/Hell/word'; there is no embedded behavior '/Hell', there are: /Goodbye,"),
+        ('/Hello/times', 'x', "parameter '/Hello/times': 'x' is not a value of type int"),
     ],
 )
 def test_a_value_that_cannot_be_is_refused_before_anything_runs(
