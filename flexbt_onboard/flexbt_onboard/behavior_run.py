@@ -90,6 +90,8 @@ class BehaviorRun:
         self.operator_gone = OperatorGone.CONTINUE
         self.operator_gone_after = 0.0
         """What the behavior wants when no operator has been there for so many seconds; known when it is built."""
+        # The host is told of an activity when the state was asked for it here.
+        self._tell_activity = services.changed
         self._services = replace(services, changed=self._activity_changed)
         self._observer = observer
         self._bell = Bell()
@@ -339,7 +341,7 @@ class BehaviorRun:
         is_news = self._has_activity_changed
         self._has_activity_changed = self._is_activity_shown = False
         if self.view.ask_activities() and is_news:
-            self._observer.changed()
+            self._tell_activity()
 
     def _show(self) -> None:
         machine = self._machine
