@@ -21,7 +21,8 @@ import flexbt_server.behavior_tree as engine
 for module in pkgutil.walk_packages(engine.__path__, engine.__name__ + '.'):
     importlib.import_module(module.name)
 imported = {name for name in sys.modules if name.startswith(('flexbt_common.', 'flexbt_server.'))}
-others = {name for name in imported if not name.startswith('flexbt_server.behavior_tree')} - {'flexbt_common.alarms', 'flexbt_common.clock'}
+others = {name for name in imported if not name.startswith('flexbt_server.behavior_tree')}
+others -= {'flexbt_common.clock', 'flexbt_common.alarms'}
 assert not others, others
 registry = engine.builtin_registry()
 text = '<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
