@@ -21,7 +21,16 @@ NAMESPACE = 'lines'
 
 def console(*words: str, namespace: str = NAMESPACE, timeout: str = '15') -> subprocess.CompletedProcess[str]:
     command = [*COMMAND, *words, '--namespace', namespace, '--operator', 'ann', '--timeout', timeout]
-    return subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
+    pipes: dict[str, Any] = {'stdin': subprocess.DEVNULL, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
+    # The fault handler prints what each thread is doing when the process has to be aborted.
+    with subprocess.Popen(command, text=True, env=os.environ | {'PYTHONFAULTHANDLER': '1'}, **pipes) as process:
+        try:
+            output, errors = process.communicate(timeout=45)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGABRT)
+            output, errors = process.communicate()
+            pytest.fail(f'{words} did not end in time\n{output}\n{errors}')
+    return subprocess.CompletedProcess(command, process.returncode, output, errors)
 
 
 @pytest.fixture
