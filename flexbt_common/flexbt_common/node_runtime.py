@@ -13,6 +13,7 @@ The order of the end, which is silent whatever the node was doing: the component
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import gc
 import itertools
 import os
@@ -353,7 +354,10 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name])
     in_time.daemon = True
     in_time.start()
+    # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where.
+    faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
     runtime.close()
+    faulthandler.cancel_dump_traceback_later()
     in_time.cancel()
 
 

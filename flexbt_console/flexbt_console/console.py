@@ -7,6 +7,7 @@ What a terminal user waits for is imported first and little: ROS only when a com
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import os
 import signal
 import sys
@@ -32,6 +33,9 @@ NODE_NAME = 'console'
 PLACES_PARAMETER = 'places'
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+_CLOSE_SECONDS = 10.0
 
 
 class _Interrupted(Exception):
@@ -130,7 +134,10 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
         yield runtime
     finally:
         _ignore_signals()
+        # Should the middleware hang while it ends, the process ends all the same, and tells where.
+        faulthandler.dump_traceback_later(_CLOSE_SECONDS, exit=True, file=2)
         runtime.close()
+        faulthandler.cancel_dump_traceback_later()
 
 
 def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Place]:
