@@ -354,10 +354,10 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name])
     in_time.daemon = True
     in_time.start()
-    # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where.
+    # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
+    # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
     faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
     runtime.close()
-    faulthandler.cancel_dump_traceback_later()
     in_time.cancel()
 
 
