@@ -76,7 +76,7 @@ class Robot:
             linear, angular = self._wanted_at(now - left * tick)
             self.linear = _approach(self.linear, linear, self.limits.linear_acceleration * tick)
             self.angular = _approach(self.angular, angular, self.limits.angular_acceleration * tick)
-            if self.linear == self.angular == 0.0:
+            if self.linear == self.angular == linear == angular == 0.0:
                 return  # and so it stays
             self._move(tick)
 

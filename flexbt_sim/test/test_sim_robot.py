@@ -92,8 +92,17 @@ def test_what_happens_does_not_depend_on_the_size_of_the_steps(data: st.DataObje
             ticks += 1
             fine.step(ticks * TICK, TICK)
         coarse.step(ticks * TICK, duration)
-        assert coarse.pose == pytest.approx(fine.pose, abs=1e-5)
+        assert tuple(coarse.pose) == pytest.approx(tuple(fine.pose), abs=1e-5)
         assert (coarse.linear, coarse.angular) == pytest.approx((fine.linear, fine.angular))
+
+
+def test_it_reverses_within_a_step() -> None:
+    robot = Robot(OPEN, START, LIMITS)
+    robot.command(0.0, 1.0, 0.0)
+    robot.step(TICK, TICK)
+    robot.command(0.0, -1.0, TICK)
+    robot.step(3 * TICK, 2 * TICK)  # its speed is 0 on the way
+    assert robot.angular == pytest.approx(-LIMITS.angular_acceleration * TICK)
 
 
 @exhaustive
