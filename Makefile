@@ -4,7 +4,7 @@ SHELL := /bin/sh
 .DEFAULT_GOAL := help
 N ?= 20000
 SEED ?= 0
-.PHONY: help setup demo test lint bench conformance clean distclean
+.PHONY: help setup demo test fuzz lint bench conformance clean distclean
 .NOTPARALLEL:
 
 help:  ## this text
@@ -25,6 +25,9 @@ demo:  ## the demonstration: DEMO=1 (one tree) or DEMO=2 (three trees under one 
 
 test:  ## lint and all tests
 	@tools/workspace.sh test
+
+fuzz:  ## the property tests with examples that are new in each run (those of `make test` are always the same)
+	@FLEXBT_FUZZ=1 tools/workspace.sh run python3 -m pytest -q -m hypothesis flexbt_*/test
 
 lint:  ## ruff, mypy, shellcheck
 	@tools/workspace.sh lint

@@ -43,10 +43,14 @@ def pytest_load_initial_conftests() -> None:
 
 
 def pytest_configure() -> None:
-    """An example of hypothesis may take long on a busy machine; what has to be fast says so by itself."""
+    """How examples of hypothesis are drawn.
+
+    They are the same in each run, so that a test that fails was broken by a change; with FLEXBT_FUZZ (`make fuzz`) they
+    are new ones. One may take long on a busy machine; what has to be fast says so by itself.
+    """
     from hypothesis import settings
 
-    settings.register_profile('flexbt', deadline=None)
+    settings.register_profile('flexbt', deadline=None, derandomize='FLEXBT_FUZZ' not in os.environ)
     settings.load_profile('flexbt')
 
 

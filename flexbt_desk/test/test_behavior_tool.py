@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -58,7 +57,16 @@ def test_mermaid_has_states_and_trees(tmp_path: Path) -> None:
     assert 'ComputePathToPose' not in tool('draw', 'Navigate Split', '--format', 'mermaid', '--no-trees').out
 
 
-@pytest.mark.skipif(shutil.which('dot') is None, reason='Graphviz is not installed')
-def test_svg() -> None:
+SVG = '{http://www.w3.org/2000/svg}'
+
+
+def test_svg_nests_the_trees_and_keeps_the_order_of_their_nodes() -> None:
     root = ElementTree.fromstring(tool('draw', 'Navigate Split', '--expand').out)  # noqa: S314 of this program
-    assert root.tag.endswith('svg')
+    assert len([group for group in root.iter() if group.get('class') == 'cluster']) == 4
+    places: dict[str, list[float]] = {}
+    for text in root.iter(f'{SVG}text'):
+        places.setdefault(text.text or '', []).append(float(text.get('x', '')))
+    assert {'PlanPath', 'GlobalPlanner', 'Navigate Split', 'finished'} <= places.keys()
+    steps = ['Spin', 'Wait', 'BackUp']
+    assert [places[step] for step in steps] == sorted(places[step] for step in steps)
+    assert places['ComputePathToPose'] < places['ClearGlobalCostmap']

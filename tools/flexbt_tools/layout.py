@@ -7,8 +7,6 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-SYSTEM_TESTS = 'flexbt_system_tests'
-
 _NAME = re.compile(r'<name>\s*([^<\s]+)\s*</name>')
 _BUILD_TYPE = re.compile(r'<build_type>\s*([^<\s]+)\s*</build_type>')
 

@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ElementTree  # of files that our own pytest runs
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .layout import SYSTEM_TESTS, Package
+from .layout import Package
 from .lint import all_checks, failing_checks
 from .terminal import stop_group
 from .workspace import Workspace
@@ -40,12 +40,7 @@ def run(workspace: Workspace) -> int:
     packages = [package for package in workspace.layout.packages() if package.test_modules()]
     for package in packages:
         _result_file(workspace, package).unlink(missing_ok=True)
-    # System tests measure times and start many processes: they have the machine for themselves.
-    alone = [package for package in packages if package.name == SYSTEM_TESTS]
-    together = [package for package in packages if package not in alone]
-    for group, workers in ((together, os.cpu_count() or 2), (alone, 1)):
-        if group:
-            _colcon_test(workspace, group, workers)
+    _colcon_test(workspace, packages)
     _show_results(workspace)
     for package in packages:
         _count(_result_file(workspace, package), package.name, tally)
@@ -56,12 +51,17 @@ def run(workspace: Workspace) -> int:
     return 1 if tally.failures else 0
 
 
-def _colcon_test(workspace: Workspace, packages: list[Package], workers: int) -> None:
-    """Runs the tests of the packages. How they ended is in the result files, not in colcon's exit code."""
+def _colcon_test(workspace: Workspace, packages: list[Package]) -> None:
+    """Runs the tests of the packages. How they ended is in the result files, not in colcon's exit code.
+
+    One package after another, each with a worker of pytest for each processor: a package that all others depend on, or
+    one that takes long, leaves no processor idle.
+    """
     command: list[str | Path] = ['colcon', '--log-base', workspace.layout.log / 'colcon', 'test']
     command += ['--base-paths', workspace.layout.root, '--return-code-on-test-failure']
-    command += ['--executor', 'parallel', '--parallel-workers', str(workers)]
+    command += ['--executor', 'sequential']
     command += ['--packages-select', *(package.name for package in packages)]
+    command += ['--pytest-args', '--numprocesses', str(os.cpu_count() or 2), '--dist', 'worksteal']
     process = subprocess.Popen(
         [str(word) for word in workspace.inside(command)],
         stdin=subprocess.DEVNULL,

