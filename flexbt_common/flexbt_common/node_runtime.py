@@ -37,6 +37,7 @@ from rclpy.utilities import remove_ros_args
 
 from flexbt_common.clock import SteadyClock
 from flexbt_common.node_executor import NodeExecutor
+from flexbt_common.participant_end import end_callbacks
 from flexbt_common.ros_clock import RosClock
 
 __all__ = ['NodeRuntime', 'run_node']
@@ -229,6 +230,7 @@ class NodeRuntime:
         for waitable in list(self.node.waitables):
             if isinstance(waitable, ActionServer | ActionClient):
                 waitable.destroy()  # the node does not do it, and would stay in the graph with them
+        end_callbacks(self.node)
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 

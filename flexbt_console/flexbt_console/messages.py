@@ -123,6 +123,7 @@ def command(record: records.Command, now: float) -> ExecutiveCommand:
         stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)),
         operator_id=sendable(record.operator),
         kind=int(record.kind),
+        executive_id=record.executive_id,
         run_id=record.run_id,
         decision_id=sendable(record.decision_id),
         path=sendable(record.path),

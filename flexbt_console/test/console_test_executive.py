@@ -185,6 +185,8 @@ class ScriptedExecutive:
     def _apply(self, command: Any) -> str:
         status = self.status
         kind = command.kind
+        if command.executive_id not in ('', status.executive_id):
+            return 'it was meant for another executive'
         if kind == ExecutiveCommand.AUTONOMY:
             status.autonomy = command.autonomy
             return ''

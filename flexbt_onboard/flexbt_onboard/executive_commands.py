@@ -78,6 +78,8 @@ class CommandHandlers:
         Raises:
             CommandRefusedError: it has no effect; the text is the reason.
         """
+        if command.executive_id not in ('', self._executive.executive_id):
+            raise CommandRefusedError('it was meant for the executive before this one; see what runs now')
         handler = self._handlers.get(command.kind)
         if handler is None:
             raise CommandRefusedError(f'{kind_name(command)} is not supported by this version')

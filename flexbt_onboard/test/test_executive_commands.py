@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,8 +16,9 @@ from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveCommand, ExecutiveStatus, PendingDecision
 from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
 
-START, STOP, CONFIRM, FORCE = (
+START, AUTONOMY, STOP, CONFIRM, FORCE = (
     ExecutiveCommand.START,
+    ExecutiveCommand.AUTONOMY,
     ExecutiveCommand.STOP,
     ExecutiveCommand.CONFIRM,
     ExecutiveCommand.FORCE,
@@ -103,6 +105,16 @@ def test_an_answer_to_a_decision_that_is_over_is_refused(bench: LoopBench) -> No
     assert bench.entered == ['/A', '/B']
 
 
+def test_commands_for_the_executive_before_are_refused(bench: LoopBench) -> None:
+    before, own = uuid.uuid4().hex, bench.status.executive_id
+    assert 'executive before' in bench.refused(START, behavior='Test', executive_id=before)
+    assert 'executive before' in bench.refused(AUTONOMY, autonomy=3, executive_id=before)
+    bench.applied(START, behavior='Test', executive_id=own)
+    assert 'executive before' in bench.refused(STOP, executive_id=before)
+    assert bench.status.state == ExecutiveStatus.RUNNING
+    bench.applied(STOP, executive_id=own)
+
+
 def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
     first_run = bench.start()
     stale = bench.decision('/A')
@@ -117,7 +129,7 @@ def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
         (STOP, {}),
         (CONFIRM, {'decision_id': decision.id}),
         (FORCE, {'path': '/A', 'outcome': 'out'}),
-        (ExecutiveCommand.AUTONOMY, {'autonomy': 3}),
+        (AUTONOMY, {'autonomy': 3}),
         (ExecutiveCommand.ANSWER, {'decision_id': decision.id, 'inputs': [to_entry('x', 1)]}),
     ):
         assert first_run in bench.refused(kind, run_id=first_run, **fields)
@@ -161,9 +173,9 @@ def test_a_command_without_an_id_is_ignored_and_logged(bench: LoopBench) -> None
 
 
 def test_the_autonomy_of_an_idle_executive_is_kept_for_the_operator(bench: LoopBench) -> None:
-    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=3, run_id='')
+    bench.applied(AUTONOMY, autonomy=3, run_id='')
     assert bench.status.autonomy == 3
-    assert 'no behavior is running' in bench.refused(ExecutiveCommand.AUTONOMY, autonomy=3, path='/A')
+    assert 'no behavior is running' in bench.refused(AUTONOMY, autonomy=3, path='/A')
 
 
 class Asker:

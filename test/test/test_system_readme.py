@@ -77,6 +77,7 @@ def test_the_package_of_the_readme_builds_and_runs_an_errand(workspace: Path) ->
             'HOME': str(workspace),
             'PATH': os.pathsep.join([*path, os.environ['PATH']]),
             'FLEXBT_ROOT': str(README.parent),
+            'PYTHONFAULTHANDLER': '1',
         },
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -94,10 +95,9 @@ def test_the_package_of_the_readme_builds_and_runs_an_errand(workspace: Path) ->
     finally:
         os.killpg(process.pid, signal.SIGTERM)
         try:
-            process.communicate(timeout=10)  # the pipe is open as long as any of the processes lives
+            process.communicate(timeout=20)  # the pipe is open as long as any of the processes lives
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
-            raise
+            os.killpg(process.pid, signal.SIGABRT)  # the fault handler prints what each thread is doing
+            pytest.fail(f'a process did not end in time\n{process.communicate()[0]}')
     assert lines, 'nothing was printed'
     assert re.search(r'"outcome": *"finished"', lines[-1]), ''.join(lines)

@@ -31,7 +31,6 @@ class TrackedCommand:
     """A command and its fate; times in seconds on the tracker's clock."""
 
     command: Command
-    executive_id: str
     given: float
     deadline: float
     state: CommandState = CommandState.PENDING
@@ -53,9 +52,9 @@ class CommandTracker:
         self._remembered = remembered
         self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
 
-    def give(self, command: Command, executive_id: str, now: float, timeout: float) -> TrackedCommand:
-        """Take a command to be sent to that executive; :meth:`due` hands it out."""
-        tracked = TrackedCommand(command, executive_id, now, now + timeout, next_send=now)
+    def give(self, command: Command, now: float, timeout: float) -> TrackedCommand:
+        """Take a command to be sent; :meth:`due` hands it out."""
+        tracked = TrackedCommand(command, now, now + timeout, next_send=now)
         self._commands[command.id] = tracked
         while len(self._commands) > self._remembered:
             self._commands.popitem(last=False)
@@ -111,7 +110,7 @@ class CommandTracker:
                 reason = answer.reason or 'no reason was given'
                 settled.append(self._settle(tracked, CommandState.REFUSED, reason, now))
         for tracked in self.pending():
-            if tracked.executive_id != snapshot.executive_id:
+            if tracked.command.executive_id != snapshot.executive_id:
                 reason = 'the executive was restarted before it answered; see "status" for what runs now'
                 settled.append(self._settle(tracked, CommandState.TIMEOUT, reason, now))
         return settled

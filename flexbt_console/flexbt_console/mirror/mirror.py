@@ -7,7 +7,7 @@ import bisect
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
@@ -163,10 +163,10 @@ class Mirror:
     # Commands
 
     def give(self, command: Command, timeout: float) -> TrackedCommand:
-        """Take a command for the executive that is mirrored now."""
+        """Take a command, and address it to the executive that is mirrored now."""
         with self._lock:
-            executive_id = self._snapshot.executive_id if self._snapshot else ''
-            tracked = self._commands.give(command, executive_id, self._clock.now(), timeout)
+            addressed = replace(command, executive_id=self._snapshot.executive_id if self._snapshot else '')
+            tracked = self._commands.give(addressed, self._clock.now(), timeout)
         self._tell(Change.COMMAND)
         return tracked
 

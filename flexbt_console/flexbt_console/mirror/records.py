@@ -265,6 +265,7 @@ class Command:
     id: str
     kind: CommandKind
     operator: str
+    executive_id: str = ''
     run_id: str = ''
     decision_id: str = ''
     path: str = ''
