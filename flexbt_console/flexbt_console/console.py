@@ -21,7 +21,7 @@ from flexbt_common.streams import abandon_stdout, make_streams_safe
 from flexbt_console import command_table, json_form
 from flexbt_console.command_line import CommandLine, command_help, overview, parse
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.operator_values import Place, load_places
+from flexbt_console.operator_values import Place, full_namespace, load_places
 
 if TYPE_CHECKING:
     from flexbt_common.node_runtime import NodeRuntime
@@ -121,7 +121,7 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
     arguments = list(line.ros_arguments)
     namespace = line.value('--namespace')
     if namespace:
-        arguments += ['--ros-args', '-r', f'__ns:=/{namespace.strip("/")}']
+        arguments += ['--ros-args', '-r', f'__ns:={full_namespace(namespace)}']
     # A signal must not come between the start of the executor thread and our knowing of it.
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:

@@ -18,6 +18,7 @@ from flexbt_console.mirror.records import Decision, InputValue
 FRAME: Final = 'map'
 """Frame of a pose that the operator gives without one."""
 
+_NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
 _NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
 
 
@@ -29,6 +30,20 @@ class Place:
     y: float
     yaw: float = 0.0
     frame: str = FRAME
+
+
+def full_namespace(text: str) -> str:
+    """The namespace of a robot, as the operator gives it, from the root on.
+
+    Raises:
+        UsageError: ROS allows no such name.
+    """
+    full = '/' + text.strip('/')
+    if _NAMESPACE.fullmatch(full) is None:
+        raise UsageError(
+            f'{text!r} is no namespace of ROS: letters, digits and _ between slashes, no part begins with a digit'
+        )
+    return full
 
 
 def load_places(file: Path) -> dict[str, Place]:

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
 
 from flexbt_common.testing import HOSTILE_YAML
 from flexbt_console import rendering
@@ -31,7 +33,7 @@ from flexbt_console.mirror.records import (
     StateStructure,
     Structure,
 )
-from flexbt_console.operator_values import Place, load_places, start_input, value_text
+from flexbt_console.operator_values import Place, full_namespace, load_places, start_input, value_text
 from flexbt_console.requests import Requests
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -272,3 +274,15 @@ def test_the_authority_is_handed_to_the_one_who_asks(requests: Requests) -> None
         requests.hand_over_authority(asked_by('bob', 'eve'))
     with pytest.raises(RefusedError, match='nobody asks'):
         requests.hand_over_authority(asked_by())
+
+
+@given(st.text('ab_19/ é-', max_size=6))
+def test_a_namespace_is_one_of_ros_or_refused(text: str) -> None:
+    try:
+        full = full_namespace(text)
+    except UsageError as error:
+        assert repr(text) in str(error)
+        with pytest.raises(InvalidNamespaceException):
+            validate_namespace('/' + text.strip('/'))
+    else:
+        assert validate_namespace(full)

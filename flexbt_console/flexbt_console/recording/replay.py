@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from flexbt_common.streams import make_streams_safe
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
+from flexbt_console.operator_values import full_namespace
 
 DISCOVERY_SECONDS: Final = 1.0
 """How long is listened for a real executive before anything is published."""
@@ -65,7 +66,7 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
     first = next(messages, None)
     if first is None:
         raise UsageError(f'{file}: has no messages of a run')
-    with NodeRuntime.open('replay', namespace=namespace) as runtime:
+    with NodeRuntime.open('replay', namespace=full_namespace(namespace)) as runtime:
         stage = _Stage(runtime, f'replay of {file.name}')
         stage.refuse_executives()
         begin = runtime.steady.now() - start / rate
