@@ -207,7 +207,7 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
     if not session.json:
         _print(session, None, rendering.command_result(name, tracked))
     starting = name == 'start'
-    executive_id = tracked.executive_id
+    executive_id = tracked.command.executive_id
     run: list[str] = [] if starting else [run_before]
 
     def look(view: View) -> Snapshot | None:
