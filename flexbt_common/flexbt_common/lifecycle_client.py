@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
@@ -16,6 +17,7 @@ from flexbt_common.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 T = TypeVar('T')
 
 _SECONDS = 20.0
+_REPEAT_SECONDS = 2.0
 
 
 class LifecycleClient:
@@ -46,15 +48,29 @@ class LifecycleClient:
         return self.begin(transition).result(_SECONDS)
 
     def begin(self, transition: int | str) -> Future[bool]:
-        """Ask for a transition; whether it succeeded comes when it is over."""
+        """Ask for a transition; whether it succeeded comes when it is over.
+
+        The answer to a node that was discovered just now may be lost, and a transition is not asked for twice: the
+        state is asked for first.
+        """
+        self.state()
         wanted = Transition(label=transition) if isinstance(transition, str) else Transition(id=transition)
         request = ChangeState.Request(transition=wanted)
-        return self._send(ChangeState, 'change_state', request, lambda answer: bool(answer.success))
+        return self._send(ChangeState, 'change_state', request, lambda answer: bool(answer.success), _SECONDS)
 
     def _ask(self, service_type: Any, service: str, request: Any) -> Any:
-        return self._send(service_type, service, request, lambda answer: answer).result(_SECONDS)
+        """The answer to a question, which is asked until there is one."""
+        deadline = time.monotonic() + _SECONDS
+        while True:
+            try:
+                return self._send(service_type, service, request, lambda answer: answer, _REPEAT_SECONDS).result()
+            except TimeoutError:
+                if time.monotonic() > deadline:
+                    raise
 
-    def _send(self, service_type: Any, service: str, request: Any, read: Callable[[Any], T]) -> Future[T]:
+    def _send(
+        self, service_type: Any, service: str, request: Any, read: Callable[[Any], T], response_timeout: float
+    ) -> Future[T]:
         answer: Future[T] = Future()
 
         def done(outcome: ServiceOutcome) -> None:
@@ -68,6 +84,6 @@ class LifecycleClient:
             request,
             on_done=done,
             server_timeout=_SECONDS,
-            response_timeout=_SECONDS,
+            response_timeout=response_timeout,
         )
         return answer

@@ -34,6 +34,7 @@ CONTROL_TREE: Final = 'control_tree'
 # Actions of the onboard executive
 OPERATOR_INPUT: Final = 'operator_input'
 EXECUTE_BEHAVIOR: Final = 'execute_behavior'
+GET_USERDATA: Final = 'get_userdata'
 
 # The operator link
 EXECUTIVE_STATUS: Final = 'executive/status'

@@ -8,8 +8,9 @@ beside a robot, without meeting.
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Final
+from typing import Any, Final
 
 import pytest
 
@@ -52,6 +53,12 @@ def pytest_configure() -> None:
 
     settings.register_profile('flexbt', deadline=None, derandomize='FLEXBT_FUZZ' not in os.environ)
     settings.load_profile('flexbt')
+
+
+def entities_of(node: Any) -> Counter[type]:
+    """What there is on a node, by kind; to be called on its executor thread."""
+    kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
+    return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
 
 
 @pytest.fixture(scope='session', autouse=True)

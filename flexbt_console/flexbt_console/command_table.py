@@ -108,6 +108,16 @@ COMMANDS: Final = (
     CommandSpec('behaviors', 'list the behaviors that can be started, with their parameters'),
     CommandSpec('structure', 'show the state machine that runs: states, outcomes, targets, required autonomy'),
     CommandSpec(
+        'userdata',
+        'show what the states of the run have handed to each other',
+        (Argument('PATH', required=False), Argument('KEY', required=False, repeated=True)),
+        details=(
+            'The values of every active machine, by the names of their keys in it; of the machine PATH only, "/" for '
+            'the outermost, and of the KEYs only, when these are given. It is read between two steps of the run.',
+        ),
+        in_prompt=False,
+    ),
+    CommandSpec(
         'log',
         'show the latest lines of the log',
         (Argument('COUNT', required=False),),

@@ -121,6 +121,14 @@ def _structure(session: Session) -> ExitCode:
     return ExitCode.OK
 
 
+def _userdata(session: Session) -> ExitCode:
+    session.link.live_view(session.timeout)
+    path, *keys = session.line.words or ('',)
+    scopes = session.link.userdata(path, keys, session.timeout)
+    _print(session, scopes, rendering.userdata(scopes))
+    return ExitCode.OK
+
+
 def _log(session: Session) -> ExitCode:
     session.link.live_view(session.timeout)
     count = log_count(session.line)
@@ -167,6 +175,7 @@ SHOW: Final[Mapping[str, Callable[[Session], ExitCode]]] = {
     'watch': _watch,
     'behaviors': _behaviors,
     'structure': _structure,
+    'userdata': _userdata,
     'log': _log,
     'places': _places,
 }

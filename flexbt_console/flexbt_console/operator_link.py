@@ -6,7 +6,7 @@ from __future__ import annotations
 import threading
 import time
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
@@ -23,7 +23,7 @@ from flexbt_console.errors import NoLinkError
 from flexbt_console.interface_check import interface_problem
 from flexbt_console.mirror import Change, Mirror, TrackedCommand, Transit, View
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
-from flexbt_console.mirror.records import Command
+from flexbt_console.mirror.records import Command, UserdataScope
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 
 T = TypeVar('T')
@@ -101,6 +101,12 @@ class OperatorLink:
             return tracked if tracked is not None and tracked.state.value in SETTLED_COMMANDS else None
 
         return self.wait_for(look, timeout)
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """The userdata of the run, see :func:`flexbt_console.userdata_query.userdata`. Raises what that raises."""
+        from flexbt_console.userdata_query import userdata  # what only this command needs
+
+        return userdata(self._runtime, path, keys, timeout)
 
     def _join(self) -> None:
         node = self._runtime.node

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from flexbt_common.escaping import lines, one_line
 from flexbt_console.mirror import CommandState, TrackedCommand, View
@@ -20,8 +21,12 @@ from flexbt_console.mirror.records import (
     Snapshot,
     StateKind,
     Structure,
+    UserdataScope,
 )
 from flexbt_console.operator_values import Place, is_pose
+
+VALUE_LENGTH: Final = 200
+"""How many characters of a value of userdata are shown."""
 
 
 def link_word(view: View) -> str:
@@ -194,6 +199,19 @@ def command_result(name: str, tracked: TrackedCommand) -> list[str]:
     first, *more = lines(tracked.reason)
     end = 'refused' if tracked.state is CommandState.REFUSED else 'NO ANSWER'
     return [f'{name}: {end}: {first}', *(f'    {text}' for text in more)]
+
+
+def userdata(scopes: tuple[UserdataScope, ...]) -> list[str]:
+    """The keys of each machine with type and value; long values are cut."""
+    shown = []
+    for scope in scopes:
+        shown.append(one_line(scope.path))
+        for value in scope.values:
+            text = one_line(value.text)
+            if len(text) > VALUE_LENGTH:
+                text = f'{text[:VALUE_LENGTH]}... ({len(text)} characters; all of them: --json)'
+            shown.append(f'  {one_line(value.key)} ({one_line(value.type) or "cannot be sent"}) = {text}')
+    return shown or ['the machines have no userdata']
 
 
 def places(known: dict[str, Place]) -> list[str]:

@@ -46,6 +46,7 @@ from flexbt_onboard.run_news import RunNews
 from flexbt_onboard.state_machine import ERROR, PREEMPTED, ROOT_PATH, Answer
 from flexbt_onboard.state_services import StateServices
 from flexbt_onboard.status_publisher import StatusPublisher
+from flexbt_onboard.userdata_server import UserdataServer
 
 SHUTDOWN_SECONDS: Final = 1.2
 """How long the end of the process waits for a running behavior to be at rest."""
@@ -115,6 +116,7 @@ class Executive:
             changed=self.changed,
         )
         self._actions = BehaviorActionServer(self)
+        UserdataServer(self)
         self._token = LivelinessToken(runtime)
         self.peers = PeersWatch(runtime, parameters.peers, self._news.peer)
         self._diagnostics = Diagnostics(runtime, lambda: status_of(self), self._news.problems)

@@ -21,6 +21,7 @@ from flexbt_common.lifecycle_client import LifecycleClient
 from flexbt_common.managed_node import ManagedNode
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.sent_goal import SentGoal
+from flexbt_common.testing import entities_of
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behavior_library import BehaviorLibrary
@@ -104,12 +105,7 @@ class ManagedBench(ConsoleBench):
     def entities(self) -> Counter[type]:
         """What there is on the node, by kind."""
 
-        def count() -> Counter[type]:
-            node = self.node
-            kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
-            return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
-
-        return self.runtime.call(count)
+        return self.runtime.call(lambda: entities_of(self.node))
 
     def close(self) -> None:
         """End both nodes."""

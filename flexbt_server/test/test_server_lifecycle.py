@@ -23,6 +23,7 @@ from flexbt_common.liveliness import LivelinessWatch
 from flexbt_common.managed_node import ManagedNode
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.sent_goal import SentGoal
+from flexbt_common.testing import entities_of
 from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
@@ -56,12 +57,7 @@ class Managed:
     def entities(self) -> Counter[type]:
         """What there is on the node, by kind."""
 
-        def count() -> Counter[type]:
-            node = self.node
-            kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
-            return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
-
-        return self.runtime.call(count)
+        return self.runtime.call(lambda: entities_of(self.node))
 
     def actions(self) -> set[str]:
         """Actions in the graph, as the client knows it."""

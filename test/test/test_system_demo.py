@@ -4,6 +4,7 @@
 import os
 import signal
 import subprocess
+import threading
 import time
 import uuid
 from collections.abc import Iterator
@@ -99,6 +100,11 @@ def test_a_process_that_dies_fails_the_demonstration_and_is_named(mark: str, tmp
     process = start(mark, tmp_path, '--demo', '1')
     wait_for_line(process, '/Drive')
     (victim,) = (pid for pid, command in marked(mark).items() if 'lib/flexbt_sim/navigation' in command)
+    (log,) = (tmp_path / 'logs').glob('navigation*')
+    deadline = time.monotonic() + 30.0
+    while 'ready' not in log.read_text():
+        assert time.monotonic() < deadline, 'it is not ready'
+        threading.Event().wait(0.01)
     os.kill(victim, signal.SIGKILL)
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 1

@@ -85,6 +85,9 @@ def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Sta
 
 def test_a_run_is_paused_locked_and_resumed_after_a_crash_from_the_command_line(stack: Stack) -> None:
     console('ann', 'start', 'Inspect Site', 'duration=1000', '--input', 'site=string:"gate"', '--autonomy', 'high')
+    (root,) = console('bob', 'userdata', '/')
+    assert ('site', 'string') in [(value['key'], value['type']) for value in root['values']]
+    assert 'there are' in console('bob', 'userdata', '/', 'nothing', exit_code=3)['reason']
     console('ann', 'lock', 'Look')
     console('ann', 'pause')
     assert 'there is no state' in console('ann', 'breakpoint', 'Nowhere', exit_code=3)['reason']

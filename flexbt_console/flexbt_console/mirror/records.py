@@ -259,6 +259,14 @@ class InputValue:
 
 
 @dataclass(frozen=True, slots=True)
+class UserdataScope:
+    """The userdata of one machine; the type of a value that cannot be sent is empty, and its text shows it."""
+
+    path: str
+    values: tuple[InputValue, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
     """A command to an executive. Which fields are used depends on ``kind``; see ExecutiveCommand."""
 

@@ -265,6 +265,13 @@ class MachineRun:
         """Go on after :meth:`pause`."""
         self._command(lambda: self._set_paused(False, 'the run is not paused'), answer)
 
+    def look(self, see: Callable[[Mapping[str, Mapping[str, Any]]], None], answer: Answer) -> None:
+        """Have ``see`` called between two steps, with the userdata of each active machine by its path, outermost first.
+
+        It gets the values themselves, and has to leave them as they are.
+        """
+        self._command(lambda: see(self.position().userdata), answer)
+
     def switch(self, definition: MachineDefinition, answer: Answer) -> None:
         """Go on with another machine, which has the active states at the same paths.
 

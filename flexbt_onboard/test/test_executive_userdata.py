@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The userdata of a run as it is told from outside: all scopes, between two steps, whatever the values are."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+from executive_bench import ExecutiveBench, behavior_of, wait_until
+from geometry_msgs.msg import Point
+
+from flexbt_common import names
+from flexbt_common.action_call import ActionCall, ActionLinks
+from flexbt_common.values import from_entry
+from flexbt_msgs.action import GetUserdata
+from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+
+Result = GetUserdata.Result
+GOAL = Point(x=1.0, y=-2.0)
+
+
+class Unsendable:
+    """A value that cannot even be shown."""
+
+    def __repr__(self) -> str:
+        raise ValueError('no')
+
+
+class Worker(EventState):
+    """Counts in its userdata, and is at work for as long as it may not go on."""
+
+    def __init__(self, go_on: threading.Event) -> None:
+        super().__init__(outcomes=['done'], input_keys=['given'], output_keys=['count'], desired_rate=100.0)
+        self._go_on = go_on
+        self.at_work = threading.Event()
+
+    def on_enter(self, userdata: Any) -> None:
+        userdata.count = userdata.given + 1
+
+    def execute(self, userdata: Any) -> None:
+        self.at_work.set()
+        self._go_on.wait()
+
+
+class UserdataBench(ExecutiveBench):
+    """A machine in a machine, and a client that asks."""
+
+    def __init__(self) -> None:
+        self.go_on = threading.Event()
+        self.go_on.set()
+        self.worker = Worker(self.go_on)
+        super().__init__(behavior_of(self._machine))
+        self._link = ActionLinks(self.console).link(GetUserdata, names.GET_USERDATA)
+
+    def _machine(self) -> OperatableStateMachine:
+        inner = OperatableStateMachine(outcomes=['done'], input_keys=['given'], output_keys=['count'])
+        inner.userdata.own = ['a', 'b']
+        with inner:
+            OperatableStateMachine.add('Work', self.worker, {'done': 'done'})
+        machine = OperatableStateMachine(outcomes=['finished'])
+        machine.userdata.start, machine.userdata.goal, machine.userdata.odd = 41, GOAL, Unsendable()
+        with machine:
+            OperatableStateMachine.add('Inner', inner, {'done': 'finished'}, remapping={'given': 'start'})
+        return machine
+
+    def ask(self, path: str = '', *keys: str) -> tuple[ActionCall, Future[Any]]:
+        done: Future[Any] = Future()
+        goal = GetUserdata.Goal(path=path, keys=list(keys))
+        return ActionCall(self._link, goal, on_done=done.set_result, server_timeout=10.0), done
+
+    def told(self, path: str = '', *keys: str) -> Any:
+        result = self.ask(path, *keys)[1].result(10.0).result
+        assert result is not None
+        return result
+
+
+@pytest.fixture
+def bench() -> Iterator[UserdataBench]:
+    made = UserdataBench()
+    try:
+        yield made
+    finally:
+        made.go_on.set()
+        made.close()
+
+
+def test_every_active_machine_tells_what_it_has(bench: UserdataBench) -> None:
+    idle = bench.told()
+    assert (idle.code, idle.message, idle.scopes) == (Result.FAILURE, 'no behavior is running', [])
+    bench.start()
+    bench.worker.at_work.wait(10.0)
+    told = bench.told()
+    assert (told.code, told.run_id) == (Result.SUCCESS, bench.run_id)
+    assert [scope.path for scope in told.scopes] == ['/', '/Inner']
+    root, inner = ({entry.key: entry for entry in scope.entries} for scope in told.scopes)
+    assert list(root) == ['count', 'goal', 'odd', 'start'] and list(inner) == ['count', 'own']
+    assert (from_entry(root['count']), from_entry(root['goal'])) == (42, GOAL)
+    assert (root['odd'].type, root['odd'].text) == ('', 'a Unsendable that cannot be shown')
+    assert inner['own'].text == '["a", "b"]'
+
+
+def test_only_what_is_asked_for_is_told_and_what_is_missing_is_named(bench: UserdataBench) -> None:
+    bench.start()
+    bench.worker.at_work.wait(10.0)
+    (scope,) = bench.told('/Inner', 'own').scopes
+    assert (scope.path, [entry.key for entry in scope.entries]) == ('/Inner', ['own'])
+    assert [scope.path for scope in bench.told('', 'count').scopes] == ['/', '/Inner']
+    partly = bench.told('/', 'start', 'speed')
+    assert partly.code == Result.FAILURE
+    assert partly.message == "machine / has no value for 'speed'; there are: count, goal, odd, start"
+    assert [entry.key for entry in partly.scopes[0].entries] == ['start']
+    assert "'/Outer' is no active machine; these are: /, /Inner" in bench.told('/Outer').message
+
+
+def test_a_run_that_is_kept_busy_is_waited_for_and_the_question_can_be_withdrawn(bench: UserdataBench) -> None:
+    bench.go_on.clear()
+    bench.start()
+    bench.worker.at_work.wait(10.0)
+    call, withdrawn = bench.ask()
+    _, patient = bench.ask()
+    wait_until(lambda: call.accepted, 'acceptance')
+    call.cancel(10.0)
+    assert withdrawn.result(10.0).result.code == Result.CANCELED
+    assert not patient.done()
+    bench.go_on.set()
+    assert patient.result(10.0).result.code == Result.SUCCESS
