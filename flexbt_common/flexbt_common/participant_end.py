@@ -24,6 +24,7 @@ CALLBACK_SECONDS: Final = 1
 
 _RMW: Final = 'rmw_fastrtps_cpp'
 _DDS: Final = 'libfastrtps.so.2.14'
+_OK: Final = 0
 _GET_PARTICIPANT: Final = '_ZN16rmw_fastrtps_cpp22get_domain_participantEP10rmw_node_s'
 _SET_LISTENER: Final = (
     '_ZN8eprosima7fastdds3dds17DomainParticipant12set_listener'
@@ -38,9 +39,11 @@ def end_callbacks(node: Node) -> None:
     another middleware, or another version of it, is in use.
     """
     participant = participant_of(node)
-    if participant is not None:
-        set_listener = _function(_DDS, _SET_LISTENER, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long)
-        set_listener(participant, None, CALLBACK_SECONDS)
+    if participant is None:
+        return
+    set_listener = _function(_DDS, _SET_LISTENER, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long)
+    if set_listener(participant, None, CALLBACK_SECONDS) != _OK:
+        node.get_logger().warning(f'a callback of the middleware did not end within {CALLBACK_SECONDS} s')
 
 
 def participant_of(node: Node) -> int | None:
@@ -48,22 +51,18 @@ def participant_of(node: Node) -> int | None:
     if get_rmw_implementation_identifier() != _RMW:
         return None
     try:
-        _loaded(_DDS)
-    except OSError:
+        _function(_DDS, _SET_LISTENER, ctypes.c_int)
+        get_rmw_node = _function('librcl.so', 'rcl_node_get_rmw_handle', ctypes.c_void_p, ctypes.c_void_p)
+        get_participant = _function(f'lib{_RMW}.so', _GET_PARTICIPANT, ctypes.c_void_p, ctypes.c_void_p)
+    except (OSError, AttributeError):
         return None
-    get_rmw_node = _function('librcl.so', 'rcl_node_get_rmw_handle', ctypes.c_void_p)
-    get_participant = _function(f'lib{_RMW}.so', _GET_PARTICIPANT, ctypes.c_void_p)
     with node.handle:
         address: int | None = get_participant(get_rmw_node(node.handle.pointer))
     return address
 
 
-def _function(library: str, name: str, *arguments: Any) -> Any:
-    """A public function of rcl, rmw_fastrtps or Fast DDS, by its name in the library; it gives an address, if any."""
-    function = _loaded(library)[name]
-    function.argtypes, function.restype = arguments, ctypes.c_void_p
+def _function(library: str, name: str, result: Any, *arguments: Any) -> Any:
+    """A public function of rcl, rmw_fastrtps or Fast DDS, by its name in the library that is loaded."""
+    function = ctypes.CDLL(library, mode=os.RTLD_NOLOAD)[name]
+    function.argtypes, function.restype = arguments, result
     return function
-
-
-def _loaded(library: str) -> ctypes.CDLL:
-    return ctypes.CDLL(library, mode=os.RTLD_NOLOAD)

@@ -7,35 +7,43 @@ without an error; the hash of the definition, which each side announces, tells (
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 
-def interface_problem(node: Any, topic: str, senders: int = 1) -> str:
-    """What is wrong with those who publish on ``topic``, seen from a node that subscribes to it; empty when nothing.
-
-    ``senders`` is how many of them are connected.
-    """
+def interface_problem(node: Any, topic: str) -> str:
+    """What is wrong with who is at the other side of a topic that ``node`` publishes or subscribes; empty: nothing."""
     resolved = node.resolve_topic_name(topic)
-    own = {
-        str(endpoint.topic_type_hash)
-        for endpoint in node.get_subscriptions_info_by_topic(resolved)
-        if (endpoint.node_name, endpoint.node_namespace) == (node.get_name(), node.get_namespace())
-    }
     publishers = node.get_publishers_info_by_topic(resolved)
-    others = {str(endpoint.topic_type_hash) for endpoint in publishers}
-    # An endpoint without a hash comes from an older ROS: nothing can be said of it.
-    different = sorted(others - own - {'INVALID'}) if own - {'INVALID'} else []
-    if different:
-        return (
-            f'the executive and this console were built from different versions of flexbt_msgs '
-            f'({resolved} is {_short(different[0])} there and {_short(min(own))} here); build both from the same one'
-        )
-    if senders > 1:
-        who = ', '.join(sorted(f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in publishers))
-        return (
-            f'{senders} executives publish on {resolved} ({who}); end all but one, or give each a namespace of its own'
-        )
-    return ''
+    subscriptions = node.get_subscriptions_info_by_topic(resolved)
+    own = _hashes(endpoint for endpoint in publishers + subscriptions if _is_of(node, endpoint))
+    others = _hashes(subscriptions if any(_is_of(node, endpoint) for endpoint in publishers) else publishers)
+    different = sorted(others - own) if own else []
+    if not different:
+        return ''
+    return (
+        f'the executive and this console were built from different versions of flexbt_msgs '
+        f'({resolved} is {_short(different[0])} there and {_short(min(own))} here); build both from the same one'
+    )
+
+
+def senders_problem(node: Any, topic: str, senders: int) -> str:
+    """That more than one publishes on ``topic``; empty when it is not so. ``senders`` is how many are connected."""
+    if senders <= 1:
+        return ''
+    resolved = node.resolve_topic_name(topic)
+    publishers = node.get_publishers_info_by_topic(resolved)
+    who = ', '.join(sorted(f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in publishers))
+    return f'{senders} executives publish on {resolved} ({who}); end all but one, or give each a namespace of its own'
+
+
+def _is_of(node: Any, endpoint: Any) -> bool:
+    return (endpoint.node_name, endpoint.node_namespace) == (node.get_name(), node.get_namespace())
+
+
+def _hashes(endpoints: Iterable[Any]) -> set[str]:
+    """Without that of an endpoint of an older ROS, which has none: nothing can be said of it."""
+    return {str(endpoint.topic_type_hash) for endpoint in endpoints} - {'INVALID'}
 
 
 def _short(type_hash: str) -> str:

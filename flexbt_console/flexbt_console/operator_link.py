@@ -20,7 +20,7 @@ from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.presence import PresenceToken
 from flexbt_console import messages
 from flexbt_console.errors import NoLinkError
-from flexbt_console.interface_check import interface_problem
+from flexbt_console.interface_check import interface_problem, senders_problem
 from flexbt_console.mirror import Change, Mirror, TrackedCommand, Transit, View
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_console.mirror.records import Command, UserdataScope
@@ -150,11 +150,20 @@ class OperatorLink:
         if self._executives == 0:
             self._mirror.sender_gone()
             return
-        self._mirror.set_problem(interface_problem(self._runtime.node, names.EXECUTIVE_STATUS, self._executives))
+        self._look_for_problems()
 
     def _on_command_matched(self, status: Any) -> None:
         self._reachable = status.current_count > 0
+        self._look_for_problems()
         self._send_due()
+
+    def _look_for_problems(self) -> None:
+        node = self._runtime.node
+        self._mirror.set_problem(
+            interface_problem(node, names.EXECUTIVE_STATUS)
+            or interface_problem(node, names.EXECUTIVE_COMMAND)
+            or senders_problem(node, names.EXECUTIVE_STATUS, self._executives)
+        )
 
     def _send_due(self) -> None:
         for command in self._mirror.due_commands(self._reachable):

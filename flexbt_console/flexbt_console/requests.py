@@ -50,6 +50,7 @@ class Requests:
         if view.behaviors is not None:
             _check_start(view.behaviors, name, arguments)
         return self._command(
+            view,
             CommandKind.START,
             behavior=name,
             arguments=tuple(arguments),
@@ -59,7 +60,7 @@ class Requests:
 
     def stop(self, view: View, reason: str = '') -> Command:
         """Stop the run."""
-        return self._command(CommandKind.STOP, run_id=_run(view), reason=reason)
+        return self._command(view, CommandKind.STOP, run_id=_run(view), reason=reason)
 
     def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> Command:
         """Set the level of autonomy, of the run, of a sub-tree of it, or for the next run.
@@ -69,21 +70,21 @@ class Requests:
         """
         run_id = _run(view) if view.running else ''
         path = _known_path(view, path) if path else ''
-        return self._command(CommandKind.AUTONOMY, run_id=run_id, autonomy=int(level), path=path)
+        return self._command(view, CommandKind.AUTONOMY, run_id=run_id, autonomy=int(level), path=path)
 
     def pause(self, view: View, reason: str = '') -> Command:
         """Let the run stand still."""
-        return self._command(CommandKind.PAUSE, run_id=_run(view), reason=reason)
+        return self._command(view, CommandKind.PAUSE, run_id=_run(view), reason=reason)
 
     def resume(self, view: View, reason: str = '') -> Command:
         """Go on with a paused run, or with one that the end of the executive interrupted."""
         is_interrupted = view.snapshot is not None and view.snapshot.state is ExecutiveState.INTERRUPTED
         kind = CommandKind.RESUME_RUN if is_interrupted else CommandKind.RESUME
-        return self._command(kind, run_id=_run(view), reason=reason)
+        return self._command(view, kind, run_id=_run(view), reason=reason)
 
     def abort(self, view: View, reason: str = '') -> Command:
         """Give up a run that the end of the executive interrupted."""
-        return self._command(CommandKind.ABORT_RUN, run_id=_run(view), reason=reason)
+        return self._command(view, CommandKind.ABORT_RUN, run_id=_run(view), reason=reason)
 
     def repeat(self, view: View, path: str = '', reason: str = '') -> Command:
         """Leave a state and enter it again. Without a path: the state that waits, or the only active one.
@@ -92,7 +93,7 @@ class Requests:
             RefusedError: which state is meant is not clear, or it is not active.
         """
         path = _active_path(view, path) if path else _waiting_path(view)
-        return self._command(CommandKind.REPEAT, run_id=_run(view), path=path, reason=reason)
+        return self._command(view, CommandKind.REPEAT, run_id=_run(view), path=path, reason=reason)
 
     def mark(self, kind: CommandKind, view: View, path: str, reason: str = '') -> Command:
         """Lock or unlock a state, set or clear a breakpoint.
@@ -100,7 +101,7 @@ class Requests:
         Raises:
             RefusedError: there is no such state.
         """
-        return self._command(kind, run_id=_run(view), path=_known_path(view, path), reason=reason)
+        return self._command(view, kind, run_id=_run(view), path=_known_path(view, path), reason=reason)
 
     def switch(self, view: View, name: str, arguments: Sequence[tuple[str, str]] = (), reason: str = '') -> Command:
         """Go on with another behavior, keeping the active states.
@@ -111,7 +112,7 @@ class Requests:
         if view.behaviors is not None:
             _check_start(view.behaviors, name, arguments)
         return self._command(
-            CommandKind.SWITCH, run_id=_run(view), behavior=name, arguments=tuple(arguments), reason=reason
+            view, CommandKind.SWITCH, run_id=_run(view), behavior=name, arguments=tuple(arguments), reason=reason
         )
 
     def confirm(self, view: View, decision_id: str = '', reason: str = '') -> Command:
@@ -133,7 +134,7 @@ class Requests:
                     f'{decision.id} suggests no outcome; choose by "force OUTCOME": {", ".join(decision.outcomes)}'
                 )
             decision_id = decision.id
-        return self._command(CommandKind.CONFIRM, run_id=_run(view), decision_id=decision_id, reason=reason)
+        return self._command(view, CommandKind.CONFIRM, run_id=_run(view), decision_id=decision_id, reason=reason)
 
     def choose(self, view: View, decision: Decision, outcome: str) -> Command:
         """Answer a question by one of its outcomes: confirm the one that is wanted, force another.
@@ -146,8 +147,9 @@ class Requests:
                 f'{decision.path} has no outcome {outcome!r}; choose one of {", ".join(decision.outcomes)}'
             )
         if outcome == decision.outcome:
-            return self._command(CommandKind.CONFIRM, run_id=_run(view), decision_id=decision.id)
+            return self._command(view, CommandKind.CONFIRM, run_id=_run(view), decision_id=decision.id)
         return self._command(
+            view,
             CommandKind.FORCE,
             run_id=_run(view),
             decision_id=decision.id,
@@ -177,6 +179,7 @@ class Requests:
                 (d.id for d in view.decisions if d.path == path and d.kind is not DecisionKind.INPUT), ''
             )
         return self._command(
+            view,
             CommandKind.FORCE,
             run_id=_run(view),
             path=path,
@@ -193,6 +196,7 @@ class Requests:
         """
         decision = _input(view, decision_id)
         return self._command(
+            view,
             CommandKind.ANSWER,
             run_id=_run(view),
             decision_id=decision.id,
@@ -207,15 +211,15 @@ class Requests:
             RefusedError: no such question.
         """
         decision = _input(view, decision_id)
-        return self._command(CommandKind.DECLINE, run_id=_run(view), decision_id=decision.id, reason=reason)
+        return self._command(view, CommandKind.DECLINE, run_id=_run(view), decision_id=decision.id, reason=reason)
 
     def claim_authority(self, view: View, reason: str = '') -> Command:
         """Claim the authority to command, or ask its holder for it."""
-        return self._command(CommandKind.CLAIM_AUTHORITY, run_id=_run(view), reason=reason)
+        return self._command(view, CommandKind.CLAIM_AUTHORITY, run_id=_run(view), reason=reason)
 
     def release_authority(self, view: View, reason: str = '') -> Command:
         """Give the authority back, or do not ask for it any more."""
-        return self._command(CommandKind.RELEASE_AUTHORITY, run_id=_run(view), reason=reason)
+        return self._command(view, CommandKind.RELEASE_AUTHORITY, run_id=_run(view), reason=reason)
 
     def hand_over_authority(self, view: View, grantee: str = '', reason: str = '') -> Command:
         """Give the authority to another operator; without a name, to the one who asks for it.
@@ -228,11 +232,12 @@ class Requests:
             who = f'these ask for it: {", ".join(asking)}' if asking else 'nobody asks for it'
             raise RefusedError(f'name the operator who gets the authority; {who}')
         return self._command(
-            CommandKind.HAND_OVER_AUTHORITY, run_id=_run(view), grantee=grantee or asking[0], reason=reason
+            view, CommandKind.HAND_OVER_AUTHORITY, run_id=_run(view), grantee=grantee or asking[0], reason=reason
         )
 
     def _command(
         self,
+        view: View,
         kind: CommandKind,
         *,
         run_id: str = '',
@@ -250,6 +255,7 @@ class Requests:
             id=uuid.uuid4().hex,
             kind=kind,
             operator=self.operator,
+            executive_id=view.snapshot.executive_id if view.snapshot else '',
             run_id=run_id,
             decision_id=decision_id,
             path=path,

@@ -170,7 +170,7 @@ class ScriptedExecutive:
 
     def _take(self, command: Any) -> None:
         self.received.append(command)
-        if self.faults.swallow_commands:
+        if self.faults.swallow_commands or command.executive_id not in ('', self.status.executive_id):
             return
         known = next((r for r in self.status.results if r.command_id == command.id), None)
         if known is None:
@@ -185,8 +185,6 @@ class ScriptedExecutive:
     def _apply(self, command: Any) -> str:
         status = self.status
         kind = command.kind
-        if command.executive_id not in ('', status.executive_id):
-            return 'it was meant for another executive'
         if kind == ExecutiveCommand.AUTONOMY:
             status.autonomy = command.autonomy
             return ''

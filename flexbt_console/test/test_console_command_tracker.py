@@ -14,7 +14,7 @@ from flexbt_console.mirror.records import AnswerCode, Command, CommandAnswer, Co
 
 
 def command(id: str) -> Command:
-    return Command(id, CommandKind.STOP, 'ann')
+    return Command(id, CommandKind.STOP, 'ann', executive_id='e')
 
 
 def answers(sequence: int, *codes: tuple[str, AnswerCode, str], executive: str = 'e') -> Snapshot:

@@ -104,10 +104,12 @@ def test_the_end_and_the_return_of_the_executive_are_seen() -> None:
             again = ScriptedExecutive(runtime)
             operator.wait(lambda view: view.live and view.snapshot.executive_id == again.status.executive_id)
             tracked = operator.link.settled(command.id, DEADLINE)
-            assert tracked is not None and tracked.state in (CommandState.TIMEOUT, CommandState.REFUSED)
+            assert tracked is not None and tracked.state is CommandState.TIMEOUT
             level = operator.requests.autonomy(operator.mirror.view(), AutonomyLevel.LOW)
             assert operator.state_of(level) is CommandState.APPLIED
             assert [entry.id for entry in again.applied] == [level.id]
+            assert [entry.executive_id for entry in executive.received] == [executive.status.executive_id]
+            assert again.applied[0].executive_id == again.status.executive_id
 
 
 def test_two_executives_at_one_link_are_reported(executives: Any) -> None:
@@ -130,10 +132,12 @@ class Endpoint:
 
 
 class Graph:
-    """A node that sees its own subscription and one publisher."""
+    """A node that subscribes to what an executive publishes, or publishes what that subscribes to; others do so too."""
 
-    def __init__(self, own: str, other: str) -> None:
-        self._own, self._other = own, other
+    def __init__(self, own: str, other: str, *, publishes: bool) -> None:
+        self._consoles = [Endpoint('console', own), Endpoint('another', 'RIHS01_cc')]
+        self._executives = [Endpoint('onboard_executive', other)]
+        self._publishes = publishes
 
     def resolve_topic_name(self, topic: str) -> str:
         return f'/{topic}'
@@ -145,10 +149,10 @@ class Graph:
         return '/'
 
     def get_subscriptions_info_by_topic(self, topic: str) -> list[Endpoint]:
-        return [Endpoint('console', self._own), Endpoint('another', 'RIHS01_cc')]
+        return self._executives if self._publishes else self._consoles
 
     def get_publishers_info_by_topic(self, topic: str) -> list[Endpoint]:
-        return [Endpoint('onboard_executive', self._other)]
+        return self._consoles if self._publishes else self._executives
 
 
 @pytest.mark.parametrize(
@@ -160,8 +164,9 @@ class Graph:
         ('INVALID', 'RIHS01_bb', ''),
     ],
 )
-def test_different_interfaces_are_told(own: str, other: str, problem: str) -> None:
-    told = interface_problem(Graph(own, other), 'executive/status')
+@pytest.mark.parametrize('publishes', [False, True])
+def test_different_interfaces_are_told(own: str, other: str, problem: str, publishes: bool) -> None:
+    told = interface_problem(Graph(own, other, publishes=publishes), 'executive/any')
     assert (problem in told) if problem else told == ''
 
 

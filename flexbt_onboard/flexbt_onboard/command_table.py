@@ -42,6 +42,10 @@ class CommandTable:
             self._results[result.command_id] = result
         self._forget_old()
 
+    def __contains__(self, command_id: str) -> bool:
+        """Whether the command was seen before, and is remembered."""
+        return command_id in self._results
+
     def admit(self, command_id: str) -> bool:
         """Whether the command is new. The result of one that was decided is reported again."""
         if command_id in self._results:

@@ -262,6 +262,10 @@ class Executive:
             self.link.log(ExecutiveLog.WARN, f'a command of {command.operator_id!r} has no id; it was ignored')
             self.record.note('command', **command_fields(command), effect='ignored', why='it has no id')
             return
+        if command.id not in self.command_table and not self._is_meant(command):
+            self.record.note('command', **command_fields(command), effect='ignored', why='meant for another executive')
+            self.changed()  # the operator learns from the status that this is another one
+            return
         if not self.command_table.admit(command.id):
             self.changed()  # a resend: answered again, applied once
             return
@@ -273,6 +277,15 @@ class Executive:
             return
         if is_applied:
             self._settle(command.id, None)
+
+    def _is_meant(self, command: ExecutiveCommand) -> bool:
+        """Whether a command is for this executive, which cannot know what another one made of it.
+
+        A stop is, when it is for the run that goes on here, whoever had that run before.
+        """
+        if command.executive_id in ('', self.executive_id):
+            return True
+        return command.kind == ExecutiveCommand.STOP and self.run is not None and command.run_id == self.run.run_id
 
     def _answer_start(self, reason: str | None) -> None:
         answer, self.start_answer = self.start_answer, _nobody

@@ -78,8 +78,6 @@ class CommandHandlers:
         Raises:
             CommandRefusedError: it has no effect; the text is the reason.
         """
-        if command.executive_id not in ('', self._executive.executive_id):
-            raise CommandRefusedError('it was meant for the executive before this one; see what runs now')
         handler = self._handlers.get(command.kind)
         if handler is None:
             raise CommandRefusedError(f'{kind_name(command)} is not supported by this version')
@@ -277,6 +275,7 @@ def command_fields(command: ExecutiveCommand) -> dict[str, Any]:
         'command': kind_name(command),
         'operator': command.operator_id,
         'given': round(command.stamp.sec + command.stamp.nanosec * 1e-9, 6),
+        'executive': command.executive_id,
         'run': command.run_id,
         'decision': command.decision_id,
         'path': command.path,

@@ -107,6 +107,10 @@ class ConsoleBench:
         self._commands.publish(command)
         return str(command.id)
 
+    def resend(self, command_id: str) -> None:
+        """Send a command again, as it was."""
+        self._commands.publish(self.sent[command_id])
+
     def result(self, command_id: str) -> CommandResult:
         """The result of a command, when it is there."""
 

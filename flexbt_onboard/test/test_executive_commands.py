@@ -105,14 +105,21 @@ def test_an_answer_to_a_decision_that_is_over_is_refused(bench: LoopBench) -> No
     assert bench.entered == ['/A', '/B']
 
 
-def test_commands_for_the_executive_before_are_refused(bench: LoopBench) -> None:
-    before, own = uuid.uuid4().hex, bench.status.executive_id
-    assert 'executive before' in bench.refused(START, behavior='Test', executive_id=before)
-    assert 'executive before' in bench.refused(AUTONOMY, autonomy=3, executive_id=before)
-    bench.applied(START, behavior='Test', executive_id=own)
-    assert 'executive before' in bench.refused(STOP, executive_id=before)
-    assert bench.status.state == ExecutiveStatus.RUNNING
-    bench.applied(STOP, executive_id=own)
+def test_commands_for_another_executive_are_ignored_except_a_stop_of_the_run(bench: LoopBench) -> None:
+    other, own = uuid.uuid4().hex, bench.status.executive_id
+    ignored = [
+        bench.send(START, behavior='Test', executive_id=other),
+        bench.send(AUTONOMY, autonomy=3, executive_id=other),
+        bench.send(STOP, executive_id=other),
+    ]
+    started = bench.applied(START, behavior='Test', executive_id=own)
+    bench.decision('/A')
+    ignored.append(bench.send(FORCE, path='/A', outcome='out', executive_id=other))
+    bench.applied(STOP, executive_id=other)
+    bench.wait_idle()
+    results = {result.command_id for status in bench.statuses for result in status.results}
+    assert started.command_id in results and results.isdisjoint(ignored)
+    assert bench.entered == ['/A']
 
 
 def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:

@@ -27,7 +27,7 @@ from flexbt_server.groot2.server import Groot2Server
 from flexbt_server.groot2.watched_tree import RECORDED, WatchedTree, clock
 
 DEADLINE = 20.0
-_PORTS = itertools.count(10_000 + os.getpid() % 5_000 * 2, 2)
+_PORTS = itertools.count(10_000 + os.getpid() % 250 * 100, 2)
 DOCUMENT = """<root BTCPP_format="4"><BehaviorTree ID="One"><Sequence><Script code="x := 1"/><AlwaysSuccess/>
 <SubTree ID="Two" name="two" x="{x}"/></Sequence></BehaviorTree>
 <BehaviorTree ID="Two"><Sequence><Script code="y := x"/><AlwaysSuccess/></Sequence></BehaviorTree></root>"""

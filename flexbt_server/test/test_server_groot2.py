@@ -27,7 +27,7 @@ from flexbt_server.groot2.log_file import read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 
 Result = BtExecute.Result
-_PORTS = itertools.count(40_000 + os.getpid() % 5_000 * 2, 2)
+_PORTS = itertools.count(40_000 + os.getpid() % 200 * 100, 2)
 BODY = '<Sequence><Script code="x := 1"/><AlwaysSuccess name="stop here"/><Sleep msec="1"/></Sequence>'
 
 

@@ -52,16 +52,12 @@ def run(workspace: Workspace) -> int:
 
 
 def _colcon_test(workspace: Workspace, packages: list[Package]) -> None:
-    """Runs the tests of the packages. How they ended is in the result files, not in colcon's exit code.
-
-    One package after another, each with a worker of pytest for each processor: a package that all others depend on, or
-    one that takes long, leaves no processor idle.
-    """
+    """Runs the tests of one package after another. How they ended is in the result files, not in colcon's exit code."""
     command: list[str | Path] = ['colcon', '--log-base', workspace.layout.log / 'colcon', 'test']
     command += ['--base-paths', workspace.layout.root, '--return-code-on-test-failure']
     command += ['--executor', 'sequential']
     command += ['--packages-select', *(package.name for package in packages)]
-    command += ['--pytest-args', '--numprocesses', str(os.cpu_count() or 2), '--dist', 'worksteal']
+    command += _in_parallel(workspace)
     process = subprocess.Popen(
         [str(word) for word in workspace.inside(command)],
         stdin=subprocess.DEVNULL,
@@ -77,6 +73,22 @@ def _colcon_test(workspace: Workspace, packages: list[Package]) -> None:
     finally:
         if process.returncode is None:
             stop_group(process)
+
+
+def _in_parallel(workspace: Workspace) -> list[str]:
+    """Options for a worker of pytest for each processor, so that none is idle whatever the packages are like.
+
+    Without pytest-xdist, which no key of a manifest asks for, there is one worker.
+    """
+    look = subprocess.run(
+        [str(word) for word in workspace.inside(['python3', '-c', 'import xdist'])],
+        env=workspace.environment,
+        cwd=workspace.layout.root,
+        stderr=subprocess.DEVNULL,
+    )
+    if look.returncode != 0:
+        return []
+    return ['--pytest-args', '--numprocesses', str(os.cpu_count() or 2), '--dist', 'worksteal']
 
 
 def _show_results(workspace: Workspace) -> None:

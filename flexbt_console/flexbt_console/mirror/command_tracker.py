@@ -110,7 +110,7 @@ class CommandTracker:
                 reason = answer.reason or 'no reason was given'
                 settled.append(self._settle(tracked, CommandState.REFUSED, reason, now))
         for tracked in self.pending():
-            if tracked.command.executive_id != snapshot.executive_id:
+            if tracked.command.executive_id not in ('', snapshot.executive_id):
                 reason = 'the executive was restarted before it answered; see "status" for what runs now'
                 settled.append(self._settle(tracked, CommandState.TIMEOUT, reason, now))
         return settled

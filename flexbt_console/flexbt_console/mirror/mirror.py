@@ -7,7 +7,7 @@ import bisect
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
@@ -163,10 +163,9 @@ class Mirror:
     # Commands
 
     def give(self, command: Command, timeout: float) -> TrackedCommand:
-        """Take a command, and address it to the executive that is mirrored now."""
+        """Take a command to be sent."""
         with self._lock:
-            addressed = replace(command, executive_id=self._snapshot.executive_id if self._snapshot else '')
-            tracked = self._commands.give(addressed, self._clock.now(), timeout)
+            tracked = self._commands.give(command, self._clock.now(), timeout)
         self._tell(Change.COMMAND)
         return tracked
 

