@@ -35,6 +35,17 @@ def wait_for(condition: Callable[[], Any], what: str) -> None:
         time.sleep(0.002)
 
 
+class Wire:
+    """The handle of a server, of which some functions are others."""
+
+    def __init__(self, real: Any, **others: Callable[..., None]) -> None:
+        self._real = real
+        vars(self).update(others)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+
 class Served:
     """A goal server in a node of its own. Goals are held; ``on_goal`` is called with each."""
 
@@ -144,18 +155,14 @@ def test_the_result_comes_before_the_list_that_tells_of_the_end(served: Served, 
         return send
 
     real = server._handle
-
-    class Wire:
-        """The handle of the server, which notes what leaves."""
-
-        send_result_response = staticmethod(note('result', real.send_result_response))
-        publish_status = staticmethod(note('list', real.publish_status))
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(real, name)
+    wire = Wire(
+        real,
+        send_result_response=note('result', real.send_result_response),
+        publish_status=note('list', real.publish_status),
+    )
 
     def end() -> None:
-        server._handle = Wire()
+        server._handle = wire
         served.goal().succeed(result('done'))
 
     served.runtime.call(end)
@@ -193,14 +200,10 @@ def test_a_goal_whose_acceptance_cannot_be_sent_is_served(
     real = server._handle
     failed: list[str] = []
 
-    class Wire:
-        def __getattr__(self, name: str) -> Any:
-            return getattr(real, name)
-
-        def send_goal_response(self, *arguments: Any) -> None:
-            failed.append('goal response')
-            server._handle = real
-            raise RCLError('client will not receive response')
+    def fail(*arguments: Any) -> None:
+        failed.append('goal response')
+        server._handle = real
+        raise RCLError('client will not receive response')
 
     def handle_of(server: Any, info: Any, request: Any) -> ServerGoalHandle:
         wire, server._handle = server._handle, real  # the wire is none to rclpy's own parts
@@ -210,7 +213,7 @@ def test_a_goal_whose_acceptance_cannot_be_sent_is_served(
 
     monkeypatch.setattr('rclpy.action.server.ServerGoalHandle', handle_of)
     served.on_goal = lambda goal: goal.succeed(result('done'))
-    served.runtime.call(lambda: setattr(server, '_handle', Wire()))
+    served.runtime.call(lambda: setattr(server, '_handle', Wire(real, send_goal_response=fail)))
     outcomes: list[GoalOutcome] = []
     link = ActionLinks(client.runtime).link(Wait, 'wait')
     ActionCall(link, Wait.Goal(), on_done=outcomes.append, accept_timeout=2.0)
@@ -225,15 +228,11 @@ def test_a_client_that_asks_for_the_result_of_a_stranger_and_goes_is_no_fault(se
     real = server._handle
     failed: list[str] = []
 
-    class Wire:
-        def __getattr__(self, name: str) -> Any:
-            return getattr(real, name)
+    def fail(*arguments: Any) -> None:
+        failed.append('result')
+        raise RCLError('client will not receive response')
 
-        def send_result_response(self, *arguments: Any) -> None:
-            failed.append('result')
-            raise RCLError('client will not receive response')
-
-    served.runtime.call(lambda: setattr(server, '_handle', Wire()))
+    served.runtime.call(lambda: setattr(server, '_handle', Wire(real, send_result_response=fail)))
     response_type = Wait.Impl.SendGoalService.Response
     stranger = ClientGoalHandle(client.client, UUID(uuid=list(uuid.uuid4().bytes)), response_type(accepted=True))
     client.runtime.call(stranger.get_result_async)
