@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
-# tools/workspace.sh COMMAND ...: finds a Python 3.11 or 3.12 and runs tools/workspace.py with it.
+# tools/workspace.sh COMMAND ...: finds a Python 3.11 or 3.12 and runs tools/workspace with it.
 # PYTHON=/path/to/python3 chooses one.
 set -u
 tools=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd) || exit 1
@@ -35,4 +35,4 @@ else
     exit 1
   fi
 fi
-exec "$python" -E "$tools/workspace.py" "$@"
+exec "$python" -E "$tools/workspace" "$@"
