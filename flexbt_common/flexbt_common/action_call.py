@@ -12,6 +12,8 @@ bounded time, and no goal is left running without an owner:
 - While the goal runs the server is watched. When it is gone longer than an outage may last, the goal is lost; when
   it is back, the result is asked for again, and a server that does not know the goal any more answers with
   status 0: lost as well.
+- Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
+  goal, whose result may be on its way still.
 """
 
 from __future__ import annotations
@@ -42,6 +44,10 @@ _RESULT_REPEAT: Final = (5.0, 60.0)
 """Seconds after which it is asked for again in any case, since the server may have been replaced unnoticed: at first,
 and in the end, doubling in between. A server keeps every request until the goal has ended."""
 _CANCEL_REPEAT: Final = 0.5
+_CANCEL_TOO_LATE: Final = frozenset(
+    (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, CancelGoal.Response.ERROR_GOAL_TERMINATED)
+)
+"""Answers to the cancel of a goal that has ended: a server may forget a goal before its result is heard of."""
 _ENDED: Final = frozenset((RosGoalStatus.STATUS_SUCCEEDED, RosGoalStatus.STATUS_CANCELED, RosGoalStatus.STATUS_ABORTED))
 
 
@@ -305,10 +311,8 @@ class ActionCall:
         response = future.result()
         if self.done or response is None:
             return
-        if response.return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID:
-            self._finish(
-                GoalStatus.LOST, f'action server {self._link} does not know the goal any more; it was restarted'
-            )
+        if response.return_code in _CANCEL_TOO_LATE:
+            self._ask_for_result()  # the answer to the first request may be on its way, or lost
 
     def _not_canceled(self) -> None:
         if self.done:

@@ -6,7 +6,8 @@ until it is sent, after the list of goals that tells the client of the end. And 
 change of any goal, has all goals of the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals
 a second and the 15 minutes of rclpy's default that is longer than the goals take.
 
-Here the result leaves first. Ended goals stay in the list for a moment only; their results can be asked for longer.
+Here the result leaves first. Ended goals stay in the list for a moment only; their results can be asked for longer, and
+as long a cancel is answered with "terminated", not with "unknown".
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import GoalEvent, RCLError, ServerGoalHandle
 
@@ -198,6 +201,19 @@ class _Server(ActionServer):
             # ever. The list of goals tells the client.
             self._handle.publish_status()
             self._handle_accepted_callback(handle)
+
+    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
+        request_header, request = request_header_and_message
+        asked = request.goal_info
+        # With a time, the request is for all goals up to then as well.
+        if bytes(asked.goal_id.uuid) not in self.results or asked.stamp != Time():
+            await super()._execute_cancel_request(request_header_and_message)
+            return
+        response = CancelGoal.Response(return_code=CancelGoal.Response.ERROR_GOAL_TERMINATED)
+        try:
+            self._handle.send_cancel_response(request_header, response)
+        except RCLError:
+            self._logger.warning('the answer to a cancel was not sent: its client is gone')
 
     async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
         request_header, request = request_header_and_message

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionServer
 from scripted_servers import ScriptedServer
 
@@ -203,6 +204,85 @@ def test_a_cancel_that_is_refused_ends_at_its_deadline(link: ActionServerLink, s
     outcome = done.wait()
     assert outcome.status is GoalStatus.TIMEOUT
     assert '0.2 s of the cancel' in outcome.reason
+
+
+class OvertakingServer(ActionServer):
+    """Answers each cancel with ``cancel_code``, and requests for results only when :meth:`release` is called."""
+
+    cancel_code = CancelGoal.Response.ERROR_NONE
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.held: list[Any] = []
+
+    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
+        self._handle.send_cancel_response(
+            request_header_and_message[0], CancelGoal.Response(return_code=self.cancel_code)
+        )
+
+    async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
+        self.held.append(request_header_and_message)
+
+    async def release(self) -> None:
+        for request in self.held:
+            await super()._execute_get_result_request(request)
+
+
+@pytest.fixture
+def cancels_answered(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The answers to cancels that calls have dealt with."""
+    answers: list[Any] = []
+    deal_with = ActionCall._cancel_answered
+
+    def note(self: ActionCall, future: Any) -> None:
+        deal_with(self, future)
+        answers.append(future.result())
+
+    monkeypatch.setattr(ActionCall, '_cancel_answered', note)
+    return answers
+
+
+@pytest.mark.parametrize('code', ['ERROR_UNKNOWN_GOAL_ID', 'ERROR_GOAL_TERMINATED'])
+def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
+    link: ActionServerLink, code: str, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('scripted_servers.ActionServer', OvertakingServer)
+    with NodeRuntime.open('server') as runtime:
+        server = ScriptedServer(runtime)
+        server.server.cancel_code = getattr(CancelGoal.Response, code)
+        done, accepted = Done(), threading.Event()
+        one = call(link, done, on_accepted=accepted.set)
+        assert accepted.wait(DEADLINE)
+        server.end(0)
+        server.wait_until(lambda: server.statuses == ['succeed'])
+        one.cancel(timeout=DEADLINE)
+        wait_for(lambda: cancels_answered, 'the answer to the cancel')
+        assert not one.done, one.outcome
+        wait_for(lambda: len(server.server.held) > 1, 'another request for the result')
+        runtime.call(lambda: runtime.node.executor.create_task(server.server.release))
+        outcome = done.wait()
+    assert outcome.status is GoalStatus.SUCCEEDED, outcome.reason
+    assert len(done.outcomes) == 1
+
+
+def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
+    link: ActionServerLink, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('flexbt_common.action_call._WATCH_PERIOD', 1000.0)  # only the cancel can tell
+    done, accepted = Done(), threading.Event()
+    with NodeRuntime.open('server') as first:
+        ScriptedServer(first)
+        one = call(link, done, on_accepted=accepted.set)
+        assert accepted.wait(DEADLINE)
+    wait_for(lambda: not link.is_ready(), 'the end of the server')
+    with NodeRuntime.open('server') as second:
+        ScriptedServer(second)
+        wait_for(link.is_ready, 'the next server')
+        one.cancel(timeout=DEADLINE)
+        outcome = done.wait()
+    assert outcome.status is GoalStatus.LOST
+    assert 'does not know the goal' in outcome.reason
+    assert cancels_answered[-1].return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
 
 
 def test_a_cancel_by_somebody_else_stays_canceled(link: ActionServerLink, server: ScriptedServer) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from action_msgs.msg import GoalStatus as RosGoalStatus
 from action_msgs.msg import GoalStatusArray
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.action.server import RCLError, ServerGoalHandle
@@ -131,6 +132,17 @@ def test_a_goal_that_was_never_there_is_unknown(client: Client) -> None:
     response_type = Wait.Impl.SendGoalService.Response
     stranger = ClientGoalHandle(client.client, UUID(uuid=list(uuid.uuid4().bytes)), response_type(accepted=True))
     assert client.answer(stranger.get_result_async).status == RosGoalStatus.STATUS_UNKNOWN
+
+
+def test_a_late_cancel_is_told_that_the_goal_has_ended_while_its_result_is_kept(served: Served, client: Client) -> None:
+    handle = client.send()
+    goal = served.goal()
+    served.runtime.call(lambda: goal.succeed(result('')))
+    assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED  # listed
+    wait_for(lambda: not served.server._server._goal_handles, 'the end of the listing')
+    assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED
+    served.runtime.call(served.server._server.results.clear)
+    assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
 
 
 def test_results_are_not_kept_for_ever(served: Served, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
