@@ -52,7 +52,7 @@ usage: {name} [--ros-args -p PARAMETER:=VALUE ... -r __ns:=/NAMESPACE ...]
 
 {about}
 
-The parameters are in the README of FlexBT; ros2 param describe tells them of a node that runs."""
+The parameters are in docs/reference/executables.md; ros2 param describe tells them of a node that runs."""
 
 CALL_SECONDS = 30.0
 """An executor that does not get to something in this time never will. To make the entities of a node can take many

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / 'docs' / 'coming_from_flexbe.md').read_text(encoding='utf-8')
+PAGE = (ROOT / 'docs' / 'how_to' / 'coming_from_flexbe.md').read_text(encoding='utf-8')
 TESTS = [
     *sorted((ROOT / 'flexbt_flexbe' / 'test').glob('test_*.py')),
     *sorted((ROOT / 'flexbt_onboard' / 'test').glob('test_*.py')),

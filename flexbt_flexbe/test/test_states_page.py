@@ -66,8 +66,8 @@ def all_states() -> list[Any]:
 
 
 def generator() -> Any:
-    """The module docs/make_states.py."""
-    spec = importlib.util.spec_from_file_location('make_states', DOCS / 'make_states.py')
+    """The module docs/tools/make_states.py."""
+    spec = importlib.util.spec_from_file_location('make_states', DOCS / 'tools' / 'make_states.py')
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
@@ -76,8 +76,9 @@ def generator() -> Any:
 
 
 def test_the_page_is_up_to_date(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, DOCS / 'make_states.py', tmp_path / 'page.md'], check=True)
-    assert (DOCS / 'states.md').read_text() == (tmp_path / 'page.md').read_text(), 'run docs/make_states.py'
+    subprocess.run([sys.executable, DOCS / 'tools' / 'make_states.py', tmp_path / 'page.md'], check=True)
+    page = (DOCS / 'reference' / 'states.md').read_text()
+    assert page == (tmp_path / 'page.md').read_text(), 'run docs/tools/make_states.py'
 
 
 @pytest.mark.parametrize('state', all_states())

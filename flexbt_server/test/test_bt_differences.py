@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What differs on purpose from BehaviorTree.CPP, next to what the library does: rows of docs/bt_differences.md.
+"""What differs on purpose from BehaviorTree.CPP, and what the library does: rows of docs/reference/bt_differences.md.
 
 Some differ from the library of the wheel (4.8.2) only, and are as in 4.10; these are marked.
 """

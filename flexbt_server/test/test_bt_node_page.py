@@ -16,13 +16,14 @@ from flexbt_server.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
 from flexbt_server.node_types import node_registry
 
 DOCS = Path(__file__).parents[2] / 'docs'
-EXAMPLES: dict[str, dict[str, Any]] = yaml.safe_load((DOCS / 'bt_node_examples.yaml').read_text())
+EXAMPLES: dict[str, dict[str, Any]] = yaml.safe_load((DOCS / 'tools' / 'bt_node_examples.yaml').read_text())
 REGISTRY = node_registry(lambda point, error: None)
 
 
 def test_the_page_is_what_its_program_writes(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, DOCS / 'make_bt_nodes.py', tmp_path / 'page.md'], check=True)
-    assert (DOCS / 'bt_nodes.md').read_text() == (tmp_path / 'page.md').read_text(), 'run docs/make_bt_nodes.py'
+    subprocess.run([sys.executable, DOCS / 'tools' / 'make_bt_nodes.py', tmp_path / 'page.md'], check=True)
+    page = (DOCS / 'reference' / 'bt_nodes.md').read_text()
+    assert page == (tmp_path / 'page.md').read_text(), 'run docs/tools/make_bt_nodes.py'
 
 
 def test_every_node_of_the_engine_has_an_example() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``bt_tool`` as a program: without ROS, in pipes, and as the README has it."""
+"""``bt_tool`` as a program: without ROS, in pipes, and as its page of the reference has it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from desk_tool import document, tool
 from flexbt_server.desk.command_line import COMMANDS, EXIT_CODES
 from flexbt_server.desk.diagnostics import RULES
 
-README = Path(__file__).parents[2] / 'README.md'
+PAGE = (Path(__file__).parents[2] / 'docs' / 'reference' / 'bt_tool.md').read_text(encoding='utf-8')
 
 WITHOUT_ROS = """
 import sys
@@ -111,26 +111,24 @@ def test_many_deep_sub_trees_can_be_shown_drawn_and_checked(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize('command', [name for name, _, _ in COMMANDS])
-def test_each_command_has_help_and_is_in_the_readme(command: str) -> None:
+def test_each_command_has_help_and_is_on_the_page(command: str) -> None:
     done = tool(command, '--help')
     assert done.code == 0
-    section = readme_section()
-    assert re.search(rf'^\| `{command}[ `]', section, re.MULTILINE)
-    documented = set(re.findall(r'--[a-z-]+', section))
+    assert re.search(rf'^\| `{command}[ `]', PAGE, re.MULTILINE)
+    documented = set(re.findall(r'--[a-z-]+', PAGE))
     options = set(re.findall(r'--[a-z-]+', done.out)) - {'--help'}
     assert options <= documented, options - documented
 
 
-def test_the_readme_has_the_rules_and_the_exit_codes() -> None:
-    section = readme_section()
+def test_the_page_has_the_rules_and_the_exit_codes() -> None:
     for rule in RULES:
-        assert f'| `{rule.name}` | {rule.severity.value} | {rule.summary} |' in section
+        assert f'| `{rule.name}` | {rule.severity.value} | {rule.summary} |' in PAGE
     for code, meaning in EXIT_CODES:
-        assert f'| {code} | {meaning} |' in section
+        assert f'| {code} | {meaning} |' in PAGE
 
 
-def test_the_mocks_of_the_readme_are_understood(tmp_path: Path) -> None:
-    [text] = re.findall('```yaml\n(.*?)```', readme_section(), re.DOTALL)
+def test_the_mocks_of_the_page_are_understood(tmp_path: Path) -> None:
+    [text] = re.findall('```yaml\n(.*?)```', PAGE, re.DOTALL)
     (tmp_path / 'mocks.yaml').write_text(text)
     leaves = '<ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/><PathShorterThan/>'
     tree = write(tmp_path, f'<DistanceController><Sequence>{leaves}<Spin/></Sequence></DistanceController>')
@@ -138,10 +136,3 @@ def test_the_mocks_of_the_readme_are_understood(tmp_path: Path) -> None:
     assert done.code == 1
     assert 'FAILURE after 0.500 s' in done.out
     assert '  reason: [ComputePathToPose::3] no path\n' in done.out
-
-
-def readme_section() -> str:
-    """What the README says about ``bt_tool``."""
-    text = README.read_text(encoding='utf-8')
-    section = text[text.index('### Trees at the desk') :]
-    return section[: section.index('\n## ')]

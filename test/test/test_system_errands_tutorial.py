@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The README's package of one's own, taken literally from its text: it builds, and its behavior runs an errand."""
+"""The package of the tutorial, taken literally from its text: it builds, and its behavior runs an errand."""
 
 import os
 import re
@@ -10,14 +10,15 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-README = Path(__file__).parents[2] / 'README.md'
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / 'docs' / 'tutorials' / 'errands.md'
 FENCE = '```'
 OUTCOME_TIMEOUT_S = 120
 
 
 def files_of_package(text: str) -> dict[str, str]:
     """The files that the section shows: each fenced block after a paragraph that begins with a name in backquotes."""
-    section = text[text.index('## Make it yours') : text.index('### Build and run it')]
+    section = text[: text.index('## Build and run it')]
     files: dict[str, str] = {}
     name = ''
     lines = iter(section.splitlines())
@@ -33,7 +34,7 @@ def files_of_package(text: str) -> dict[str, str]:
 
 def commands(text: str) -> list[str]:
     """The shell commands of the section on building and running."""
-    section = text[text.index('### Build and run it') :]
+    section = text[text.index('## Build and run it') :]
     begin = section.index(f'{FENCE}sh') + len(f'{FENCE}sh')
     return [line for line in section[begin : section.index(FENCE, begin)].splitlines() if line.strip()]
 
@@ -42,7 +43,7 @@ def commands(text: str) -> list[str]:
 def workspace(tmp_path: Path) -> Path:
     """A user's workspace with the package, in what is the home directory of the test."""
     package = tmp_path / 'errands_ws' / 'src' / 'errands'
-    files = files_of_package(README.read_text(encoding='utf-8'))
+    files = files_of_package(PAGE.read_text(encoding='utf-8'))
     for name, content in files.items():
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         (package / name).write_text(content, encoding='utf-8')
@@ -61,8 +62,8 @@ def workspace(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_package_of_the_readme_builds_and_runs_an_errand(workspace: Path) -> None:
-    first, *rest = commands(README.read_text(encoding='utf-8'))
+def test_the_package_of_the_tutorial_builds_and_runs_an_errand(workspace: Path) -> None:
+    first, *rest = commands(PAGE.read_text(encoding='utf-8'))
     assert first.startswith('. tools/env.sh')  # the environment of this test is that one
     # The last command watches until it is interrupted, here for a limited time; then the background processes end.
     script = ["trap 'kill $(jobs -p)' EXIT", *rest]
@@ -76,7 +77,7 @@ def test_the_package_of_the_readme_builds_and_runs_an_errand(workspace: Path) ->
         | {
             'HOME': str(workspace),
             'PATH': os.pathsep.join([*path, os.environ['PATH']]),
-            'FLEXBT_ROOT': str(README.parent),
+            'FLEXBT_ROOT': str(ROOT),
             'PYTHONFAULTHANDLER': '1',
         },
         stdin=subprocess.DEVNULL,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes states.md, the reference of the states, from their declarations.
+"""Writes docs/reference/states.md, the reference of the states, from their declarations.
 
 Usage: make_states.py [FILE]     in a shell with the environment of the workspace
 """
@@ -18,19 +18,25 @@ from typing import Any, Final
 import flexbt_flexbe.states
 import flexbt_states
 
+PAGE: Final = Path(__file__).parents[1] / 'reference' / 'states.md'
 HEAD: Final = """\
 # The states
 
 Every state that comes with FlexBT, with its parameters, keys and outcomes. The text comes from the declarations of the
-states (`docs/make_states.py` writes this page). KEY and OUTCOME stand for what a parameter names. Any state can be put
-into `with_timeout` or `with_retry`; one of your own is written as the [README](../README.md) shows.
+states (`docs/tools/make_states.py` writes this page). KEY and OUTCOME stand for what a parameter names. Any state can
+be put into `with_timeout` or `with_retry`; one of your own is written as the [tutorial](../tutorials/errands.md) shows.
+
+## Overview
 """
 FLEXBE: Final = """\
 ## Generic states of FlexBE
 
 In `flexbt_flexbe.states`, and in `flexbe_states` for code that imports them there; see
-[coming_from_flexbe.md](coming_from_flexbe.md). Those that are missing here are states of `flexbt_states`.
+[Coming from FlexBE](../how_to/coming_from_flexbe.md). Those that are missing here are states of `flexbt_states`.
 """
+OVERVIEW: Final = """\
+| state | parameters | reads | writes | outcomes |
+|---|---|---|---|---|"""
 
 _MARKS: Final = {'--': 'parameters', '>#': 'inputs', '#>': 'outputs', '<=': 'outcomes'}
 _ENTRY: Final = re.compile(r'^(--|>#|#>|<=)\s+(\S+)\s*(.*)$')
@@ -59,18 +65,35 @@ def declaration(state: type[Any]) -> Declaration:
 
 def page() -> str:
     """The whole page."""
-    lines = [HEAD]
+    lines = [HEAD, *overview(flexbt_states), '']
     lines += ['## States of `flexbt_states`', '', *sections(flexbt_states)]
-    lines += [FLEXBE, *sections(flexbt_flexbe.states, without=flexbt_states)]
+    lines += [FLEXBE, *overview(flexbt_flexbe.states, without=flexbt_states), '']
+    lines += [*sections(flexbt_flexbe.states, without=flexbt_states)]
     return '\n'.join(lines).rstrip('\n') + '\n'
 
 
-def sections(module: Any, without: Any = None) -> Iterator[str]:
+def states_of(module: Any, without: Any = None) -> Iterator[type[Any]]:
     """The states that a module exports; not those that only pass on one of the module ``without``."""
     for name in sorted(module.__all__):
         state = getattr(module, name)
         if inspect.isclass(state) and name == state.__name__ and not _passes_on(state, without):
-            yield from section(state)
+            yield state
+
+
+def overview(module: Any, without: Any = None) -> Iterator[str]:
+    """The table of the states of a module, each with its other names."""
+    yield OVERVIEW
+    for state in states_of(module, without):
+        entries = declaration(state).entries
+        cells = (', '.join(f'`{name}`' for name, _ in entries[kind]) for kind in _MARKS.values())
+        names = sorted(name for name in module.__all__ if getattr(module, name) is state)
+        yield f'| {", ".join(f"`{name}`" for name in names)} | {" | ".join(cells)} |'
+
+
+def sections(module: Any, without: Any = None) -> Iterator[str]:
+    """What the page says of the states of a module."""
+    for state in states_of(module, without):
+        yield from section(state)
 
 
 def section(state: type[Any]) -> Iterator[str]:
@@ -115,4 +138,4 @@ def _cell(text: str) -> str:
 
 
 if __name__ == '__main__':
-    (Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / 'states.md').write_text(page(), 'utf-8')
+    (Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE).write_text(page(), 'utf-8')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes bt_nodes.md, the reference of the node types, from their declarations and from bt_node_examples.yaml.
+"""Writes docs/reference/bt_nodes.md, the reference of the node types, from declarations and bt_node_examples.yaml.
 
 Usage: make_bt_nodes.py [FILE]     in a shell with the environment of the workspace
 """
@@ -13,17 +13,19 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_server.behavior_tree import NodeManifest
+from flexbt_server.behavior_tree import NodeManifest, PortDirection
 from flexbt_server.behavior_tree.ports import NO_DEFAULT
 from flexbt_server.node_types import node_registry
 
 HERE: Final = Path(__file__).parent
+PAGE: Final = HERE.parent / 'reference' / 'bt_nodes.md'
 HEAD: Final = """\
 # The nodes of a behavior tree
 
 Every node type that a tree may name, with its ports, what its outcome depends on, and an example. The text comes from
-the declarations of the nodes (`docs/make_bt_nodes.py` writes this page); every example is tested. Nodes of your own are
-written as the [README](../README.md) shows, and the server and its tools find and list them in the same way.
+the declarations of the nodes (`docs/tools/make_bt_nodes.py` writes this page); every example is tested. Nodes of
+your own are written as the [tutorial](../tutorials/errands.md) shows, and the server and its tools find and list them
+in the same way.
 
 A tick gives SUCCESS, FAILURE, RUNNING or SKIPPED. *Ticks* is what the ticks of an example give, one after the other,
 each at the time that the tree asks for; *before* and *after* are entries of the blackboard.
@@ -31,9 +33,16 @@ each at the time that the tree asks for; *before* and *after* are entries of the
 Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_skipIf`, `_while` and the post-conditions
 `_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are [scripts](bt_scripts.md). `{key}` points to an entry of the
 blackboard, `{=}` to the one that is named as the port, and `{@key}` to an entry of the topmost tree. How the engine
-ticks a tree is in [bt_engine.md](bt_engine.md); where it differs from BehaviorTree.CPP, in
-[bt_differences.md](bt_differences.md).
-"""
+ticks a tree is in [The behavior-tree engine](../explanation/bt_engine.md); where it differs from BehaviorTree.CPP, in
+[Differences from BehaviorTree.CPP](bt_differences.md).
+
+## Overview
+
+Control nodes, decorators and Nav2's nodes have the semantics of BehaviorTree.CPP 4 and Nav2 (Jazzy). An arrow marks an
+output.
+
+| node | kind | ports | what it does |
+|---|---|---|---|"""
 
 
 def page() -> str:
@@ -43,13 +52,24 @@ def page() -> str:
     registry = node_registry(lambda point, error: broken.append(f'{point}: {error}'))
     assert not broken, broken
     manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith('flexbt_server.')]
-    lines = [HEAD]
-    for kind in dict.fromkeys(manifest.kind for manifest in manifests):
+    kinds = list(dict.fromkeys(manifest.kind for manifest in manifests))
+    overview = sorted(manifests, key=lambda manifest: kinds.index(manifest.kind))
+    lines = [HEAD, *(overview_row(manifest) for manifest in overview), '']
+    for kind in kinds:
         lines += [f'## {kind.value} nodes', '']
         for manifest in manifests:
             if manifest.kind is kind:
                 lines += [*section(manifest, examples.get(manifest.id)), '']
     return '\n'.join(lines).rstrip('\n') + '\n'
+
+
+def overview_row(manifest: NodeManifest) -> str:
+    """The row of a node type in the table at the head of the page."""
+    ports = ', '.join(
+        f'→`{name}`' if port.direction is PortDirection.OUTPUT else f'`{name}`' for name, port in manifest.ports.items()
+    )
+    summary = ' '.join(manifest.description.partition('\n\n')[0].replace('``', '`').split())
+    return f'| [{manifest.id}](#{manifest.id.lower()}) | {manifest.kind.value} | {ports} | {summary} |'
 
 
 def section(manifest: NodeManifest, example: Mapping[str, Any] | None) -> Iterator[str]:
@@ -89,7 +109,7 @@ def _entries(entries: Mapping[str, Any]) -> str:
 
 
 def main() -> int:
-    file = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / 'bt_nodes.md'
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
     file.write_text(page())
     return 0
 

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every link between the pages leads somewhere: to a file of the repository, and to a heading of it."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LINK = re.compile(r'!?\[(?:[^\]\[]|\[[^\]]*\])*\]\(\s*<?([^)\s>]+)>?[^)]*\)')
+ELSEWHERE = re.compile(r'[a-z][a-z+.-]*:|//')
+INCLUDE = re.compile(r'^```\{include\} (\S+)$', re.MULTILINE)
+
+
+def pages() -> list[Path]:
+    """The pages that this repository has."""
+    return sorted(
+        file for pattern in ('*.md', '*/README.md', 'docs/**/*.md', '.github/**/*.md') for file in ROOT.glob(pattern)
+    )
+
+
+def prose(page: Path) -> Iterator[str]:
+    """The lines of a page outside of fenced blocks, without what stands in backquotes."""
+    fence = ''
+    for line in page.read_text(encoding='utf-8').splitlines():
+        mark = re.match(r'\s*(`{3,}|~{3,})', line)
+        if mark and not fence:
+            fence = mark[1]
+        elif mark and mark[1].startswith(fence):
+            fence = ''
+        elif not fence:
+            yield line
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors of the headings of a page, as GitHub and the documentation site make them of the text."""
+    counted: Counter[str] = Counter()
+    found: set[str] = set()
+    for line in prose(page):
+        heading = re.match(r'#{1,6} +(.*?)\s*#*$', line)
+        if heading:
+            text = re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', heading[1])
+            slug = re.sub(r'[^\w\- ]', '', text.lower()).replace(' ', '-')
+            found.add(f'{slug}-{counted[slug]}' if counted[slug] else slug)
+            counted[slug] += 1
+    return found
+
+
+@pytest.mark.parametrize('page', pages(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_links(page: Path) -> None:
+    broken: list[str] = []
+    for link in [link for line in prose(page) for link in LINK.findall(re.sub(r'`[^`]*`', '``', line))]:
+        if ELSEWHERE.match(link):
+            continue
+        path, _, anchor = unquote(link).partition('#')
+        target = page.parent / path if path else page
+        if not target.resolve().is_relative_to(ROOT):
+            broken.append(f'{link}: outside of the repository')
+        elif not target.exists():
+            broken.append(f'{link}: there is no such file')
+        elif anchor and anchor not in anchors(target):
+            broken.append(f'{link}: {target.relative_to(ROOT)} has no such heading')
+    assert not broken
+
+
+def test_every_page_of_the_documentation_is_in_a_table_of_contents() -> None:
+    docs = ROOT / 'docs'
+    listed = {docs / 'index.md'}
+    for page in docs.rglob('*.md'):
+        for entries in re.findall(
+            r'^```\{toctree\}\n(.*?)^```', page.read_text(encoding='utf-8'), re.MULTILINE | re.DOTALL
+        ):
+            names = [line for line in entries.splitlines() if line and not line.startswith(':')]
+            listed |= {page.parent / f'{name}.md' for name in names}
+    assert listed == set(docs.rglob('*.md'))
+
+
+def test_what_is_included_exists() -> None:
+    for page in pages():
+        for name in INCLUDE.findall(page.read_text(encoding='utf-8')):
+            assert (page.parent / name).exists(), f'{page.relative_to(ROOT)}: {name}'

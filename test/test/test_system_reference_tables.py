@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The tables of the reference: what they say is what the code declares, no more and no less."""
+
+import re
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+import flexbt_console.recording.recorder
+import flexbt_onboard.executive_parameters
+import flexbt_server.parameters
+import flexbt_sim.navigation_parameters
+import flexbt_sim.simulator_parameters
+from flexbt_common.node_runtime import NodeRuntime
+from flexbt_console.command_table import COMMANDS, EXIT_CODES
+
+REFERENCE = Path(__file__).parents[2] / 'docs' / 'reference'
+EXECUTABLES = (REFERENCE / 'executables.md').read_text(encoding='utf-8')
+CONSOLE = (REFERENCE / 'console.md').read_text(encoding='utf-8')
+
+LONG_LIST = 4
+"""Of a default with more entries than this the page gives the number."""
+
+
+def table(page: str, heading: str) -> list[list[str]]:
+    """The cells of the first table after a text of a page, without the head."""
+    lines = iter(page[page.index(heading) :].splitlines())
+    rows: list[str] = []
+    for line in lines:
+        if line.startswith('|'):
+            rows.append(line)
+        elif rows:
+            break
+    return [[cell.strip() for cell in re.split(r'(?<!\\)\|', row)[1:-1]] for row in rows[2:]]
+
+
+def codes(cell: str) -> list[str]:
+    return re.findall(r'`([^`]+)`', cell)
+
+
+def test_executables() -> None:
+    installed = {
+        point.name
+        for distribution in metadata.distributions()
+        if distribution.name.startswith('flexbt')
+        for point in distribution.entry_points.select(group='console_scripts')
+    }
+    assert set(re.findall(r'\*\*`(\w+)`\*\*', EXECUTABLES)) == installed
+
+
+@pytest.mark.parametrize(
+    ('executable', 'declare'),
+    [
+        ('bt_server', flexbt_server.parameters.declare_parameters),
+        ('onboard_executive', flexbt_onboard.executive_parameters.declare_parameters),
+        ('simulator', flexbt_sim.simulator_parameters.declare_parameters),
+        ('navigation', flexbt_sim.navigation_parameters.declare_parameters),
+        ('recorder', flexbt_console.recording.recorder.declare_parameters),
+    ],
+)
+def test_parameters(executable: str, declare: Callable[[Node], object]) -> None:
+    with NodeRuntime.open('reference') as runtime:
+        node = runtime.node
+
+        def declared() -> dict[str, tuple[str, str]]:
+            before = node.get_parameters_by_prefix('').keys()
+            declare(node)
+            return {
+                name: (shown(parameter), node.describe_parameter(name).description)
+                for name, parameter in node.get_parameters_by_prefix('').items()
+                if name not in before
+            }
+
+        parameters = runtime.call(declared)
+    assert {codes(row[0])[0]: (row[1], row[2]) for row in table(EXECUTABLES, f'**`{executable}`**')} == parameters
+
+
+def shown(parameter: Parameter) -> str:
+    """A default as the page writes it."""
+    value: Any = parameter.value
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str | int | float):
+        return f'`{value}`' if value != '' else '–'
+    values = [str(entry) for entry in value if entry != '']
+    if len(values) > LONG_LIST:
+        return f'{len(values)} keys'
+    return f'`[{", ".join(values)}]`' if values else '–'
+
+
+def test_commands_and_exit_codes_of_the_console() -> None:
+    assert [codes(row[0])[0].split()[0] for row in table(CONSOLE, '# Console')] == [
+        command.name for command in COMMANDS
+    ]
+    assert [tuple(row) for row in table(CONSOLE, 'Every command has')] == list(EXIT_CODES)
