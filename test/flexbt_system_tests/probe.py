@@ -35,6 +35,8 @@ class Probe:
         self.status_at = 0.0
         self.pose: PoseStamped | None = None
         self.moved_at = 0.0
+        self.moved_stamp = 0.0
+        """The time of the pose that showed the last movement, s on the robot's clock."""
 
         def connect() -> None:
             node = runtime.node
@@ -53,6 +55,7 @@ class Probe:
         with self._changed:
             if self.pose is not None and _differ(self.pose, pose):
                 self.moved_at = time.monotonic()
+                self.moved_stamp = stamp(pose)
             self.pose = pose
             self._changed.notify_all()
 
@@ -149,6 +152,11 @@ class Probe:
         self._runtime.call(lambda: self._runtime.node.destroy_subscription(subscription))
         working = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
         return sum(status.status in working for status in seen[-1].status_list)
+
+
+def stamp(pose: PoseStamped) -> float:
+    """The time of a pose, s on the robot's clock."""
+    return float(pose.header.stamp.sec + 1e-9 * pose.header.stamp.nanosec)
 
 
 def _distance(one: PoseStamped, other: PoseStamped) -> float:

@@ -17,7 +17,6 @@ from PIL import Image
 MARK = 'FLEXBT_TEST_MARK'
 DEMO_SECONDS = 60.0  # of wall time, for each demonstration at speed factor 10
 END_SECONDS = 2.0
-SLACK = 3.0  # of a machine that has more to do than this
 
 
 @pytest.fixture
@@ -83,13 +82,15 @@ def test_a_demonstration_reaches_its_goals_and_takes_every_branch(number: int, m
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_every_process_and_is_no_success(number: signal.Signals, mark: str, tmp_path: Path) -> None:
+    started = time.monotonic()
     process = start(mark, tmp_path, '--demo', '1')
     wait_for_line(process, '/Drive')
     assert len(marked(mark)) == 5
-    before = time.monotonic()
+    sent = time.monotonic()
     process.send_signal(number)
-    output, _ = process.communicate(timeout=30)
-    assert time.monotonic() - before < END_SECONDS + SLACK
+    output, _ = process.communicate(timeout=60)
+    # A busy or slow machine takes longer; but to start is far more work than to end, on any machine.
+    assert time.monotonic() - sent < max(END_SECONDS, sent - started)
     assert process.returncode == 128 + number
     assert marked(mark) == {}
     logs = ''.join(log.read_text() for log in (tmp_path / 'logs').iterdir())
