@@ -136,7 +136,7 @@ def wait_ready(console: Console) -> None:
     def is_ready() -> bool:
         view = console.view()
         peers = view.snapshot.peers if view.snapshot is not None else ()
-        return view.live and bool(view.behaviors) and bool(peers) and all(peer.alive for peer in peers)
+        return view.live and bool(view.behaviors) and bool(peers) and all(peer.ready for peer in peers)
 
     wait(is_ready, 'readiness')
     wait(lambda: not console.view().running, 'idle executive')

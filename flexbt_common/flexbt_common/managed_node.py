@@ -14,6 +14,8 @@ active        it works
 finalized     the services of the lifecycle, until the process ends
 ============  =========================================================================================================
 
+It is alive for others in every state (:mod:`flexbt_common.liveliness`), and ready when it is active.
+
 An error in a transition is logged, and the node is unconfigured afterwards: it can be configured again.
 """
 
@@ -127,7 +129,7 @@ class ManagedNode(LifecycleNode):
         self._runtime = runtime
         self._configure = configure
         self._waiting = waiting
-        LivelinessToken(runtime)  # it is alive in every state
+        self._token = LivelinessToken(runtime)  # it is alive in every state, and ready when it is active
         self._is_starting = is_automatic = runtime.call(self._declare)
         self._scope = NodeScope(runtime)
         runtime.on_close(self._end)
@@ -152,11 +154,11 @@ class ManagedNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
-        return self._step(lambda: self._managed.activate())
+        return self._step(self._activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
-        return self._step(lambda: self._managed.deactivate(DEACTIVATED, inactive(self), STOP_SECONDS))
+        return self._step(self._deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
@@ -164,7 +166,7 @@ class ManagedNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
-        return self._step(self._scope.close)
+        return self._step(self._shut_down)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
@@ -180,6 +182,18 @@ class ManagedNode(LifecycleNode):
         if self._error is None:
             self.trigger_activate()
         self._is_starting = False
+
+    def _activate(self) -> None:
+        self._managed.activate()
+        self._token.set_ready(True)
+
+    def _deactivate(self) -> None:
+        self._token.set_ready(False)
+        self._managed.deactivate(DEACTIVATED, inactive(self), STOP_SECONDS)
+
+    def _shut_down(self) -> None:
+        self._token.set_ready(False)
+        self._scope.close()
 
     def _enter(self, make: Callable[[NodeRuntime], Any]) -> None:
         self._scope.close()

@@ -178,6 +178,56 @@ def test_a_process_that_hangs_is_taken_for_dead_until_it_goes_on() -> None:
         assert all(noticed)
 
 
+def test_ready_is_what_the_node_says_while_it_is_alive() -> None:
+    with NodeRuntime.open('here') as here:
+        changes: queue.Queue[tuple[str, bool]] = queue.Queue()
+
+        def note(what: str, value: bool) -> None:
+            changes.put((what, value))
+
+        watch = LivelinessWatch(here, 'there', functools.partial(note, 'alive'), functools.partial(note, 'ready'))
+        for _ in range(2):  # another one in its place begins anew
+            with NodeRuntime.open('there') as there:
+                token = LivelinessToken(there)
+                assert changes.get(timeout=DEADLINE) == ('alive', True)
+                assert not watch.ready
+                token.set_ready(True)
+                assert changes.get(timeout=DEADLINE) == ('ready', True)
+                token.set_ready(False)
+                assert changes.get(timeout=DEADLINE) == ('ready', False)
+                token.set_ready(True)
+                assert changes.get(timeout=DEADLINE) == ('ready', True)
+                late: queue.Queue[bool] = queue.Queue()
+                with NodeRuntime.open('latecomer') as latecomer:
+                    LivelinessWatch(latecomer, 'there', lambda _alive: None, late.put)
+                    assert late.get(timeout=DEADLINE) is True
+            assert {changes.get(timeout=DEADLINE) for _ in range(2)} == {('alive', False), ('ready', False)}
+
+
+def test_a_process_that_went_on_is_ready_again_and_one_in_its_place_is_not() -> None:
+    ready: queue.Queue[bool] = queue.Queue()
+    program = PROGRAM.replace('LivelinessToken(runtime)', 'LivelinessToken(runtime).set_ready(True)')
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+        watch = LivelinessWatch(runtime, 'living', lambda _alive: None, ready.put)
+        process, _ = started(program)
+        with process:
+            assert ready.get(timeout=DEADLINE) is True
+            process.send_signal(signal.SIGSTOP)
+            assert ready.get(timeout=DEADLINE) is False
+            process.send_signal(signal.SIGCONT)
+            assert ready.get(timeout=DEADLINE) is True
+            process.kill()
+            assert ready.get(timeout=DEADLINE) is False
+        alive: queue.Queue[bool] = queue.Queue()
+        LivelinessWatch(runtime, 'living', alive.put)
+        with start() as process:
+            assert alive.get(timeout=DEADLINE) is True
+            with pytest.raises(queue.Empty):
+                ready.get(timeout=1.0)
+            assert not watch.ready
+            process.kill()
+
+
 def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a liveliness protocol, the middleware would crash."""
     profiles = Path(get_package_share_directory('flexbt_common')) / 'config'

@@ -45,7 +45,7 @@ def snapshot(message: ExecutiveStatus) -> records.Snapshot:
             records.CommandAnswer(result.command_id, _known(records.AnswerCode, result.code), result.reason)
             for result in message.results
         ),
-        peers=tuple(records.Peer(peer.name, peer.alive, _seconds(peer.since)) for peer in message.peers),
+        peers=tuple(records.Peer(peer.name, peer.alive, _seconds(peer.since), peer.ready) for peer in message.peers),
         robot_pose=_pose(message.robot_pose),
         locked=tuple(message.locked),
         breakpoints=tuple(message.breakpoints),

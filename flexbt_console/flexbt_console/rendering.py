@@ -67,7 +67,9 @@ def pose(value: Pose | None) -> str:
 
 def peers(known: Sequence[Peer]) -> str:
     """The nodes that the executive depends on, those that are not there in capitals."""
-    return '  '.join(f'{one_line(peer.name)} {"ok" if peer.alive else "GONE"}' for peer in known)
+    return '  '.join(
+        f'{one_line(peer.name)} {"GONE" if not peer.alive else "ok" if peer.ready else "not ready"}' for peer in known
+    )
 
 
 def behavior_line(view: View) -> str:

@@ -107,13 +107,13 @@ class ScriptedOperator:
                 self._changed.wait(remaining)
 
     def wait_ready(self, peers: int, timeout: float) -> None:
-        """Wait until the executive is heard and sees its peers, and the robot and its map are known."""
+        """Wait until the executive is heard and sees its peers ready, and the robot and its map are known."""
 
         def ready(view: View) -> bool:
             known = view.snapshot.peers if view.snapshot else ()
-            all_alive = len(known) >= peers and all(peer.alive for peer in known)
+            all_ready = len(known) >= peers and all(peer.alive and peer.ready for peer in known)
             listed = view.behaviors is not None
-            return view.live and all_alive and listed and self.record.ready
+            return view.live and all_ready and listed and self.record.ready
 
         self.wait(ready, 'executive, its peers, the map and the robot', timeout)
 
@@ -279,7 +279,10 @@ def _described(view: View) -> str:
     snapshot = view.snapshot
     if snapshot is None:
         return f'no executive is heard (link {view.link.value})'
-    peers = ', '.join(f'{peer.name} {"alive" if peer.alive else "NOT ALIVE"}' for peer in snapshot.peers)
+    peers = ', '.join(
+        f'{peer.name} {"NOT ALIVE" if not peer.alive else "ready" if peer.ready else "NOT READY"}'
+        for peer in snapshot.peers
+    )
     questions = ', '.join(f'{item.kind.name} of {item.path}' for item in snapshot.decisions) or 'none'
     return (
         f'executive {snapshot.state.name}, active {", ".join(view.active_paths) or "nothing"}, '

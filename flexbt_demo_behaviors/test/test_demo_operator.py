@@ -165,9 +165,13 @@ def test_what_comes_from_another_thread_ends_a_wait(
         operator.wait_state('/AskGoal', timeout=60.0)
 
 
-def test_readiness_needs_every_peer_alive(operator: ScriptedOperator, link: Link) -> None:
-    link.show(replace(RUNNING, peers=(Peer('/bt_server', True), Peer('/navigation', False))))
-    with pytest.raises(DemoError, match='/navigation NOT ALIVE'):
+@pytest.mark.parametrize(
+    ('peer', 'told'),
+    [(Peer('/navigation', False), 'NOT ALIVE'), (Peer('/navigation', True, ready=False), 'NOT READY')],
+)
+def test_readiness_needs_every_peer(operator: ScriptedOperator, link: Link, peer: Peer, told: str) -> None:
+    link.show(replace(RUNNING, peers=(Peer('/bt_server', True), peer)))
+    with pytest.raises(DemoError, match=f'/navigation {told}'):
         operator.wait_ready(peers=2, timeout=0.05)
 
 

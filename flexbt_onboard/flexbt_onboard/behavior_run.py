@@ -35,7 +35,7 @@ from flexbt_onboard.state_machine import (
     Severity,
 )
 from flexbt_onboard.state_machine.restoring import reasons_against
-from flexbt_onboard.state_services import StateServices
+from flexbt_onboard.state_services import READY_SECONDS, StateServices
 
 _ESCAPES: Final = 3
 """Exceptions that may escape from the state machine before the run is given up."""
@@ -98,6 +98,7 @@ class BehaviorRun:
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._is_announced = False
+        self._has_nodes = False  # or has waited for them long enough
         self._has_changed = False
         self._has_activity_changed = False  # perhaps: the states have to be asked
         self._is_activity_shown = False  # so that it has to be asked for again
@@ -121,7 +122,7 @@ class BehaviorRun:
         """What the run is at, as far as the operator was told."""
         if self._stop_reason is not None:
             return RunPhase.STOPPING
-        if not self._is_announced:
+        if not (self._is_announced and self._has_nodes):
             return RunPhase.STARTING
         return RunPhase.PAUSED if self.view.is_paused else RunPhase.RUNNING
 
@@ -153,6 +154,10 @@ class BehaviorRun:
         if machine is not None:
             machine.preempt(reason)
         self._observer.changed()
+
+    def nodes_changed(self) -> None:
+        """A node that behaviors need has come or gone, or has become ready."""
+        self._bell.ring()
 
     def confirm(self, decision_id: str, answer: Answer) -> None:
         """Let what a decision asks for happen."""
@@ -249,6 +254,7 @@ class BehaviorRun:
             self._observer.run_refused(self, f'stopped before it began: {self._stop_reason}')
             return
         self._observer.run_built(self, structure_message(machine.definition, self.run_id, self.behavior))
+        self._await_nodes()
         with CallbackWatch(self._services.runtime.steady, self._held_up):
             outcome, message = self._drive(machine)
         self._answers.close('the run has ended')
@@ -272,6 +278,22 @@ class BehaviorRun:
             steady=self._services.runtime.steady,
             on_wake=self._bell.ring,
         )
+
+    def _await_nodes(self) -> None:
+        """A node that is alive, and not ready yet, would let the first state that needs it fail."""
+        steady, unready = self._services.runtime.steady, self._services.unready
+        deadline = steady.now() + READY_SECONDS
+        told: Sequence[str] = ()
+        while self._stop_reason is None and (names := unready()):
+            if steady.now() >= deadline:
+                text = f'begins all the same: {", ".join(names)} not ready after {READY_SECONDS:g} s'
+                self._observer.run_log(self, ExecutiveLog.WARN, '', text)
+                break
+            if names != told:
+                self._observer.run_log(self, ExecutiveLog.INFO, '', f'waits until {", ".join(names)} is ready')
+                told = names
+            self._bell.wait(steady, deadline)
+        self._has_nodes = True
 
     def _define(self, request: RunRequest) -> MachineDefinition:
         behavior, definition = build(request)

@@ -62,14 +62,18 @@ class Diagnostics:
 
     def _peers(self, status: ExecutiveStatus) -> DiagnosticStatus:
         gone = [one.name for one in status.peers if not one.alive]
-        level = DiagnosticStatus.ERROR if gone else DiagnosticStatus.OK
-        message = f'not alive: {", ".join(gone)}' if gone else 'all alive'
+        unready = [one.name for one in status.peers if one.alive and not one.ready]
+        level, message = DiagnosticStatus.OK, 'all ready'
+        if gone:
+            level, message = DiagnosticStatus.ERROR, f'not alive: {", ".join(gone)}'
+        elif unready:
+            level, message = DiagnosticStatus.WARN, f'not ready: {", ".join(unready)}'
         return entry(
             self._runtime,
             'nodes',
             level,
             message,
-            {one.name: 'alive' if one.alive else 'not alive' for one in status.peers},
+            {one.name: 'not alive' if not one.alive else 'ready' if one.ready else 'not ready' for one in status.peers},
         )
 
     def _storage(self) -> DiagnosticStatus:

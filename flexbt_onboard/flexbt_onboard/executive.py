@@ -114,11 +114,12 @@ class Executive:
             services=ServiceLinks(runtime),
             node_name=node_name,
             changed=self.changed,
+            unready=lambda: self.peers.unready(),
         )
         self._actions = BehaviorActionServer(self)
         UserdataServer(self)
         self._token = LivelinessToken(runtime)
-        self.peers = PeersWatch(runtime, parameters.peers, self._news.peer)
+        self.peers = PeersWatch(runtime, parameters.peers, self._news.peer, self._news.peer_ready)
         self._diagnostics = Diagnostics(runtime, lambda: status_of(self), self._news.problems)
         runtime.on_fault(self._news.fault)
         self._news.announce()

@@ -86,6 +86,22 @@ class ExecutiveNews:
             )
         else:
             executive.link.log(ExecutiveLog.ERROR, f'{name} is not alive any more', run_id=run_id)
+        self._nodes_changed()
+
+    def peer_ready(self, name: str, ready: bool) -> None:
+        """A node that the executive depends on has become ready, or is not any more."""
+        executive = self._executive
+        run_id = executive.run.run_id if executive.run is not None else ''
+        if ready:
+            executive.link.log(ExecutiveLog.INFO, f'{name} is ready', run_id=run_id)
+        elif name in executive.peers.unready():  # not when it has died, which is told already
+            executive.link.log(ExecutiveLog.WARN, f'{name} is alive, but not ready any more', run_id=run_id)
+        self._nodes_changed()
+
+    def _nodes_changed(self) -> None:
+        executive = self._executive
+        if executive.run is not None:
+            executive.run.nodes_changed()
         executive.changed()
 
     def fault(self, error: BaseException) -> None:

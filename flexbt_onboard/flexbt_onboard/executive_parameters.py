@@ -44,7 +44,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         'peers',
         list(defaults.peers),
         ParameterDescriptor(
-            description='names of the nodes that the missions depend on; the operator is shown whether they are alive'
+            description='names of the nodes that missions depend on; an operator sees whether they are alive and ready'
         ),
     )
     pose_topic = declare(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The nodes that the executive depends on: whether they are alive, for the operator."""
+"""The nodes that the executive depends on: whether they are alive and ready, for the operator and for a start."""
 
 from __future__ import annotations
 
@@ -18,30 +18,46 @@ from flexbt_msgs.msg import PeerStatus
 @dataclass
 class _Peer:
     name: str
-    alive: bool | None
     since: Time
+    alive: bool | None = None
+    ready: bool = False
 
 
 class PeersWatch:
-    """Watches nodes by name. Used on the executor thread only.
+    """Watches nodes by name. Used on the executor thread, except where it says otherwise.
 
-    ``on_change`` is called with a node's name, whether it is alive now, and whether it had been seen before.
+    ``on_change`` is called with a node's name, whether it is alive now, and whether it had been seen before;
+    ``on_ready`` with a node's name when it has become ready, or is not any more.
     """
 
     def __init__(
-        self, runtime: NodeRuntime, names: Sequence[str], on_change: Callable[[str, bool, bool], None]
+        self,
+        runtime: NodeRuntime,
+        names: Sequence[str],
+        on_change: Callable[[str, bool, bool], None],
+        on_ready: Callable[[str, bool], None],
     ) -> None:
         self._runtime = runtime
         self._on_change = on_change
-        self._peers = [_Peer(_qualified(runtime, name), None, runtime.clock.stamp()) for name in names]
+        self._on_ready = on_ready
+        self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
         self._watches = [
-            LivelinessWatch(runtime, name, functools.partial(self._changed, peer))
+            LivelinessWatch(
+                runtime, name, functools.partial(self._changed, peer), functools.partial(self._ready_changed, peer)
+            )
             for name, peer in zip(names, self._peers, strict=True)
         ]
 
     def statuses(self) -> list[PeerStatus]:
         """What is known of each, in the order of the names; one that was never seen is not alive."""
-        return [PeerStatus(name=peer.name, alive=bool(peer.alive), since=peer.since) for peer in self._peers]
+        return [
+            PeerStatus(name=peer.name, alive=bool(peer.alive), ready=peer.ready, since=peer.since)
+            for peer in self._peers
+        ]
+
+    def unready(self) -> list[str]:
+        """The names of those that are alive, and not ready; from any thread."""
+        return [peer.name for peer in self._peers if peer.alive and not peer.ready]
 
     def _changed(self, peer: _Peer, alive: bool) -> None:
         if alive == peer.alive:
@@ -49,6 +65,10 @@ class PeersWatch:
         seen_before = peer.alive is not None
         peer.alive, peer.since = alive, self._runtime.clock.stamp()
         self._on_change(peer.name, alive, seen_before)
+
+    def _ready_changed(self, peer: _Peer, ready: bool) -> None:
+        peer.ready = ready
+        self._on_ready(peer.name, ready)
 
 
 def _qualified(runtime: NodeRuntime, name: str) -> str:

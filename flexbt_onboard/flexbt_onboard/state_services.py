@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from flexbt_common.action_call import ActionLinks
 from flexbt_common.node_runtime import NodeRuntime
@@ -13,6 +13,10 @@ from flexbt_common.service_call import ServiceLinks
 
 if TYPE_CHECKING:
     from flexbt_onboard.state_machine import EventState
+
+READY_SECONDS: Final = 15.0
+"""How long a node that is alive is waited for until it is ready, s of wall time. To begin takes it seconds, and several
+times as many on a machine that is busy."""
 
 
 def _nothing() -> None:
@@ -26,7 +30,8 @@ class StateServices:
     ``runtime`` owns the node and the thread on which everything of rclpy happens, ``actions`` and ``services`` are
     the shared clients, and ``node_name`` is the fully qualified name of the node that runs the states: what
     happens on its behalf elsewhere ends when it dies. ``changed`` tells the host, from any thread, that something
-    that the operator is shown has changed: the state's activity.
+    that the operator is shown has changed: the state's activity. ``unready`` names the nodes that are alive but not
+    ready yet: the servers that a state wants may be among them.
     """
 
     runtime: NodeRuntime
@@ -34,6 +39,7 @@ class StateServices:
     services: ServiceLinks
     node_name: str
     changed: Callable[[], None] = field(default=_nothing)
+    unready: Callable[[], Sequence[str]] = field(default=tuple)
 
 
 def state_services(state: EventState) -> StateServices:

@@ -27,6 +27,7 @@ from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.node_scope import NodeScope
 from flexbt_common.user_files import USER_DIRECTORY
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_onboard import behavior_run
 from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_parameters
 from flexbt_onboard.operator_link import OperatorLink
 from flexbt_onboard.state_machine import EventState, OperatableStateMachine
@@ -145,6 +146,49 @@ def test_peers_are_shown_and_their_changes_are_told(make_bench: Make) -> None:
     assert time.monotonic() - begin < 3.0
     assert bench.logged('/bt_server is not alive any more').severity == ExecutiveLog.ERROR
     assert not bench.status.peers[1].alive
+
+
+@pytest.fixture
+def server() -> Iterator[LivelinessToken]:
+    """A node that is alive, and not ready."""
+    with NodeRuntime.open('bt_server') as runtime:
+        yield LivelinessToken(runtime)
+
+
+def test_a_start_waits_for_a_node_that_is_alive_and_not_ready(make_bench: Make, server: LivelinessToken) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=('bt_server', 'never_there')))
+    bench.wait_for(lambda status: status.peers[0].alive, 'alive')
+    assert not bench.status.peers[0].ready
+    bench.start()  # is answered at once
+    bench.logged('waits until /bt_server is ready')
+    assert (bench.status.state, bench.status.active_states) == (ExecutiveStatus.STARTING, [])
+    server.set_ready(True)
+    bench.wait_active('/A')
+    assert bench.status.state == ExecutiveStatus.RUNNING
+    assert bench.status.peers[0].ready
+    server.set_ready(False)
+    bench.wait_for(lambda status: not status.peers[0].ready, 'not ready')
+    assert bench.status.peers[0].alive
+    assert bench.logged('/bt_server is alive, but not ready any more').severity == ExecutiveLog.WARN
+
+
+def test_a_start_that_waits_can_be_stopped(make_bench: Make, server: LivelinessToken) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=('bt_server',)))
+    bench.wait_for(lambda status: status.peers[0].alive, 'alive')
+    bench.start()
+    bench.logged('waits until /bt_server is ready')
+    bench.applied(ExecutiveCommand.STOP)
+    assert bench.wait_idle() == 'preempted'
+
+
+def test_a_start_does_not_wait_without_end(
+    make_bench: Make, server: LivelinessToken, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(behavior_run, 'READY_SECONDS', 0.2)
+    bench = make_bench(parameters=ExecutiveParameters(peers=('bt_server',)))
+    bench.wait_for(lambda status: status.peers[0].alive, 'alive')
+    bench.start()
+    assert bench.logged('begins all the same: /bt_server not ready').severity == ExecutiveLog.WARN
 
 
 def test_a_command_has_its_effect_within_milliseconds(make_bench: Make) -> None:

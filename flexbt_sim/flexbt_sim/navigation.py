@@ -44,8 +44,8 @@ class Navigation:
         self._watches = [
             LivelinessWatch(runtime, owner, partial(self._on_owner, owner)) for owner in self._parameters.owner_nodes
         ]
-        self._token = LivelinessToken(runtime)
         runtime.on_close(self._close)
+        LivelinessToken(runtime).set_ready(True)
         runtime.node.get_logger().info(f'ready, with the interfaces of {self._types.package}')
 
     def _serve(self) -> None:

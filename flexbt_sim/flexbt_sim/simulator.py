@@ -68,10 +68,10 @@ class Simulator:
         self._steps_per_odom = max(1, round(1.0 / (parameters.odom_rate * STEP)))
         self._steps_per_scan = max(1, round(1.0 / (parameters.scan_rate * STEP)))
         runtime.call(self._connect)
-        self._token = LivelinessToken(runtime)
         self._thread = threading.Thread(target=self._run, name='world', daemon=True)
         runtime.on_close(self._close)
         self._thread.start()
+        LivelinessToken(runtime).set_ready(True)
         pose = parameters.initial_pose
         runtime.node.get_logger().info(
             f'{parameters.map}: {self._world.width} x {self._world.height} cells; robot at ({pose.x:g}, {pose.y:g})'

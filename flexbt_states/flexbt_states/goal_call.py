@@ -9,7 +9,10 @@ from typing import Any, Final
 from flexbt_common.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.clock import Clock, Timer
 from flexbt_onboard.state_machine import EventState
-from flexbt_onboard.state_services import state_services
+from flexbt_onboard.state_services import READY_SECONDS, state_services
+
+SERVER_SECONDS: Final = 1.0
+"""How long a server is waited for when all nodes that are alive are ready, s of wall time."""
 
 _ENDED: Final = frozenset(
     (GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.REJECTED, GoalStatus.NO_SERVER)
@@ -64,7 +67,11 @@ class GoalCall:
             self._clock = clock or state_services(self._state).runtime.steady
             self._deadline = self._clock.now() + timeout
             self._timer = self._clock.call_at(self._deadline, self._state.wake)
-        self._call = ActionCall(self._link, goal, on_done=self._on_done, on_feedback=on_feedback)
+        # A server of a node that is about to be ready will be there.
+        patience = READY_SECONDS if state_services(self._state).unready() else SERVER_SECONDS
+        self._call = ActionCall(
+            self._link, goal, on_done=self._on_done, on_feedback=on_feedback, server_timeout=patience
+        )
 
     def poll(self) -> GoalOutcome | None:
         """The outcome, or None while the goal is worked on. When its time is up the goal is canceled."""

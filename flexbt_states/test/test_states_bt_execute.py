@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.action import CancelResponse
 
+from flexbt_common.action_call import ActionCall, GoalStatus
 from flexbt_common.node_runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
@@ -97,6 +99,16 @@ def test_without_a_server_the_state_fails_soon_and_says_so(bench: StateBench) ->
     run = bench.run_state(execute)
     assert run.wait() == 'failed'
     assert 'bt_executor' in run.errors()
+
+
+def test_a_server_that_begins_is_waited_for(bench: StateBench) -> None:
+    bench.services = replace(bench.services, unready=lambda: ['/bt_server'])
+    link = bench.services.actions.link(BtExecute, 'bt_executor')
+    call = ActionCall(link, BtExecute.Goal(), on_done=lambda _outcome: None)
+    run = bench.run_state(execute)
+    wait_until(lambda: call.outcome is not None and call.outcome.status is GoalStatus.NO_SERVER, 'end of the patience')
+    bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)))
+    assert run.wait() == 'done'
 
 
 def test_a_rejected_goal_is_failed(bench: StateBench) -> None:

@@ -71,10 +71,10 @@ class Probe:
 
     def wait_ready(self) -> None:
         """Everything runs and is connected."""
-        self.wait(lambda: self.pose and self._commands.get_subscription_count() and self._all_alive(), 'readiness')
+        self.wait(lambda: self.pose and self._commands.get_subscription_count() and self._all_ready(), 'readiness')
 
-    def _all_alive(self) -> bool:
-        return self.status is not None and all(peer.alive for peer in self.status.peers)
+    def _all_ready(self) -> bool:
+        return self.status is not None and all(peer.ready for peer in self.status.peers)
 
     def peer_alive(self, name: str) -> bool | None:
         """Whether the executive sees a node alive."""

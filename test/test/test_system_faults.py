@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Iterator
@@ -22,6 +23,13 @@ BRAKING_SECONDS = 0.26 / 2.5
 REST_AFTER_STOP = 0.5 + BRAKING_SECONDS
 REST_AFTER_DEATH = 1.0
 SEEN_AFTER_DEATH = 3.0
+
+SLOW_NODES = """
+import time
+
+def register(registry):
+    time.sleep(5.0)
+"""
 
 QUIET_SECONDS = 1.5
 """A robot that has not moved for so long is at rest."""
@@ -79,6 +87,21 @@ def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe:
     stack.start(victim)
     probe.wait(lambda: probe.peer_alive(victim), f'{victim} alive again')
     probe.stop()
+    drive_again(probe)
+
+
+def test_a_run_that_starts_while_a_server_begins_waits_for_it(stack: Stack, probe: Probe, tmp_path: Path) -> None:
+    """Whatever makes the server slow; here it is a package of nodes whose import takes several seconds."""
+    (tmp_path / 'slow_nodes.py').write_text(SLOW_NODES)
+    about = tmp_path / 'slow_nodes-1.0.dist-info'
+    about.mkdir()
+    (about / 'METADATA').write_text('Metadata-Version: 2.1\nName: slow_nodes\nVersion: 1.0\n')
+    (about / 'entry_points.txt').write_text('[flexbt.bt_nodes]\nslow_nodes = slow_nodes:register\n')
+    stack.kill('bt_server')
+    probe.wait(lambda: probe.peer_alive('bt_server') is False, 'bt_server shown as dead')
+    path = os.pathsep.join([str(tmp_path), os.environ.get('PYTHONPATH', '')])
+    stack.start('bt_server', environment={'PYTHONPATH': path})
+    probe.wait(lambda: probe.peer_alive('bt_server'), 'bt_server alive again')
     drive_again(probe)
 
 

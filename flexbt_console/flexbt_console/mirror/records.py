@@ -137,6 +137,7 @@ class Peer:
     name: str
     alive: bool
     since: float = 0.0
+    ready: bool = True
 
 
 @dataclass(frozen=True, slots=True)

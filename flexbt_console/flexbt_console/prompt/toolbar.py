@@ -102,9 +102,9 @@ def _rest(view: View) -> list[Line]:
     lines.append((style, f'robot  {rendering.pose(snapshot.robot_pose)}'))
     if snapshot.authority:
         lines.insert(0, (style, f'authority  {rendering.authority(snapshot)}'))
-    gone = [peer for peer in snapshot.peers if not peer.alive]
-    if gone:
-        lines.insert(0, ('class:lost', f'nodes  {rendering.peers(gone)}'))
+    missed = [peer for peer in snapshot.peers if not (peer.alive and peer.ready)]
+    if missed:
+        lines.insert(0, ('class:lost', f'nodes  {rendering.peers(missed)}'))
     command = view.last_command
     if command is not None and command.state is CommandState.PENDING:
         lines.insert(0, ('class:stale', f'{command.command.kind.name.lower()}: sent, no answer yet'))
