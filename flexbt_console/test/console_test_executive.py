@@ -145,7 +145,10 @@ class ScriptedExecutive:
         self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched())
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.latched(names.LOG_DEPTH))
         node.create_subscription(ExecutiveCommand, names.EXECUTIVE_COMMAND, self._on_command, names.command())
-        self.status.peers = [PeerStatus(name='/bt_server', alive=True, ready=True), PeerStatus(name='/navigation', alive=False)]
+        self.status.peers = [
+            PeerStatus(name='/bt_server', alive=True, ready=True),
+            PeerStatus(name='/navigation', alive=False),
+        ]
         self.status.robot_pose.header.frame_id = 'map'
         self.status.robot_pose.pose.position.x = 1.5
         parameters = [
