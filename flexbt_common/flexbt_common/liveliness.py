@@ -133,17 +133,16 @@ class LivelinessWatch:
         self._on_ready = on_ready
         self._told: bool | None = None
         self._told_ready = False
-        # On the executor thread, so that no event comes before there is the subscription.
-        self._token = runtime.call(self._open)
+        # On the executor thread, so that no event comes before all is there that it needs.
+        runtime.call(self._open)
         runtime.on_close(self.close)
 
-    def _open(self) -> _SeenToken:
+    def _open(self) -> None:
         topic = self._runtime.node.resolve_topic_name(alive_topic(self.node_name))
-        token = self._runtime.once(('liveliness', topic), lambda runtime: _SeenToken(runtime, topic))
+        token = self._token = self._runtime.once(('liveliness', topic), lambda runtime: _SeenToken(runtime, topic))
         token.listeners.append(self._tell)
         if token.alive:
             self._runtime.post(lambda: self._tell() if token.alive and self._tell in token.listeners else None)
-        return token
 
     @property
     def alive(self) -> bool | None:
