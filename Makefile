@@ -4,7 +4,7 @@ SHELL := /bin/sh
 .DEFAULT_GOAL := help
 N ?= 20000
 SEED ?= 0
-.PHONY: help setup demo test fuzz lint bench conformance clean distclean
+.PHONY: help setup demo test fuzz lint bench conformance docs clean distclean
 .NOTPARALLEL:
 
 help:  ## this text
@@ -37,6 +37,9 @@ bench:  ## the benchmarks; figures into out/bench
 
 conformance:  ## the BT engine against BehaviorTree.CPP, event by event: N=20000 random trees of each profile, from SEED=0 on
 	@tools/workspace.sh run python3 flexbt_server/test/bt_conformance.py --count $(N) --seed $(SEED)
+
+docs:  ## the documentation as a site in out/docs/html
+	@tools/workspace.sh run python3 docs/tools/build.py
 
 clean:  ## remove what was built: build, install, log, out
 	@tools/workspace.sh clean

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Builds the documentation into out/docs; Sphinx and what it needs are installed beside the workspace's packages.
+
+Usage: build.py [SPHINX OPTION ...]     in a shell with the environment of the workspace (`make docs`)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+DOCS: Final = Path(__file__).resolve().parents[1]
+REQUIREMENTS: Final = DOCS / 'requirements.txt'
+PACKAGES: Final = DOCS.parent / '.venv' / 'docs'
+OUTPUT: Final = DOCS.parent / 'out' / 'docs'
+
+
+def install() -> None:
+    """Install the pinned packages into a directory of their own, unless they are there already.
+
+    Not into the virtual environment, as colcon and Sphinx want different versions of docutils.
+    """
+    stamp = PACKAGES / 'stamp'
+    wanted = f'{hashlib.sha256(REQUIREMENTS.read_bytes()).hexdigest()} {sys.version}'
+    if stamp.exists() and stamp.read_text(encoding='utf-8') == wanted:
+        return
+    print('installing Sphinx and its extensions', flush=True)
+    shutil.rmtree(PACKAGES, ignore_errors=True)
+    pip = [sys.executable, '-m', 'pip', 'install', '--quiet', '--disable-pip-version-check', '--no-input', '--no-deps']
+    subprocess.run([*pip, '--target', PACKAGES, '--requirement', REQUIREMENTS], check=True)
+    stamp.write_text(wanted, encoding='utf-8')
+
+
+def main() -> int:
+    install()
+    search = os.pathsep.join(filter(None, [str(PACKAGES), os.environ.get('PYTHONPATH')]))
+    sphinx = [sys.executable, '-m', 'sphinx', '--fail-on-warning', '--jobs', 'auto', '--quiet']
+    command = [*sphinx, '--doctree-dir', OUTPUT / 'doctrees', *sys.argv[1:], DOCS, OUTPUT / 'html']
+    code = subprocess.run(command, env=os.environ | {'PYTHONPATH': search}, check=False).returncode
+    if code == 0:
+        print(f'the documentation is {OUTPUT / "html" / "index.html"}')
+    return code
+
+
+if __name__ == '__main__':
+    sys.exit(main())
