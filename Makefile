@@ -36,7 +36,7 @@ bench:  ## the benchmarks; figures into out/bench
 	@tools/workspace.sh bench
 
 conformance:  ## the BT engine against BehaviorTree.CPP, event by event: N=20000 random trees of each profile, from SEED=0 on
-	@tools/workspace.sh run python3 flexbt_server/test/bt_conformance.py --count $(N) --seed $(SEED)
+	@tools/workspace.sh run python3 -m flexbt_testing.behavior_trees.conformance --count $(N) --seed $(SEED)
 
 docs:  ## the documentation as a site in out/docs/html
 	@tools/workspace.sh run python3 docs/tools/build.py

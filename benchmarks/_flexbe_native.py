@@ -8,8 +8,8 @@ from typing import Final
 from _flexbe_stamp import entered
 
 from flexbt_common.navigation_interfaces import load
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, OperatorDecisionState
 from flexbt_states.goal_call import GoalCall
 

@@ -20,10 +20,10 @@ from typing import Any, Final, Protocol
 from _flexbe_native import ACTION
 from _flexbe_stamp import Entries
 
-from flexbt_common import names
-from flexbt_common.goal_server import GoalServer, ServedGoal
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.navigation_interfaces import load
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
 
 DEADLINE: Final = 30.0
 RESULT_DEADLINE: Final = 3.0

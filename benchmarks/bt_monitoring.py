@@ -71,7 +71,8 @@ SHAPES: Final[dict[str, tuple[str, Callable[[int], str]]]] = {
 
 
 def registry() -> Any:
-    from flexbt_server.behavior_tree import Condition, NodeConfig, NodeStatus, StatefulAction, nav2_nodes
+    from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, StatefulAction
+    from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
 
     class Check(Condition):
         """Every 50th time the answer is another one."""
@@ -146,7 +147,7 @@ class Sample:
 
 def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel: bt_tick.Wheel) -> dict[str, Any]:
     """Medians (ns for a node and a tick) and ratios of one shape."""
-    from flexbt_server.behavior_tree import Tree, TreeLibrary, load_xml
+    from flexbt_core.behavior_tree import Tree, TreeLibrary, load_xml
 
     xml = SHAPES[shape][1](count)
     library = TreeLibrary().stage([load_xml(xml, 'bench.xml', nodes)])
@@ -227,8 +228,8 @@ def main() -> int:
     rows = []
     with domain_id() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
-        from flexbt_common.node_runtime import NodeRuntime
-        from flexbt_server.tree_stream import TreeStream
+        from flexbt_common.runtime.node_runtime import NodeRuntime
+        from flexbt_server.runs.tree_stream import TreeStream
 
         with NodeRuntime.open('bench') as runtime, subscriber():
             stream = TreeStream(runtime)

@@ -30,8 +30,7 @@ from typing import Any, Final
 
 import _figures
 
-from flexbt_msgs.msg import BtLoadReport
-from flexbt_server.behavior_tree import (
+from flexbt_core.behavior_tree import (
     Condition,
     NodeRegistry,
     NodeStatus,
@@ -41,7 +40,8 @@ from flexbt_server.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_server.tree_store import TreeStore
+from flexbt_msgs.msg import BtLoadReport
+from flexbt_server.trees.tree_store import TreeStore
 
 TARGET_NATIVE: Final = 0.7
 TARGET_PYTHON: Final = 0.5

@@ -24,8 +24,8 @@ from typing import Any, Final
 
 import _figures
 
-from flexbt_common.clock import SteadyClock
-from flexbt_onboard.state_machine import (
+from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.state_machine import (
     Autonomy,
     Decision,
     EventState,

@@ -42,10 +42,10 @@ class Probe:
     """The leaf's action server and the operator, in this process."""
 
     def __init__(self, runtime: Any) -> None:
-        from flexbt_common import names
-        from flexbt_common.action_call import ActionLinks
-        from flexbt_common.goal_server import GoalServer
+        from flexbt_common.calls.action_call import ActionLinks
+        from flexbt_common.calls.goal_server import GoalServer
         from flexbt_common.navigation_interfaces import load
+        from flexbt_common.runtime import names
         from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 
         self.runtime = runtime
@@ -105,7 +105,7 @@ class Probe:
 
     def load(self, xml: str) -> None:
         """Load the tree."""
-        from flexbt_common.action_call import ActionCall
+        from flexbt_common.calls.action_call import ActionCall
         from flexbt_msgs.action import BtLoad
 
         ended: list[Any] = []
@@ -129,7 +129,7 @@ def measure(samples: int) -> dict[str, list[float]]:
     """Latencies in ms."""
     from _latency_probe import TREE_XML
 
-    from flexbt_common.node_runtime import NodeRuntime
+    from flexbt_common.runtime.node_runtime import NodeRuntime
     from flexbt_msgs.msg import ExecutiveCommand
 
     result_to_transition, command_to_effect = [], []

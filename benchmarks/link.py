@@ -34,12 +34,12 @@ from ament_index_python.packages import get_package_share_directory
 from domain_coordinator import domain_id
 
 from flexbt_console.mirror.records import AutonomyLevel
-from flexbt_onboard.command_table import REPORT_TIME
-from flexbt_system_tests import network_namespace
-from flexbt_system_tests.lossy_link import LossyLink
-from flexbt_system_tests.network_namespace import NetworkNamespace
-from flexbt_system_tests.remote import Console, Observer, remote_console, remote_observer
-from flexbt_system_tests.stack import Stack
+from flexbt_onboard.commands.command_table import REPORT_TIME
+from flexbt_testing.network import network_namespace
+from flexbt_testing.network.lossy_link import LossyLink
+from flexbt_testing.network.network_namespace import NetworkNamespace
+from flexbt_testing.network.remote import Console, Observer, remote_console, remote_observer
+from flexbt_testing.processes.stack import Stack
 
 DEADLINE = 60.0
 SETTLING = REPORT_TIME + 1.0

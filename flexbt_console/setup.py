@@ -21,7 +21,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'console = flexbt_console.console:main',
+            'console = flexbt_console.ui.console:main',
             'recorder = flexbt_console.recording.recorder:main',
             'replay = flexbt_console.recording.replay:main',
         ],

@@ -21,8 +21,8 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'onboard_executive = flexbt_onboard.onboard_executive:main',
-            'run_report = flexbt_onboard.run_report:main',
+            'onboard_executive = flexbt_onboard.node.onboard_executive:main',
+            'run_report = flexbt_onboard.record.run_report:main',
         ],
     },
 )

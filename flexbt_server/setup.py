@@ -17,12 +17,11 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='The FlexBT behavior-tree engine, its ROS leaves, and the behavior-tree server.',
+    description='The FlexBT behavior-tree server and its leaves for ROS.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'bt_server = flexbt_server.bt_server:main',
-            'bt_tool = flexbt_server.desk.command_line:main',
+            'bt_server = flexbt_server.node.bt_server:main',
         ],
     },
 )

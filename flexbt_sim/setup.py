@@ -27,8 +27,8 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'simulator = flexbt_sim.simulator:main',
-            'navigation = flexbt_sim.navigation:main',
+            'simulator = flexbt_sim.nodes.simulator:main',
+            'navigation = flexbt_sim.nodes.navigation_servers:main',
         ],
     },
 )

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_server.behavior_tree import NodeManifest, PortDirection
-from flexbt_server.behavior_tree.ports import NO_DEFAULT
-from flexbt_server.node_types import node_registry
+from flexbt_core.behavior_tree import NodeManifest, PortDirection
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_server.trees.node_types import node_registry
 
 HERE: Final = Path(__file__).parent
 PAGE: Final = HERE.parent / 'reference' / 'bt_nodes.md'
@@ -51,7 +51,8 @@ def page() -> str:
     broken: list[str] = []
     registry = node_registry(lambda point, error: broken.append(f'{point}: {error}'))
     assert not broken, broken
-    manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith('flexbt_server.')]
+    ours = ('flexbt_core.', 'flexbt_server.')
+    manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith(ours)]
     kinds = list(dict.fromkeys(manifest.kind for manifest in manifests))
     overview = sorted(manifests, key=lambda manifest: kinds.index(manifest.kind))
     lines = [HEAD, *(overview_row(manifest) for manifest in overview), '']

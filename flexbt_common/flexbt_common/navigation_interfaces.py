@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from ament_index_python.packages import get_packages_with_prefixes
 
-from flexbt_common.errors import InterfacesError
+from .errors import InterfacesError
 
 CHOICES: Final = ('auto', 'nav2_msgs', 'flexbt_msgs')
 """Values of the parameter ``navigation_interfaces``. ``auto``: nav2_msgs where installed."""

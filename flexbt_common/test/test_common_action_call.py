@@ -10,18 +10,17 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionServer
-from scripted_servers import ScriptedServer
 
-from flexbt_common.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
-from flexbt_common.action_link import ActionServerLink
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
+from flexbt_common.calls.action_link import ActionServerLink
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import Spin, Wait
+from flexbt_testing.ros.scripted_servers import ScriptedServer
 
 DEADLINE = 20.0
 APPEARS = 10.0  # wall time for the server to be discovered on a busy machine
@@ -268,7 +267,7 @@ def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
 def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
     link: ActionServerLink, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('flexbt_common.action_call._WATCH_PERIOD', 1000.0)  # only the cancel can tell
+    monkeypatch.setattr('flexbt_common.calls.action_call._WATCH_PERIOD', 1000.0)  # only the cancel can tell
     done, accepted = Done(), threading.Event()
     with NodeRuntime.open('server') as first:
         ScriptedServer(first)
@@ -355,7 +354,7 @@ def test_an_acceptance_whose_answer_is_lost_counts(
 
 def start_child() -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, str(Path(__file__).with_name('scripted_servers.py'))],
+        [sys.executable, '-m', 'flexbt_testing.ros.scripted_servers'],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {'FASTRTPS_DEFAULT_PROFILES_FILE': os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')},

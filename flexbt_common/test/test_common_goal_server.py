@@ -20,10 +20,10 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.action.server import RCLError, ServerGoalHandle
 from unique_identifier_msgs.msg import UUID
 
-from flexbt_common.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
-from flexbt_common.goal_server import GoalServer, ServedGoal
-from flexbt_common.names import deep_action_services
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.runtime.names import deep_action_services
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import Wait
 
 DEADLINE = 20.0
@@ -146,7 +146,7 @@ def test_a_late_cancel_is_told_that_the_goal_has_ended_while_its_result_is_kept(
 
 
 def test_results_are_not_kept_for_ever(served: Served, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_common.goal_server.RESULT_SECONDS', 0.05)
+    monkeypatch.setattr('flexbt_common.calls.goal_server.RESULT_SECONDS', 0.05)
     served.on_goal = lambda goal: goal.succeed(result(''))
     client.send()
     wait_for(lambda: served.goals and not served.server._server.results, 'the end of the result')

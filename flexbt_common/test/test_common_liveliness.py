@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_common.liveliness import (
+from flexbt_common.lifecycle.node_scope import NodeScope
+from flexbt_common.liveness.liveliness import (
     GRACE_SECONDS,
     LEASE_SECONDS,
     START_SECONDS,
@@ -23,14 +24,13 @@ from flexbt_common.liveliness import (
     LivelinessToken,
     LivelinessWatch,
 )
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.node_scope import NodeScope
+from flexbt_common.runtime.node_runtime import NodeRuntime
 
 DEADLINE = 20.0
 PROGRAM = """
 import sys
-from flexbt_common.liveliness import LivelinessToken
-from flexbt_common.node_runtime import run_node
+from flexbt_common.liveness.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import run_node
 
 def setup(runtime):
     LivelinessToken(runtime)
@@ -42,8 +42,8 @@ sys.exit(run_node('living', setup))
 
 WATCHER = """
 import sys
-from flexbt_common.liveliness import LivelinessWatch
-from flexbt_common.node_runtime import run_node
+from flexbt_common.liveness.liveliness import LivelinessWatch
+from flexbt_common.runtime.node_runtime import run_node
 
 def setup(runtime):
     LivelinessWatch(runtime, 'living', lambda alive: print(alive, flush=True))

@@ -26,12 +26,12 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from flexbt_common.errors import FlexbtError
-from flexbt_common.lifecycle_client import LifecycleClient
-from flexbt_common.liveliness import LivelinessToken, LivelinessWatch
-from flexbt_common.managed_node import ManagedNode
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.parameters import declare
+from flexbt_common.lifecycle.managed_node import ManagedNode
+from flexbt_common.lifecycle.parameters import declare
+from flexbt_common.liveness.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtLoad
+from flexbt_testing.ros.lifecycle_client import LifecycleClient
 
 SPEED = ParameterDescriptor(
     description='speed in m/s', floating_point_range=[FloatingPointRange(from_value=0.0, to_value=9.0)]
@@ -282,7 +282,7 @@ PROGRAM = """
 import sys
 import time
 from flexbt_common.errors import FlexbtError
-from flexbt_common.managed_node import run_managed_node
+from flexbt_common.lifecycle.managed_node import run_managed_node
 
 class Made:
     def __init__(self, runtime, refusal):

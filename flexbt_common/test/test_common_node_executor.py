@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.task import Future, Task
 from std_msgs.msg import Int32
 
-from flexbt_common.node_executor import NodeExecutor
+from flexbt_common.runtime.node_executor import NodeExecutor
 from flexbt_msgs.srv import ControlTree
 
 DEADLINE = 20.0

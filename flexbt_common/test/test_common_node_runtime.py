@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 from std_msgs.msg import Empty
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 
 DEADLINE = 20.0
 PROGRAM = """
 import sys
-from flexbt_common.node_runtime import run_node
+from flexbt_common.runtime.node_runtime import run_node
 
 def setup(runtime):
     if 'fail' in sys.argv:

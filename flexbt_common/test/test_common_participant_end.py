@@ -9,8 +9,8 @@ from importlib.metadata import distributions
 
 import pytest
 
-from flexbt_common import participant_end
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime import fastdds_shutdown as participant_end
+from flexbt_common.runtime.node_runtime import NodeRuntime
 
 WHEEL = list(distributions(name='ros-fastrtps'))
 GET_LISTENER = '_ZNK8eprosima7fastdds3dds17DomainParticipant12get_listenerEv'

@@ -9,9 +9,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from flexbt_common import names, presence
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.presence import PresenceToken, PresenceWatch
+from flexbt_common.liveness import presence
+from flexbt_common.liveness.presence import PresenceToken, PresenceWatch
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import PeerStatus
 
 DEADLINE = 20.0

@@ -9,7 +9,7 @@ import pytest
 
 from flexbt_common import navigation_interfaces
 from flexbt_common.errors import InterfacesError, ResourceError
-from flexbt_common.resources import resolve_file
+from flexbt_common.runtime.resources import resolve_file
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import pytest
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from flexbt_common.bell import Bell
-from flexbt_common.clock import ManualClock, Timer
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import ManualClock, Timer
+from flexbt_core.clock.wake_event import Bell
 
 DEADLINE = 20.0
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console import command_table
-from flexbt_console.building import BUILDERS
-from flexbt_console.command_line import autonomy_level, command_help, overview, parse
-from flexbt_console.command_table import COMMANDS
+from flexbt_console.commands import command_table
+from flexbt_console.commands.building import BUILDERS
+from flexbt_console.commands.command_line import autonomy_level, command_help, overview, parse
+from flexbt_console.commands.command_table import COMMANDS
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.line_mode import SHOW, check
 from flexbt_console.mirror.records import AutonomyLevel
+from flexbt_console.ui.line.line_mode import SHOW, check
 
 
 def test_every_command_of_the_table_is_implemented_once() -> None:

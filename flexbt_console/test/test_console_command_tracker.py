@@ -8,9 +8,9 @@ import random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_common.clock import ManualClock
 from flexbt_console.mirror import CommandState, Mirror, Transit
 from flexbt_console.mirror.records import AnswerCode, Command, CommandAnswer, CommandKind, Snapshot
+from flexbt_core.clock.clock import ManualClock
 
 
 def command(id: str) -> Command:

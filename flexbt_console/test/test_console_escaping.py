@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_common.escaping import lines, one_line
-from flexbt_console import json_form, rendering
 from flexbt_console.mirror import LinkState, View
 from flexbt_console.mirror.records import (
     ActiveState,
@@ -27,7 +25,9 @@ from flexbt_console.mirror.records import (
     StateStructure,
     Structure,
 )
-from flexbt_console.prompt.toolbar import cut, toolbar
+from flexbt_console.present import json_form, rendering
+from flexbt_console.ui.prompt.toolbar import cut, toolbar
+from flexbt_core.values.escaping import lines, one_line
 
 HOSTILE = st.one_of(
     st.text(max_size=30),

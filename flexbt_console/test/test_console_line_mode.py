@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from console_test_executive import Faults, ScriptedExecutive
+
+from flexbt_testing.executive.scripted_executive import Faults, ScriptedExecutive
 
 COMMAND = [sys.executable, '-m', 'flexbt_console']
 NAMESPACE = 'lines'

@@ -9,15 +9,15 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from console_test_executive import Faults, ScriptedExecutive
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.requests import Requests
 from flexbt_console.errors import NoLinkError
-from flexbt_console.interface_check import interface_problem
+from flexbt_console.link.interface_check import interface_problem
+from flexbt_console.link.operator_link import OperatorLink
 from flexbt_console.mirror import CommandState, LinkState, Mirror
 from flexbt_console.mirror.records import AutonomyLevel, Command
-from flexbt_console.operator_link import OperatorLink
-from flexbt_console.requests import Requests
+from flexbt_testing.executive.scripted_executive import Faults, ScriptedExecutive
 
 DEADLINE = 20.0
 

@@ -8,16 +8,9 @@ import random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_common.clock import ManualClock
 from flexbt_console.mirror import Change, LinkState, Mirror, Transit
-from flexbt_console.mirror.records import (
-    ActiveState,
-    Behavior,
-    BehaviorList,
-    LogLine,
-    Snapshot,
-    Structure,
-)
+from flexbt_console.mirror.records import ActiveState, Behavior, BehaviorList, LogLine, Snapshot, Structure
+from flexbt_core.clock.clock import ManualClock
 
 
 def snapshot(executive: str, sequence: int, period: float = 1.0) -> Snapshot:

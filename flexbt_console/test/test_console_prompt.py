@@ -12,7 +12,8 @@ from prompt_toolkit.application import create_app_session
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 
-from flexbt_common.clock import ManualClock
+from flexbt_console.commands.operator_values import Place
+from flexbt_console.commands.requests import Requests
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LinkState, Mirror, TrackedCommand, Transit, View
 from flexbt_console.mirror.records import (
@@ -27,13 +28,12 @@ from flexbt_console.mirror.records import (
     Pose,
     Snapshot,
 )
-from flexbt_console.operator_values import Place
-from flexbt_console.prompt.completion import candidates
-from flexbt_console.prompt.session import Prompt
-from flexbt_console.prompt.short_form import Bound, Local, interpret
-from flexbt_console.prompt.shown_question import ShownQuestion
-from flexbt_console.prompt.toolbar import toolbar
-from flexbt_console.requests import Requests
+from flexbt_console.ui.prompt.completion import candidates
+from flexbt_console.ui.prompt.session import Prompt
+from flexbt_console.ui.prompt.short_form import Bound, Local, interpret
+from flexbt_console.ui.prompt.shown_question import ShownQuestion
+from flexbt_console.ui.prompt.toolbar import toolbar
+from flexbt_core.clock.clock import ManualClock
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
 ANOTHER = dataclasses.replace(TRANSITION, id='t2', path='/Other')

@@ -22,10 +22,10 @@ def modules_after(statement: str) -> set[str]:
     'statement',
     [
         'import flexbt_console.mirror',
-        'import flexbt_console.requests, flexbt_console.rendering, flexbt_console.json_form',
-        'import flexbt_console.prompt.short_form, flexbt_console.prompt.toolbar, flexbt_console.prompt.completion',
-        'from flexbt_console.console import main; main(["--help"])',
-        'from flexbt_console.console import main; main(["start"])',
+        'import flexbt_console.commands.requests, flexbt_console.present.rendering, flexbt_console.present.json_form',
+        'from flexbt_console.ui.prompt import completion, short_form, toolbar',
+        'from flexbt_console.ui.console import main; main(["--help"])',
+        'from flexbt_console.ui.console import main; main(["start"])',
     ],
 )
 def test_is_free_of_ros_and_of_a_user_interface(statement: str) -> None:

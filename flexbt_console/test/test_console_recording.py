@@ -17,16 +17,16 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.requests import Requests
 from flexbt_console.errors import ExitCode
+from flexbt_console.link.operator_link import OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
-from flexbt_console.operator_link import OperatorLink
+from flexbt_console.present.rendering import behavior_line
 from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.run_file import read_run
 from flexbt_console.recording.topics import TOPICS
-from flexbt_console.rendering import behavior_line
-from flexbt_console.requests import Requests
 
 DEADLINE = 20.0
 
@@ -146,7 +146,7 @@ def test_files_that_are_no_recordings_are_refused(data: bytes) -> None:
 
 
 def test_definitions_have_every_type_that_they_need() -> None:
-    from flexbt_common.value_types import resolve_type
+    from flexbt_common.values.value_types import resolve_type
 
     def types_in(name: str) -> set[str]:
         message: Any = resolve_type(name).message

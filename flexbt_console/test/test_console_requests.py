@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
-from flexbt_common.testing import HOSTILE_YAML
-from flexbt_console import rendering
+from flexbt_console.commands.operator_values import Place, full_namespace, load_places, start_input, value_text
+from flexbt_console.commands.requests import Requests
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LinkState, View
 from flexbt_console.mirror.records import (
@@ -33,8 +33,8 @@ from flexbt_console.mirror.records import (
     StateStructure,
     Structure,
 )
-from flexbt_console.operator_values import Place, full_namespace, load_places, start_input, value_text
-from flexbt_console.requests import Requests
+from flexbt_console.present import rendering
+from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Nav/Plan', 'done', ('done', 'failed'), 2)
@@ -171,7 +171,7 @@ def test_answers(requests: Requests) -> None:
 
 @given(*[st.floats(-1e6, 1e6, allow_nan=False)] * 2, st.floats(-math.pi, math.pi))
 def test_a_pose_arrives_as_it_was_written(x: float, y: float, yaw: float) -> None:
-    from flexbt_common.values import text_to_value
+    from flexbt_common.values.entries import text_to_value
 
     pose = text_to_value(value_text(f'{x!r} {y!r} {yaw!r}', POSE, {}), POSE)
     assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ('map', x, y)

@@ -15,9 +15,8 @@ import termios
 import time
 from typing import Any
 
-from console_test_executive import ScriptedExecutive
-
-from flexbt_console.prompt.shown_question import REACTION_SECONDS
+from flexbt_console.ui.prompt.shown_question import REACTION_SECONDS
+from flexbt_testing.executive.scripted_executive import ScriptedExecutive
 
 DEADLINE = 20.0
 COLOUR = re.compile(rb'\x1b\[[0-9;]*(3[0-7]|9[0-7]|38;[0-9;]*)m')

@@ -10,16 +10,17 @@ import time
 from types import FrameType
 
 from flexbt_console.errors import ConsoleError
-from flexbt_demo_behaviors.demonstrations import DEMONSTRATIONS, Demonstration
-from flexbt_demo_behaviors.domain import NoFreeDomainError, own_domain
-from flexbt_demo_behaviors.interactive import run_interactive
-from flexbt_demo_behaviors.options import DemoOptions, parse_options
-from flexbt_demo_behaviors.picture import DemoPicture, GoalMark, write_picture
-from flexbt_demo_behaviors.processes import DemoSettings, built_in_places, first_place
-from flexbt_demo_behaviors.report import DemoError, DemoReport, Timeline
-from flexbt_demo_behaviors.robot_record import RobotRecord
-from flexbt_demo_behaviors.session import Session, open_session, set_environment
-from flexbt_demo_behaviors.supervision import ProcessGroup
+
+from .demonstrations import DEMONSTRATIONS, Demonstration
+from .domain import NoFreeDomainError, own_domain
+from .interactive import run_interactive
+from .options import DemoOptions, parse_options
+from .picture import DemoPicture, GoalMark, write_picture
+from .processes import DemoSettings, built_in_places, first_place
+from .report import DemoError, DemoReport, Timeline
+from .robot_record import RobotRecord
+from .session import Session, open_session, set_environment
+from .supervision import ProcessGroup
 
 
 class Interrupted(BaseException):

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexbt_console.mirror.records import AutonomyLevel, Decision, DecisionKind
-from flexbt_demo_behaviors.report import DemoError, DemoReport
-from flexbt_demo_behaviors.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
+
+from .report import DemoError, DemoReport
+from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
 
 # From a stop to rest, in seconds of wall time: 0.5 s, and the braking from full speed at real-time speed.
 STOP_S = 0.5 + 0.3

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine
+from flexbt_core.state_machine import Autonomy, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, CalculationState, LogKeyState, OperatorDecisionState, WaitState
 
 TREE = 'flexbt_demo_behaviors/trees/inspection.xml'

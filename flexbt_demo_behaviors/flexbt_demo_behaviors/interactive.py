@@ -10,11 +10,12 @@ import termios
 from collections.abc import Iterator
 
 from flexbt_console.mirror.records import AutonomyLevel
-from flexbt_demo_behaviors.demonstrations import Demonstration
-from flexbt_demo_behaviors.processes import DemoSettings, console_command
-from flexbt_demo_behaviors.report import Timeline
-from flexbt_demo_behaviors.session import open_session
-from flexbt_demo_behaviors.supervision import EndedProcess, ProcessGroup
+
+from .demonstrations import Demonstration
+from .processes import DemoSettings, console_command
+from .report import Timeline
+from .session import open_session
+from .supervision import EndedProcess, ProcessGroup
 
 INTRODUCTION = """
 The robot is ready, and the behavior "{behavior}" has been started: it asks you where to go.

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from flexbt_demo_behaviors.show_path_state import ShowPathState
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine
+from flexbt_core.state_machine import Autonomy, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import (
     BtExecuteGoalState,
     BtExecuteState,
@@ -15,6 +14,8 @@ from flexbt_states import (
     OperatorInputState,
     PublishOnceState,
 )
+
+from .show_path_state import ShowPathState
 
 TREES = 'flexbt_demo_behaviors/trees'
 

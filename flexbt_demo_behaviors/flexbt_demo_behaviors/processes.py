@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
+from flexbt_console.commands.operator_values import load_places
 from flexbt_console.errors import UsageError
-from flexbt_console.operator_values import load_places
 
 ParameterValue = bool | int | float | str | tuple[float, ...]
 

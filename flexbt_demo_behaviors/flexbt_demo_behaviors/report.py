@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TextIO
 
-from flexbt_demo_behaviors.robot_record import Pose
+from .robot_record import Pose
 
 # A goal counts as reached when the robot is this near to it, in metres, as the simulator knows it.
 GOAL_TOLERANCE = 0.25

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from flexbt_demo_behaviors.picture import MapImage, Point
+from .picture import MapImage, Point
 
 # A new point of the driven path is kept when the robot has moved this far, in metres.
 POINT_DISTANCE = 0.02

@@ -9,10 +9,11 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 
-from flexbt_common import names
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_demo_behaviors.picture import MapImage
-from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+
+from .picture import MapImage
+from .robot_record import Pose, RobotRecord
 
 
 def watch_robot(runtime: NodeRuntime, record: RobotRecord) -> None:

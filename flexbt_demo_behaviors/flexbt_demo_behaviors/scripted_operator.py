@@ -10,13 +10,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
+from flexbt_console.commands.requests import Requests
 from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
 from flexbt_console.mirror.mirror import Change, Mirror
 from flexbt_console.mirror.records import AutonomyLevel, Command, Decision, DecisionKind, ExecutiveState
 from flexbt_console.mirror.view import View
-from flexbt_console.requests import Requests
-from flexbt_demo_behaviors.report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
-from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
+
+from .report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
+from .robot_record import Pose, RobotRecord
 
 T = TypeVar('T')
 

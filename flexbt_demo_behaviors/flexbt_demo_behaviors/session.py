@@ -11,18 +11,19 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.operator_values import load_places
+from flexbt_console.commands.requests import Requests
+from flexbt_console.link.operator_link import OperatorLink
 from flexbt_console.mirror import Change, Mirror
 from flexbt_console.mirror.records import ExecutiveState, LogLine, Severity, Snapshot
-from flexbt_console.operator_link import OperatorLink
-from flexbt_console.operator_values import load_places
-from flexbt_console.requests import Requests
-from flexbt_demo_behaviors.processes import DemoSettings, demo_processes
-from flexbt_demo_behaviors.report import Timeline
-from flexbt_demo_behaviors.robot_record import RobotRecord
-from flexbt_demo_behaviors.robot_watch import watch_robot
-from flexbt_demo_behaviors.scripted_operator import ScriptedOperator
-from flexbt_demo_behaviors.supervision import ProcessGroup
+
+from .processes import DemoSettings, demo_processes
+from .report import Timeline
+from .robot_record import RobotRecord
+from .robot_watch import watch_robot
+from .scripted_operator import ScriptedOperator
+from .supervision import ProcessGroup
 
 # From the start of the first process until the demonstration is ready, in seconds of wall time.
 READY_TIMEOUT_S = 40.0

@@ -8,7 +8,7 @@ import math
 
 from nav_msgs.msg import Path
 
-from flexbt_onboard.state_machine import EventState, UserData
+from flexbt_core.state_machine import EventState, UserData
 
 
 class ShowPathState(EventState):

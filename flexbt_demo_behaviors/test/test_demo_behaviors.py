@@ -5,14 +5,14 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
+from flexbt_core.state_machine import Autonomy, MachineDefinition, StateDefinition, define
 from flexbt_demo_behaviors.inspection import Inspection, InspectSite
 from flexbt_demo_behaviors.navigate import Navigate
 from flexbt_demo_behaviors.navigate_split import NavigateSplit
 from flexbt_demo_behaviors.show_path_state import ShowPathState
-from flexbt_onboard.behavior import Behavior
-from flexbt_onboard.behavior_library import BehaviorLibrary
-from flexbt_onboard.run_building import definition_of
-from flexbt_onboard.state_machine import Autonomy, MachineDefinition, StateDefinition, define
+from flexbt_onboard.behaviors.behavior import Behavior
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import definition_of
 
 BEHAVIORS = [Navigate, NavigateSplit, Inspection, InspectSite]
 

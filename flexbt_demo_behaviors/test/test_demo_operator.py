@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from flexbt_common.clock import ManualClock
+from flexbt_console.commands.operator_values import Place
+from flexbt_console.commands.requests import Requests
 from flexbt_console.mirror import Mirror
 from flexbt_console.mirror.command_tracker import TrackedCommand
 from flexbt_console.mirror.records import (
@@ -24,8 +25,7 @@ from flexbt_console.mirror.records import (
     Peer,
     Snapshot,
 )
-from flexbt_console.operator_values import Place
-from flexbt_console.requests import Requests
+from flexbt_core.clock.clock import ManualClock
 from flexbt_demo_behaviors.report import DemoError, Timeline
 from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
 from flexbt_demo_behaviors.scripted_operator import ScriptedOperator

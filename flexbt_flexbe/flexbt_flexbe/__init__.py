@@ -6,19 +6,20 @@ Code that imports ``flexbe_core`` itself runs as it is; see :mod:`flexbt_flexbe.
 
 from typing import Any
 
-from flexbt_flexbe.behavior import Behavior
-from flexbt_flexbe.event_state import EventState
-from flexbt_flexbe.logger import Logger
-from flexbt_flexbe.machines import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
-from flexbt_flexbe.proxy import (
+from flexbt_core.state_machine import Autonomy, UserData
+
+from .behavior import Behavior
+from .event_state import EventState
+from .logger import Logger
+from .machines import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
+from .proxy import (
     ProxyActionClient,
     ProxyPublisher,
     ProxyServiceCaller,
     ProxySubscriberCached,
     ProxyTransformListener,
 )
-from flexbt_flexbe.state_logger import StateLogger
-from flexbt_onboard.state_machine import Autonomy, UserData
+from .state_logger import StateLogger
 
 __all__ = [
     'Autonomy',

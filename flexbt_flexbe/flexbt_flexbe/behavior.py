@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from flexbt_flexbe.errors import FlexbeManifestError
-from flexbt_flexbe.parameter_values import converted
-from flexbt_onboard.state_machine import OperatableStateMachine
-from flexbt_onboard.state_machine.userdata import DefaultUserData
+from flexbt_core.state_machine import OperatableStateMachine
+from flexbt_core.state_machine.model.userdata import DefaultUserData
+
+from .errors import FlexbeManifestError
+from .parameter_values import converted
 
 
 class Behavior:

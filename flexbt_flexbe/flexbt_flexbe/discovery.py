@@ -14,12 +14,13 @@ from pathlib import Path
 
 from ament_index_python.packages import get_packages_with_prefixes
 
-from flexbt_flexbe import shim
-from flexbt_flexbe.errors import FlexbeManifestError
-from flexbt_flexbe.hosted_behavior import HostedBehavior, load_class
-from flexbt_flexbe.manifest import FlexbeManifest, read_manifest
-from flexbt_onboard.behavior import BehaviorManifest
-from flexbt_onboard.behavior_library import BehaviorEntry, described
+from flexbt_onboard.behaviors.behavior import BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, described
+
+from . import shim
+from .errors import FlexbeManifestError
+from .hosted_behavior import HostedBehavior, load_class
+from .manifest import FlexbeManifest, read_manifest
 
 EXPORT = 'flexbe_behaviors'
 

@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from flexbt_core import state_machine
+from flexbt_core.state_machine import StateError
 from flexbt_flexbe.proxy.publisher import ProxyPublisher
 from flexbt_flexbe.proxy.run_goals import RunGoals
 from flexbt_flexbe.proxy.subscriber_cached import ProxySubscriberCached
-from flexbt_flexbe.ros_access import RosAccess
-from flexbt_onboard import state_machine
-from flexbt_onboard.run_context import current_run
-from flexbt_onboard.state_machine import StateError
+from flexbt_onboard.runs.run_context import current_run
+
+from .ros_access import RosAccess
 
 
 class _Provided:

@@ -21,12 +21,12 @@ import threading
 from functools import cache
 from typing import Any, Final
 
-from flexbt_common.action_call import ActionLinks
-from flexbt_common.clock import Clock
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.service_call import ServiceLinks
-from flexbt_onboard.state_machine import EventState, ExitReason, Severity
-from flexbt_onboard.state_services import StateServices
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.service_call import ServiceLinks
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Clock
+from flexbt_core.state_machine import EventState, ExitReason, Severity
+from flexbt_onboard.runs.state_services import StateServices
 
 REST_SECONDS: Final = 3.0
 """How long a behavior that was stopped waits for a goal to end."""

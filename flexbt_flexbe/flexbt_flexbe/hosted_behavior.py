@@ -8,15 +8,16 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
-from flexbt_flexbe.behavior import Behavior as FlexbeBehavior
-from flexbt_flexbe.errors import FlexbeManifestError
-from flexbt_flexbe.lenience import without_harmless_faults
-from flexbt_flexbe.manifest import FlexbeManifest, FlexbeParameter, ParameterKind
-from flexbt_flexbe.parameter_values import YAML_PREFIX, from_yaml_file, is_yaml_file
-from flexbt_onboard.behavior import Behavior
+from flexbt_core.state_machine import OperatableStateMachine, Severity
+from flexbt_onboard.behaviors.behavior import Behavior
 from flexbt_onboard.errors import ParameterError
-from flexbt_onboard.run_context import current_run
-from flexbt_onboard.state_machine import OperatableStateMachine, Severity
+from flexbt_onboard.runs.run_context import current_run
+
+from .behavior import Behavior as FlexbeBehavior
+from .errors import FlexbeManifestError
+from .lenience import without_harmless_faults
+from .manifest import FlexbeManifest, FlexbeParameter, ParameterKind
+from .parameter_values import YAML_PREFIX, from_yaml_file, is_yaml_file
 
 _SLASH: Final = '/'
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from flexbt_onboard.state_machine import Child, OperatableStateMachine, StateKind
+from flexbt_core.state_machine import Child, OperatableStateMachine, StateKind
 
 
 def without_harmless_faults(machine: OperatableStateMachine, warn: Callable[[str], None], path: str = '') -> None:

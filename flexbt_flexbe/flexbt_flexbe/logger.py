@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from flexbt_onboard.run_context import RunContext, current_run
-from flexbt_onboard.state_machine import Severity, called_state
+from flexbt_core.state_machine import Severity, called_state
+from flexbt_onboard.runs.run_context import RunContext, current_run
 
 
 class _Throttle:

@@ -3,17 +3,18 @@
 
 from __future__ import annotations
 
-from flexbt_flexbe.ros_access import RosAccess
-from flexbt_onboard import state_machine
+from flexbt_core import state_machine
+
+from .ros_access import RosAccess
 
 
 class OperatableStateMachine(RosAccess, state_machine.OperatableStateMachine):
-    """A state machine; see :class:`flexbt_onboard.state_machine.OperatableStateMachine`."""
+    """A state machine; see :class:`flexbt_core.state_machine.OperatableStateMachine`."""
 
 
 class ConcurrencyContainer(RosAccess, state_machine.ConcurrencyContainer):
-    """Its children run at the same time; see :class:`flexbt_onboard.state_machine.ConcurrencyContainer`."""
+    """Its children run at the same time; see :class:`flexbt_core.state_machine.ConcurrencyContainer`."""
 
 
 class PriorityContainer(RosAccess, state_machine.PriorityContainer):
-    """Everything else is paused meanwhile; see :class:`flexbt_onboard.state_machine.PriorityContainer`."""
+    """Everything else is paused meanwhile; see :class:`flexbt_core.state_machine.PriorityContainer`."""

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from flexbt_flexbe.errors import FlexbeManifestError
-from flexbt_onboard.behavior import BehaviorManifest, BehaviorParameter, ParameterValue
+from flexbt_onboard.behaviors.behavior import BehaviorManifest, BehaviorParameter, ParameterValue
 from flexbt_onboard.errors import OnboardError
+
+from .errors import FlexbeManifestError
 
 
 class ParameterKind(Enum):

@@ -9,10 +9,11 @@ from typing import Any, ClassVar
 
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_flexbe.errors import StateTestError
-from flexbt_flexbe.state_test_file import read_state_test
-from flexbt_flexbe.state_test_run import SECONDS, run_state_test
-from flexbt_states.testing import StateBench
+from flexbt_testing.state_machines.state_bench import StateBench
+
+from .errors import StateTestError
+from .state_test_file import read_state_test
+from .state_test_run import SECONDS, run_state_test
 
 
 class PyTester(unittest.TestCase):

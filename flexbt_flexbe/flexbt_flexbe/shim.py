@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from flexbt_flexbe.errors import ShimError
+from .errors import ShimError
 
 DIRECTORY: Final = Path(__file__).resolve().parent / 'compat'
 """Where the packages are."""

@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from flexbt_flexbe.ros_access import RosAccess
-from flexbt_onboard.run_context import current_run
-from flexbt_onboard.state_machine import EventState, Severity
+from flexbt_core.state_machine import EventState, Severity
+from flexbt_onboard.runs.run_context import current_run
+
+from .ros_access import RosAccess
 
 Class = TypeVar('Class', bound=type[Any])
 

@@ -13,10 +13,11 @@ from typing import Any, Final
 import yaml
 
 from flexbt_common.errors import FlexbtError
-from flexbt_common.nested_yaml import YamlError, compose_yaml, construct_yaml
-from flexbt_common.value_text import from_plain
-from flexbt_common.value_types import resolve_type
-from flexbt_flexbe.errors import StateTestError
+from flexbt_common.values.value_text import from_plain
+from flexbt_common.values.value_types import resolve_type
+from flexbt_core.values.nested_yaml import YamlError, compose_yaml, construct_yaml
+
+from .errors import StateTestError
 
 _KEYS: Final = frozenset({'path', 'class', 'name', 'import_only', 'params', 'input', 'output', 'outcome'})
 _NEEDS: Final = frozenset({'launch', 'data', 'wait_cond', 'require_launch_success'})
@@ -62,7 +63,7 @@ def read_state_test(file: Path) -> StateTest:
     if needed := sorted(_NEEDS & content.keys()):
         raise StateTestError(
             f'{file}: {", ".join(needed)}: nodes and data that a test needs are not started here; '
-            'write it in Python, with the action servers and publishers of flexbt_states.testing'
+            'write it in Python, with the action servers and publishers of flexbt_testing.state_machines.state_bench'
         )
     if unknown := sorted(map(str, content.keys() - _KEYS)):
         raise StateTestError(f'{file}: unknown keys {", ".join(unknown)}; known are {", ".join(sorted(_KEYS))}')

@@ -16,15 +16,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_flexbe import shim
-from flexbt_flexbe.behavior import Behavior
-from flexbt_flexbe.errors import StateTestError
-from flexbt_flexbe.lenience import without_harmless_faults
-from flexbt_flexbe.state_test_file import StateTest, read_state_test
+from flexbt_core.state_machine import EventState, OperatableStateMachine, Severity
 from flexbt_msgs.msg import PendingDecision
-from flexbt_onboard.run_context import current_run
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine, Severity
-from flexbt_states.testing import Run, StateBench, wait_until
+from flexbt_onboard.runs.run_context import current_run
+from flexbt_testing.state_machines.state_bench import Run, StateBench, wait_until
+
+from . import shim
+from .behavior import Behavior
+from .errors import StateTestError
+from .lenience import without_harmless_faults
+from .state_test_file import StateTest, read_state_test
 
 SECONDS: Final = 10.0
 """How long what is tested may run."""

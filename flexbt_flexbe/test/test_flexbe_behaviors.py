@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_package
 
-from flexbt_common.testing import HOSTILE_YAML
 from flexbt_flexbe import discovery, shim
 from flexbt_flexbe.parameter_values import converted
-from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.building import building
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behaviors.building import building
+from flexbt_onboard.behaviors.run_building import RunRequest, definition_of
 from flexbt_onboard.errors import OnboardError, ParameterError
-from flexbt_onboard.run_building import RunRequest, definition_of
-from flexbt_states.testing import StateBench, wait_until
+from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.state_machines.state_bench import StateBench, wait_until
 
 _numbers = itertools.count()
 

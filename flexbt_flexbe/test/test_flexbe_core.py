@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from flexbt_core.state_machine import Severity
 from flexbt_flexbe import (
     Autonomy,
     ConcurrencyContainer,
@@ -23,8 +24,7 @@ from flexbt_flexbe import (
     UserData,
 )
 from flexbt_flexbe.states import WaitState
-from flexbt_onboard.state_machine import Severity
-from flexbt_states.testing import Run, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import Run, StateBench, wait_until
 
 Work = Callable[['Traced', Any], 'str | None']
 

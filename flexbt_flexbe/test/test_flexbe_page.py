@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs' / 'how_to' / 'coming_from_flexbe.md').read_text(encoding='utf-8')
 TESTS = [
     *sorted((ROOT / 'flexbt_flexbe' / 'test').glob('test_*.py')),
-    *sorted((ROOT / 'flexbt_onboard' / 'test').glob('test_*.py')),
+    *sorted((ROOT / 'flexbt_core' / 'test' / 'state_machine').glob('test_*.py')),
 ]
 
 
@@ -25,7 +25,7 @@ def test_each_difference_is_a_row_and_each_row_has_its_test() -> None:
 
 
 def test_the_commands_are_the_consoles() -> None:
-    source = (ROOT / 'flexbt_console' / 'flexbt_console' / 'command_table.py').read_text(encoding='utf-8')
+    source = (ROOT / 'flexbt_console' / 'flexbt_console' / 'commands' / 'command_table.py').read_text(encoding='utf-8')
     known = set(re.findall(r"CommandSpec\(\s*'(\w+)'", source))
     section = PAGE[PAGE.index('### Commands of the operator') : PAGE.index('## What is the same')]
     used = {word for row in section.splitlines() for word in re.findall(r'`(\w+)[^`]*`', row.rpartition(' | ')[2])}

@@ -22,7 +22,7 @@ from flexbt_flexbe import (
 )
 from flexbt_flexbe.errors import ProxyError
 from flexbt_msgs.action import BtExecute
-from flexbt_states.testing import Run, StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import Run, StateBench, ends, wait_until
 
 Goal, Result = BtExecute.Goal, BtExecute.Result
 GOOD = Result(code=Result.SUCCESS, message='ok')
@@ -266,7 +266,7 @@ class TestServices:
             return response
 
         # A node of its own: the bench's own thread must stay free.
-        from flexbt_common.node_runtime import NodeRuntime
+        from flexbt_common.runtime.node_runtime import NodeRuntime
 
         runtime = NodeRuntime('service_server', args=())
         runtime.call(lambda: runtime.node.create_service(Trigger, name, callback))

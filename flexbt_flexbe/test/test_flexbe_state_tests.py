@@ -22,7 +22,7 @@ from flexbt_flexbe import shim
 from flexbt_flexbe.errors import StateTestError
 from flexbt_flexbe.state_test_file import read_state_test
 from flexbt_flexbe.state_test_run import run_state_test
-from flexbt_states.testing import StateBench
+from flexbt_testing.state_machines.state_bench import StateBench
 
 PACKAGE = 'tested_flexbe_states'
 SUBJECTS = """

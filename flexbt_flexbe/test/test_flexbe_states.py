@@ -10,9 +10,10 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Bool, Empty, Int64, String
 
-from flexbt_common import names
-from flexbt_common.value_types import resolve_type
-from flexbt_common.values import to_entry
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import to_entry
+from flexbt_common.values.value_types import resolve_type
+from flexbt_core.state_machine import EventState, Severity
 from flexbt_flexbe import Logger, states
 from flexbt_flexbe.states import (
     CalculationState,
@@ -34,9 +35,8 @@ from flexbt_flexbe.states import (
 )
 from flexbt_flexbe.states.bt_states import full_type
 from flexbt_msgs.action import OperatorInput
-from flexbt_onboard.state_machine import EventState, Severity
 from flexbt_states.errors import StateParameterError
-from flexbt_states.testing import StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import StateBench, ends, wait_until
 
 Result = OperatorInput.Result
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from executive_bench import behavior_of, entry_of
-
-from flexbt_common.node_runtime import NodeRuntime, run_node
-from flexbt_onboard.behavior_library import BehaviorLibrary
-from flexbt_onboard.executive import open_executive
-from flexbt_onboard.executive_parameters import ExecutiveParameters
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.node.executive import open_executive
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_testing.executive.bench import behavior_of, entry_of
 
 
 class Ask(EventState):

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from executive_bench import DEADLINE, ExecutiveBench, behavior_of
 
-from flexbt_common.clock import ManualClock
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine import EventState, ExitReason, MachineRun, OperatableStateMachine, Severity, define
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
-from flexbt_onboard.callback_watch import LIMIT, CallbackWatch
-from flexbt_onboard.state_machine import EventState, ExitReason, MachineRun, OperatableStateMachine, Severity, define
+from flexbt_onboard.runs.callback_watch import LIMIT, CallbackWatch
+from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of
 
 _CALLBACKS = ('on_enter', 'execute', 'on_exit', 'settled', 'activity')
 

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
-from executive_bench import ExecutiveBench, wait_until
 from rclpy.action import ActionClient
 
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry, to_entry
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_testing.executive.bench import ExecutiveBench, wait_until
 
 Result = ExecuteBehavior.Result
 

@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from executive_bench import ExecutiveBench, behavior_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.presence import PresenceToken
+from flexbt_common.liveness.presence import PresenceToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.executive_parameters import ExecutiveParameters
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
 
 CLAIM, RELEASE, HAND_OVER, STOP, AUTONOMY = (
     ExecutiveCommand.CLAIM_AUTHORITY,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_msgs.msg import CommandResult
-from flexbt_onboard.command_table import REPORT_TIME, CommandTable
+from flexbt_onboard.commands.command_table import REPORT_TIME, CommandTable
 
 
 def test_a_resend_is_not_admitted_again_and_its_result_is_reported_last() -> None:

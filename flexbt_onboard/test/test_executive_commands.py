@@ -8,13 +8,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from executive_bench import ExecutiveBench, behavior_of, wait_until
 from rclpy.action import ActionClient
 
-from flexbt_common.values import to_entry
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveCommand, ExecutiveStatus, PendingDecision
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of, wait_until
 
 START, AUTONOMY, STOP, CONFIRM, FORCE = (
     ExecutiveCommand.START,

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from executive_bench import ExecutiveBench, behavior_of
 
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
 
 C = ExecutiveCommand
 

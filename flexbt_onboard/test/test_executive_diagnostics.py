@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from executive_bench import ExecutiveBench, behavior_of, wait_until
 
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.executive_parameters import ExecutiveParameters
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of, wait_until
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

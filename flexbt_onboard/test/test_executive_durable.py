@@ -17,10 +17,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from executive_bench import ConsoleBench, wait_until
 
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.run_metrics import metrics_of, read_events
+from flexbt_onboard.record.run_metrics import metrics_of, read_events
+from flexbt_testing.executive.bench import ConsoleBench, wait_until
 
 C = ExecutiveCommand
 KILLS = int(os.environ.get('FLEXBT_KILLS', '6'))

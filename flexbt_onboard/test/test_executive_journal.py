@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Path as NavPath
 
 from flexbt_common.errors import FlexbtError
+from flexbt_onboard.durability.journal import REMEMBERED_COMMANDS, Journal, JournalState, encode_line
+from flexbt_onboard.durability.plain_form import from_plain_form, to_plain_form
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.journal import REMEMBERED_COMMANDS, Journal, JournalState, encode_line
-from flexbt_onboard.plain_form import from_plain_form, to_plain_form
 
 TEXTS = st.text(st.characters(codec='utf-8'), max_size=8)
 LINES = st.one_of(
@@ -125,7 +125,7 @@ def test_a_directory_that_cannot_be_used_is_refused_by_name(tmp_path: Path) -> N
 FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
-from flexbt_onboard.journal import Journal
+from flexbt_onboard.durability.journal import Journal
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 problems = []

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_onboard.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
 
 GOOD = """
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 
 class Good(Behavior):
     manifest = BehaviorManifest('{name}', 'what it does', 'its author', [BehaviorParameter('speed', 0.5, 'm/s')])
@@ -68,16 +68,17 @@ def test_a_behavior_is_found_with_its_manifest(install: Install) -> None:
         ('Broken = 3', ['not a class derived from Behavior']),
         ('', ['Broken']),
         (
-            'from flexbt_onboard.behavior import Behavior\nclass Broken(Behavior): pass',
+            'from flexbt_onboard.behaviors.behavior import Behavior\nclass Broken(Behavior): pass',
             ['ManifestError', 'set the class attribute manifest'],
         ),
         (
-            'from flexbt_onboard.behavior import *\n'
+            'from flexbt_onboard.behaviors.behavior import *\n'
             'class Broken(Behavior):\n  manifest = BehaviorManifest("B")\n  def __init__(self): raise OSError("disk")',
             ['OSError: disk', 'broken_bad.py:4'],
         ),
         (
-            'from flexbt_onboard.behavior import *\nclass Broken(Behavior):\n  manifest = BehaviorManifest("B")',
+            'from flexbt_onboard.behaviors.behavior import *\n'
+            'class Broken(Behavior):\n  manifest = BehaviorManifest("B")',
             ['does not implement create()'],
         ),
     ],
@@ -128,8 +129,8 @@ def test_a_package_with_two_behaviors_of_one_name_is_told_so(install: Install) -
 
 
 SOURCE = """
-from flexbt_onboard.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.behavior_library import BehaviorEntry
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
 
 class Foreign(Behavior):
     def __init__(self, name):

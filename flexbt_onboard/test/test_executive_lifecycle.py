@@ -12,23 +12,23 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from executive_bench import ConsoleBench, behavior_of, entry_of, wait_until
 from rclpy.parameter import Parameter
 
-from flexbt_common import names
-from flexbt_common.action_call import ActionLinks
-from flexbt_common.lifecycle_client import LifecycleClient
-from flexbt_common.managed_node import ManagedNode
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.sent_goal import SentGoal
-from flexbt_common.testing import entities_of
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.lifecycle.managed_node import ManagedNode
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.behavior_library import BehaviorLibrary
-from flexbt_onboard.executive import Executive, open_executive
-from flexbt_onboard.executive_parameters import declare_parameters
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
-from flexbt_onboard.unconfigured_executive import UnconfiguredExecutive
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.node.executive import Executive, open_executive
+from flexbt_onboard.node.executive_parameters import declare_parameters
+from flexbt_onboard.node.unconfigured_executive import UnconfiguredExecutive
+from flexbt_testing.executive.bench import ConsoleBench, behavior_of, entry_of, wait_until
+from flexbt_testing.pytest_plugin import entities_of
+from flexbt_testing.ros.lifecycle_client import LifecycleClient
 
 START = ExecutiveCommand.START
 INACTIVE = 'the executive is inactive; activate it (ros2 lifecycle set /onboard_executive activate)'

@@ -17,21 +17,21 @@ from statistics import median
 from typing import Any
 
 import pytest
-from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common import names
+from flexbt_common.cli.user_files import USER_DIRECTORY
 from flexbt_common.errors import FlexbtError
-from flexbt_common.liveliness import LivelinessToken
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.node_scope import NodeScope
-from flexbt_common.user_files import USER_DIRECTORY
+from flexbt_common.lifecycle.node_scope import NodeScope
+from flexbt_common.liveness.liveliness import LivelinessToken
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard import behavior_run
-from flexbt_onboard.executive_parameters import ExecutiveParameters, declare_parameters
-from flexbt_onboard.operator_link import OperatorLink
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
-from flexbt_onboard.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
+from flexbt_onboard.link.operator_link import OperatorLink
+from flexbt_onboard.link.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters, declare_parameters
+from flexbt_onboard.runs import behavior_run
+from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 
 
 class Hold(EventState):
@@ -261,8 +261,8 @@ def test_parameters_are_described_and_have_their_defaults() -> None:
 
 BEHAVIORS = """
 import pathlib
-from flexbt_onboard.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 
 class Hold(EventState):
     def __init__(self):
@@ -289,7 +289,7 @@ def test_the_process_lists_a_broken_behavior_runs_another_and_ends_in_order(tmp_
     (tmp_path / 'held.py').write_text(BEHAVIORS)
     environment = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
     process = subprocess.Popen(
-        [sys.executable, '-m', 'flexbt_onboard.onboard_executive', '--ros-args', '-r', '__ns:=/robot'],
+        [sys.executable, '-m', 'flexbt_onboard.node.onboard_executive', '--ros-args', '-r', '__ns:=/robot'],
         env=environment,
         stderr=subprocess.PIPE,
         text=True,

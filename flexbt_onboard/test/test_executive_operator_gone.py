@@ -7,13 +7,13 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from executive_bench import ExecutiveBench
 
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.presence import PresenceToken
+from flexbt_common.liveness.presence import PresenceToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, OperatorGone
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, OperatorGone
+from flexbt_testing.executive.bench import ExecutiveBench
 
 AFTER = 0.6
 

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from executive_bench import ExecutiveBench, behavior_of, wait_until
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.executive_parameters import ExecutiveParameters
-from flexbt_onboard.record import Record, rotated
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.record.event_log import Record, rotated
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of, wait_until
 
 
 class Go(EventState):
@@ -145,8 +145,8 @@ def test_a_directory_that_cannot_be_written_is_told_once_and_harms_nobody(
 FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_onboard.record import Record
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_onboard.record.event_log import Record
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
 with NodeRuntime.open('full') as runtime:

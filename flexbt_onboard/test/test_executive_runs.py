@@ -9,14 +9,14 @@ from functools import partial
 from typing import Any
 
 import pytest
-from executive_bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 
-from flexbt_common.values import to_entry
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine import Autonomy, EventState, MachineDefinition, MachineRun, OperatableStateMachine
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
-from flexbt_onboard.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.machine_file import read_machine
-from flexbt_onboard.state_machine import Autonomy, EventState, MachineDefinition, MachineRun, OperatableStateMachine
-from flexbt_onboard.state_services import state_services
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors.machine_file import read_machine
+from flexbt_onboard.runs.state_services import state_services
+from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 
 START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
 IDLE, STARTING, RUNNING, STOPPING = (

@@ -9,14 +9,14 @@ from concurrent.futures import Future
 from typing import Any
 
 import pytest
-from executive_bench import ExecutiveBench, behavior_of, wait_until
 from geometry_msgs.msg import Point
 
-from flexbt_common import names
-from flexbt_common.action_call import ActionCall, ActionLinks
-from flexbt_common.values import from_entry
+from flexbt_common.calls.action_call import ActionCall, ActionLinks
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import from_entry
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import GetUserdata
-from flexbt_onboard.state_machine import EventState, OperatableStateMachine
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of, wait_until
 
 Result = GetUserdata.Result
 GOAL = Point(x=1.0, y=-2.0)

@@ -8,11 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from hfsm_bench import Scripted
 
-from flexbt_common.testing import HOSTILE_YAML
-from flexbt_onboard.machine_file import MachineFileError, read_machine
-from flexbt_onboard.state_machine import (
+from flexbt_core.state_machine import (
     Autonomy,
     Child,
     ConcurrencyContainer,
@@ -22,6 +19,9 @@ from flexbt_onboard.state_machine import (
     StateDefinition,
     define,
 )
+from flexbt_onboard.behaviors.machine_file import MachineFileError, read_machine
+from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.state_machines.bench import Scripted
 
 TEXT = """
 machine:

@@ -10,16 +10,16 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from executive_bench import ExecutiveBench, behavior_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.executive_parameters import ExecutiveParameters
-from flexbt_onboard.run_metrics import RunMetrics, metrics_of
-from flexbt_onboard.run_report import as_json, as_text, main
-from flexbt_onboard.run_timeline import timeline
-from flexbt_onboard.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.record.run_metrics import RunMetrics, metrics_of
+from flexbt_onboard.record.run_report import as_json, as_text, main
+from flexbt_onboard.record.run_timeline import timeline
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
 
 
 def parsed(picture: str) -> ElementTree.Element:

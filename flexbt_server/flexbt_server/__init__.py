@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The FlexBT behavior-tree engine, its ROS leaves, and the behavior-tree server."""
+"""The FlexBT behavior-tree server and its leaves for ROS."""

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from bt_faulty_leaves import NONSENSE, RAISERS
-
-from flexbt_common.action_call import GoalOutcome, GoalStatus
-from flexbt_common.sent_goal import SentGoal
+from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
+from flexbt_common.calls.sent_goal import SentGoal
 from flexbt_msgs.action import BtExecute
+from flexbt_testing.behavior_trees.faulty_leaves import NONSENSE, RAISERS
 
 Result = BtExecute.Result
 SUCCESS, FAILURE, ERROR, NEVER = 'success', 'failure', 'error', 'never'

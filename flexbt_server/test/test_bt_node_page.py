@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 import yaml
 
-from flexbt_common.clock import ManualClock
-from flexbt_server.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
-from flexbt_server.node_types import node_registry
+from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_server.trees.node_types import node_registry
 
 DOCS = Path(__file__).parents[2] / 'docs'
 EXAMPLES: dict[str, dict[str, Any]] = yaml.safe_load((DOCS / 'tools' / 'bt_node_examples.yaml').read_text())
@@ -28,7 +28,7 @@ def test_the_page_is_what_its_program_writes(tmp_path: Path) -> None:
 
 def test_every_node_of_the_engine_has_an_example() -> None:
     engine = {
-        manifest.id for manifest in REGISTRY if manifest.node_class.__module__.startswith('flexbt_server.behavior_tree')
+        manifest.id for manifest in REGISTRY if manifest.node_class.__module__.startswith('flexbt_core.behavior_tree')
     }
     alike = {'Switch3', 'Switch4', 'Switch5', 'Switch6', 'WouldASmootherRecoveryHelp', 'WouldARouteRecoveryHelp'}
     assert engine - set(EXAMPLES) == alike

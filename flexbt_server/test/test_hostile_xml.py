@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from desk_tool import tool
-from hostile_xml import ACCEPTED, BROKEN_IN_MANY_PLACES, CORPUS, TREE
-from server_world import World, open_world, until
 
+from flexbt_core.behavior_tree import TreeLoadError, builtin_registry, load_xml
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_server.behavior_tree import TreeLoadError, builtin_registry, load_xml
+from flexbt_testing.behavior_trees.bt_tool import tool
+from flexbt_testing.behavior_trees.hostile_xml import ACCEPTED, BROKEN_IN_MANY_PLACES, CORPUS, TREE
+from flexbt_testing.ros.server_world import World, open_world, until
 
 Result = BtLoad.Result
 IN_TIME = 1.0

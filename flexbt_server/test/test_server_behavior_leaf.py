@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from server_world import DEADLINE, ScriptedAction, World, open_world, until
 
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
+from flexbt_testing.ros.server_world import DEADLINE, ScriptedAction, World, open_world, until
 
 Result = BtExecute.Result
 RESULT = ExecuteBehavior.Result

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import ByteMultiArray, String
 
-from flexbt_server.behavior_tree import (
+from flexbt_core.behavior_tree import (
     Blackboard,
     BlackboardError,
     builtin_registry,
@@ -23,7 +23,7 @@ from flexbt_server.behavior_tree import (
     import_blackboard,
 )
 from flexbt_server.leaves.ros_ports import PATH, POSES
-from flexbt_server.ros_json import RosJsonTypes
+from flexbt_server.trees.ros_json import RosJsonTypes
 
 TYPES = RosJsonTypes()
 

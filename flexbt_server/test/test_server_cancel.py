@@ -13,13 +13,13 @@ import time
 from collections.abc import Iterator
 
 import pytest
-import server_nodes
-from bt_faulty_leaves import Work, tree_threads
-from server_world import DEADLINE, World, install_nodes, open_world, until
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime import names
 from flexbt_msgs.action import BtExecute
+from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
+from flexbt_testing.ros import server_nodes
+from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, until
 
 CANCELS = int(os.environ.get('FLEXBT_CANCELS', '250'))
 

@@ -10,17 +10,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-import server_nodes
-from server_world import DEADLINE, World, install_nodes, open_world, pose, until
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.liveliness import LivelinessToken
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.values import from_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.liveness.liveliness import LivelinessToken
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
+from flexbt_testing.ros import server_nodes
+from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, pose, until
 
 Result = BtExecute.Result
 PAUSE, RESUME, STEP = ControlTree.Request.PAUSE, ControlTree.Request.RESUME, ControlTree.Request.STEP

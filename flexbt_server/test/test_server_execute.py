@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import server_nodes
-from server_world import DEADLINE, World, document, install_nodes, open_world, pose, until
 from std_msgs.msg import Bool
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.liveliness import LivelinessToken
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.sent_goal import SentGoal
-from flexbt_common.values import from_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.liveness.liveliness import LivelinessToken
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute, FollowPath
 from flexbt_msgs.msg import TreeStatus, TreeStructure
+from flexbt_testing.ros import server_nodes
+from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world, pose, until
 
 Result = BtExecute.Result
 PLAN = '<ComputePathToPose goal="{goal}" path="{path}" error_code_id="{compute_path_error_code}"/>'
@@ -362,7 +362,7 @@ def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
 
 
 def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.goal_owners.OWNER_SECONDS', 0.2)
+    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 0.2)
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree('<Spin/>')
     goal = world.client.execute(owner='/nobody')

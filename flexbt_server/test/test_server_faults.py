@@ -17,20 +17,20 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import bt_faulty_leaves
 import pytest
-import server_nodes
-from bt_faulty_leaves import Held, Work, tree_threads
-from server_world import DEADLINE, Client, World, document, install_nodes, open_world, until
 
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.sent_goal import SentGoal
-from flexbt_common.values import Encoding, from_entry, to_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding, from_entry, to_entry
+from flexbt_core.behavior_tree import NodeStatus
+from flexbt_core.behavior_tree.model.library import TreeKey
 from flexbt_msgs.action import BtExecute, BtLoad
-from flexbt_server.behavior_tree import NodeStatus
-from flexbt_server.behavior_tree.library import TreeKey
-from flexbt_server.tree_run import _Overruns
+from flexbt_server.runs.tree_run import _Overruns
+from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
+from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
+from flexbt_testing.ros import server_nodes
+from flexbt_testing.ros.server_world import DEADLINE, Client, World, document, install_nodes, open_world, until
 
 Result = BtExecute.Result
 
@@ -145,7 +145,7 @@ def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
     path = os.pathsep.join([str(site), str(Path(__file__).parent), os.environ.get('PYTHONPATH', '')])
     namespace = f'/blocked_{os.getpid()}_{busy}_{attempt}'
     parameters = ['-r', f'__ns:={namespace}', '-p', 'navigation_interfaces:=flexbt_msgs']
-    command = [sys.executable, '-m', 'flexbt_server.bt_server', '--ros-args', *parameters]
+    command = [sys.executable, '-m', 'flexbt_server.node.bt_server', '--ros-args', *parameters]
     process = subprocess.Popen(command, env=os.environ | {'PYTHONPATH': path}, stderr=subprocess.PIPE, text=True)
     try:
         with NodeRuntime.open('client', namespace=namespace) as client:

@@ -14,17 +14,17 @@ from typing import Any
 import msgpack
 import pytest
 import zmq
-from server_world import DEADLINE, World, open_world, pose, until
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
-from flexbt_server.bt_server import BtServer
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.log_file import read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
+from flexbt_server.node.bt_server import BtServer
+from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose, until
 
 Result = BtExecute.Result
 _PORTS = itertools.count(40_000 + os.getpid() % 200 * 100, 2)

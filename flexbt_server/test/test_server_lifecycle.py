@@ -15,20 +15,20 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
-from server_world import INTERFACES, Client, Navigation, document, until
 
-from flexbt_common import names
-from flexbt_common.lifecycle_client import LifecycleClient
-from flexbt_common.liveliness import LivelinessWatch
-from flexbt_common.managed_node import ManagedNode
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.sent_goal import SentGoal
-from flexbt_common.testing import entities_of
-from flexbt_common.values import to_entry
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.lifecycle.managed_node import ManagedNode
+from flexbt_common.liveness.liveliness import LivelinessWatch
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
-from flexbt_server.bt_server import BtServer
-from flexbt_server.parameters import declare_parameters
+from flexbt_server.node.bt_server import BtServer
+from flexbt_server.node.parameters import declare_parameters
+from flexbt_testing.pytest_plugin import entities_of
+from flexbt_testing.ros.lifecycle_client import LifecycleClient
+from flexbt_testing.ros.server_world import INTERFACES, Client, Navigation, document, until
 
 Result = BtExecute.Result
 ACTIONS = {names.BT_LOADER, names.BT_EXECUTOR, names.BT_GET_DATA, names.BT_SET_DATA}

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from server_world import DEADLINE, World, document, open_world, until
 
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.sent_goal import SentGoal
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.sent_goal import SentGoal
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
+from flexbt_testing.ros.server_world import DEADLINE, World, document, open_world, until
 
 Result = BtLoad.Result
 MUCH = 1_000_000

@@ -15,19 +15,19 @@ import time
 from pathlib import Path
 
 import pytest
-import server_nodes
-from bt_faulty_leaves import Work, tree_threads
 from server_model import NEVER, Model, ModelGoal, Plan, make_plan
-from server_world import DEADLINE, World, document, install_nodes, open_world, until
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.liveliness import LivelinessToken
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.sent_goal import SentGoal
-from flexbt_common.values import Encoding, from_entry, to_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.liveness.liveliness import LivelinessToken
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
+from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
+from flexbt_testing.ros import server_nodes
+from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world, until
 
 STEPS = int(os.environ.get('FLEXBT_MODEL_STEPS', '700'))
 SEED = int(os.environ.get('FLEXBT_MODEL_SEED', '0'))

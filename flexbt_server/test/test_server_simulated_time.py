@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-import server_nodes
 from rosgraph_msgs.msg import Clock
-from server_world import DEADLINE, World, install_nodes, open_world, until
 
-from flexbt_common import names
-from flexbt_common.sent_goal import SentGoal
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
+from flexbt_testing.ros import server_nodes
+from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, until
 
 Result = BtExecute.Result
 FOREVER = '<Sleep msec="1000000000"/>'

@@ -13,32 +13,20 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from bt_user_nodes import make, random_body, run_some
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
-from server_world import open_world, until
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.clock import Timer
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, Tree
+from flexbt_core.clock.clock import Timer
 from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
-from flexbt_server.behavior_tree import (
-    Blackboard,
-    NodeExecutionError,
-    NodeStatus,
-    Tree,
-)
-from flexbt_server.status_encoding import encoded, serialized
-from flexbt_server.tree_stream import (
-    BATCH_SECONDS,
-    MAX_CHANGES,
-    MAX_MARKS,
-    MESSAGES_KEPT,
-    RunStream,
-    TreeStream,
-)
+from flexbt_server.runs.status_encoding import encoded, serialized
+from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream, TreeStream
+from flexbt_testing.behavior_trees.user_nodes import make, random_body, run_some
+from flexbt_testing.ros.server_world import open_world, until
 
 Changes = list[tuple[int, int, int]]
 SLEEP = '<Sleep msec="1000000"/>'

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import sys
 
-from sim_world import DOCK, Probe, line
-
-from flexbt_common.liveliness import LivelinessToken
-from flexbt_common.node_runtime import NodeRuntime, run_node
+from flexbt_common.liveness.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_testing.ros.sim_world import DOCK, Probe, line
 
 
 def main() -> int:

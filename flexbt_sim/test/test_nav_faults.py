@@ -8,16 +8,26 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
-from sim_world import DOCK, FAST, OFFICE, aborted, line, open_navigation, open_probe, open_simulator, without_faults
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime import names
 from flexbt_msgs.action import ComputePathToPose, FollowPath, Spin
-from flexbt_sim.motion_server import MotionArbiter
-from flexbt_sim.navigation import Navigation
-from flexbt_sim.robot import RobotLimits
-from flexbt_sim.ros_messages import duration_message
-from flexbt_sim.simulator import Simulator
+from flexbt_sim.nodes.motion_server import MotionArbiter
+from flexbt_sim.nodes.navigation_servers import Navigation
+from flexbt_sim.nodes.ros_messages import duration_message
+from flexbt_sim.nodes.simulator import Simulator
+from flexbt_sim.world.robot import RobotLimits
+from flexbt_testing.ros.sim_world import (
+    DOCK,
+    FAST,
+    OFFICE,
+    aborted,
+    line,
+    open_navigation,
+    open_probe,
+    open_simulator,
+    without_faults,
+)
 
 EAST = (11.2, 4.45)
 BRAKING = RobotLimits().linear_speed / RobotLimits().linear_acceleration

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 from nav_msgs.msg import Path
-from sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
 
-from flexbt_common.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
 from flexbt_msgs.action import FollowPath
-from flexbt_sim.occupancy_map import load_map
-from flexbt_sim.robot import RobotLimits
-from flexbt_sim.simulator_parameters import built_in_map
+from flexbt_sim.nodes.simulator_parameters import built_in_map
+from flexbt_sim.world.occupancy_map import load_map
+from flexbt_sim.world.robot import RobotLimits
+from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
 
 Result = FollowPath.Result
 LIMITS = RobotLimits()

@@ -11,14 +11,25 @@ import numpy
 import pytest
 from nav_msgs.msg import OccupancyGrid, Path
 from numpy.typing import NDArray
-from sim_world import DEADLINE, DOCK, FAST, INTERFACES, OFFICE, Probe, aborted, line, open_navigation, open_simulator
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime import names
 from flexbt_msgs.action import ComputePathToPose, FollowPath
-from flexbt_sim.occupancy_map import OCCUPIED, UNKNOWN, OccupancyMap, load_map
-from flexbt_sim.ros_messages import grid_message, time_message
-from flexbt_sim.simulator_parameters import built_in_map
+from flexbt_sim.nodes.ros_messages import grid_message, time_message
+from flexbt_sim.nodes.simulator_parameters import built_in_map
+from flexbt_sim.world.occupancy_map import OCCUPIED, UNKNOWN, OccupancyMap, load_map
+from flexbt_testing.ros.sim_world import (
+    DEADLINE,
+    DOCK,
+    FAST,
+    INTERFACES,
+    OFFICE,
+    Probe,
+    aborted,
+    line,
+    open_navigation,
+    open_simulator,
+)
 
 Plan = ComputePathToPose.Result
 EAST = (11.2, 4.45)

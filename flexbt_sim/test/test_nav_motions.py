@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
-from sim_world import DOCK, Probe, Sighting, aborted, line, open_world
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
-from flexbt_common.sent_goal import SentGoal
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.runtime import names
 from flexbt_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
-from flexbt_sim.ros_messages import seconds_of
+from flexbt_sim.nodes.ros_messages import seconds_of
+from flexbt_testing.ros.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
 
 FREE = (4.0, 4.45, 0.0)
 """Free on all sides for a metre."""

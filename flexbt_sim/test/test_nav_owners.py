@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from sim_world import DEADLINE, DOCK, Probe, line, open_world
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
-from flexbt_sim.ros_messages import duration_message
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime import names
+from flexbt_sim.nodes.ros_messages import duration_message
+from flexbt_testing.ros.sim_world import DEADLINE, DOCK, Probe, line, open_world
 
 
 @pytest.fixture

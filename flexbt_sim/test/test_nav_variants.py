@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 from geometry_msgs.msg import TwistStamped
-from sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime import names
 from flexbt_msgs.action import FollowPath
-from flexbt_sim.navigation import Navigation
-from flexbt_sim.robot import RobotLimits
-from flexbt_sim.ros_messages import seconds_of
-from flexbt_sim.simulator import Simulator
+from flexbt_sim.nodes.navigation_servers import Navigation
+from flexbt_sim.nodes.ros_messages import seconds_of
+from flexbt_sim.nodes.simulator import Simulator
+from flexbt_sim.world.robot import RobotLimits
+from flexbt_testing.ros.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
 
 PLACE = '/fleet/robot1'
 

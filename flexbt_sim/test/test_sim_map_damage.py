@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from map_files import GOOD, grey, write
 from PIL import Image
 
-from flexbt_common.testing import HOSTILE_YAML
 from flexbt_sim.errors import MapError
-from flexbt_sim.occupancy_map import MAX_CELLS, load_map
+from flexbt_sim.world.occupancy_map import MAX_CELLS, load_map
+from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
 
 def refuse(file: Path) -> MapError:

@@ -12,11 +12,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, free_places, places, rooms, worlds
 
-from flexbt_sim.costmap import Costmap, Inflation
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.geometry import Pose
-from flexbt_sim.motions import LOOK_AHEAD, DriveMotion, Motion, SpinMotion, Velocity, collides
-from flexbt_sim.occupancy_map import OccupancyMap
+from flexbt_sim.navigation.costmap import Costmap, Inflation
+from flexbt_sim.navigation.motions import LOOK_AHEAD, DriveMotion, Motion, SpinMotion, Velocity, collides
+from flexbt_sim.world.geometry import Pose
+from flexbt_sim.world.occupancy_map import OccupancyMap
 
 OPEN = drawn(*['.' * 120] * 120)
 CENTRE = Pose(3.0, 3.0, 2.0)

@@ -15,14 +15,14 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data as LOSSY
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
-from sim_world import DOCK, OFFICE, Probe, open_simulator
 from std_srvs.srv import Trigger
 
-from flexbt_common import names
-from flexbt_sim.occupancy_map import load_map
-from flexbt_sim.robot import RobotLimits
-from flexbt_sim.ros_messages import map_of, pose_of, seconds_of
-from flexbt_sim.simulator_parameters import built_in_map
+from flexbt_common.runtime import names
+from flexbt_sim.nodes.ros_messages import map_of, pose_of, seconds_of
+from flexbt_sim.nodes.simulator_parameters import built_in_map
+from flexbt_sim.world.occupancy_map import load_map
+from flexbt_sim.world.robot import RobotLimits
+from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, open_simulator
 
 LIMITS = RobotLimits()
 BRAKING = LIMITS.linear_speed / LIMITS.linear_acceleration

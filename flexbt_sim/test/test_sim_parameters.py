@@ -8,9 +8,9 @@ from collections.abc import Callable
 import pytest
 
 from flexbt_common.errors import FlexbtError
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_sim.navigation import Navigation
-from flexbt_sim.simulator import Simulator
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_sim.nodes.navigation_servers import Navigation
+from flexbt_sim.nodes.simulator import Simulator
 
 
 @pytest.mark.parametrize(

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sim_maps import drawn, places, room, rooms, worlds
 
-from flexbt_sim.costmap import Costmap, Inflation
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.geometry import Pose, wrap
-from flexbt_sim.occupancy_map import OccupancyMap
-from flexbt_sim.planner import END_TOLERANCE, SPACING, GridPlanner
+from flexbt_sim.navigation.costmap import Costmap, Inflation
+from flexbt_sim.navigation.planner import END_TOLERANCE, SPACING, GridPlanner
+from flexbt_sim.world.geometry import Pose, wrap
+from flexbt_sim.world.occupancy_map import OccupancyMap
 
 INFLATION = Inflation()
 RADIUS = INFLATION.robot_radius

@@ -12,9 +12,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
-from flexbt_sim.geometry import Pose
-from flexbt_sim.occupancy_map import OccupancyMap
-from flexbt_sim.robot import HOP, TICK, Robot, RobotLimits
+from flexbt_sim.world.geometry import Pose
+from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.world.robot import HOP, TICK, Robot, RobotLimits
 
 LIMITS = RobotLimits()
 ROUNDING = 1e-6

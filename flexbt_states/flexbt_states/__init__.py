@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """States for FlexBT behaviors: behavior trees, operator input and generic ones."""
 
-from flexbt_states.bt_execute_goal_state import BtExecuteGoalState
-from flexbt_states.bt_execute_state import BtExecuteState
-from flexbt_states.bt_get_data_state import BtGetDataState
-from flexbt_states.bt_loader_state import BtLoaderState
-from flexbt_states.bt_set_data_state import BtSetDataState
-from flexbt_states.calculation_state import CalculationState
-from flexbt_states.check_condition_state import CheckConditionState
-from flexbt_states.execute_behavior_state import ExecuteBehaviorState
-from flexbt_states.log_key_state import LogKeyState
-from flexbt_states.log_state import LogState
-from flexbt_states.operator_decision_state import OperatorDecisionState
-from flexbt_states.operator_input_state import OperatorInputState
-from flexbt_states.publish_once_state import PublishOnceState
-from flexbt_states.subscribe_once_state import SubscribeOnceState
-from flexbt_states.subscriber_state import SubscriberState
-from flexbt_states.wait_state import WaitState
+from .bt_execute_goal_state import BtExecuteGoalState
+from .bt_execute_state import BtExecuteState
+from .bt_get_data_state import BtGetDataState
+from .bt_loader_state import BtLoaderState
+from .bt_set_data_state import BtSetDataState
+from .calculation_state import CalculationState
+from .check_condition_state import CheckConditionState
+from .execute_behavior_state import ExecuteBehaviorState
+from .log_key_state import LogKeyState
+from .log_state import LogState
+from .operator_decision_state import OperatorDecisionState
+from .operator_input_state import OperatorInputState
+from .publish_once_state import PublishOnceState
+from .subscribe_once_state import SubscribeOnceState
+from .subscriber_state import SubscriberState
+from .wait_state import WaitState
 
 BtLoadState = BtLoaderState
 

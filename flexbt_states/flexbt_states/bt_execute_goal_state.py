@@ -6,14 +6,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from flexbt_common import names
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import check_value
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.bt_use import BtUse
-from flexbt_states.errors import StateParameterError
-from flexbt_states.parameter_checks import checked_timeout, checked_topic, checked_tree, checked_type, checked_types
-from flexbt_states.tree_execution import TreeExecution
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import check_value
+from flexbt_core.state_machine import EventState, UserData
+
+from .bt_use import BtUse
+from .errors import StateParameterError
+from .parameter_checks import checked_timeout, checked_topic, checked_tree, checked_type, checked_types
+from .tree_execution import TreeExecution
 
 _POSE: Final = 'geometry_msgs/msg/PoseStamped'
 

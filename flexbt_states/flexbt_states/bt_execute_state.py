@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from flexbt_common import names
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.bt_use import BtUse
-from flexbt_states.parameter_checks import checked_timeout, checked_topic, checked_tree, checked_types
-from flexbt_states.tree_execution import TreeExecution
+from flexbt_common.runtime import names
+from flexbt_core.state_machine import EventState, UserData
+
+from .bt_use import BtUse
+from .parameter_checks import checked_timeout, checked_topic, checked_tree, checked_types
+from .tree_execution import TreeExecution
 
 
 class BtExecuteState(EventState):

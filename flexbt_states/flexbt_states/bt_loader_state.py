@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalOutcome
+from flexbt_common.calls.action_call import GoalOutcome
+from flexbt_common.runtime import names
+from flexbt_core.state_machine import EventState, UserData
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.bt_result import judge
-from flexbt_states.bt_use import BtUse
-from flexbt_states.errors import StateParameterError
-from flexbt_states.goal_call import GoalCall
-from flexbt_states.parameter_checks import checked_file, checked_timeout, checked_topic
+
+from .bt_result import judge
+from .bt_use import BtUse
+from .errors import StateParameterError
+from .goal_call import GoalCall
+from .parameter_checks import checked_file, checked_timeout, checked_topic
 
 
 class BtLoaderState(EventState):

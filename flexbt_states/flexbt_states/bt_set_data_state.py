@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from flexbt_common import names
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import to_entry
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine import EventState, UserData
 from flexbt_msgs.action import BtSetData
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.bt_result import judge
-from flexbt_states.bt_use import BtUse
-from flexbt_states.errors import StateParameterError
-from flexbt_states.goal_call import GoalCall
-from flexbt_states.parameter_checks import checked_timeout, checked_topic, checked_type, checked_types
+
+from .bt_result import judge
+from .bt_use import BtUse
+from .errors import StateParameterError
+from .goal_call import GoalCall
+from .parameter_checks import checked_timeout, checked_topic, checked_type, checked_types
 
 
 class BtSetDataState(EventState):

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.parameter_checks import checked_callable
+from flexbt_core.state_machine import EventState, UserData
+
+from .parameter_checks import checked_callable
 
 
 class CheckConditionState(EventState):

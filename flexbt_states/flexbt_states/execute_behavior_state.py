@@ -6,17 +6,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import to_entry
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine import Autonomy, EventState, UserData
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument
-from flexbt_onboard.state_machine import Autonomy, EventState, UserData
-from flexbt_onboard.state_services import state_services
-from flexbt_states.bt_result import read_values
-from flexbt_states.goal_call import GoalCall
-from flexbt_states.parameter_checks import checked_outcomes, checked_timeout, checked_topic, checked_types
+from flexbt_onboard.runs.state_services import state_services
+
+from .bt_result import read_values
+from .goal_call import GoalCall
+from .parameter_checks import checked_outcomes, checked_timeout, checked_topic, checked_types
 
 
 class ExecuteBehaviorState(EventState):

@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from flexbt_common.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
-from flexbt_common.clock import Clock, Timer
-from flexbt_onboard.state_machine import EventState
-from flexbt_onboard.state_services import READY_SECONDS, state_services
+from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.state_machine import EventState
+from flexbt_onboard.runs.state_services import READY_SECONDS, state_services
 
 SERVER_SECONDS: Final = 1.0
 """How long a server is waited for when all nodes that are alive are ready, s of wall time."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from string import Formatter
 
-from flexbt_onboard.state_machine import EventState, Severity, UserData
-from flexbt_states.errors import StateParameterError
+from flexbt_core.state_machine import EventState, Severity, UserData
+
+from .errors import StateParameterError
 
 
 class LogKeyState(EventState):

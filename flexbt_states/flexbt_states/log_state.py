@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from flexbt_onboard.state_machine import EventState, Severity, UserData
+from flexbt_core.state_machine import EventState, Severity, UserData
 
 
 class LogState(EventState):

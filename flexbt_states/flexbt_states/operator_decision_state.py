@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.errors import StateParameterError
-from flexbt_states.parameter_checks import checked_outcomes
+from flexbt_core.state_machine import EventState, UserData
+
+from .errors import StateParameterError
+from .parameter_checks import checked_outcomes
 
 
 class OperatorDecisionState(EventState):

@@ -5,15 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalOutcome, GoalStatus
+from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import check_value, from_entry, text_to_value
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import check_value, from_entry, text_to_value
+from flexbt_core.state_machine import EventState, UserData
 from flexbt_msgs.action import OperatorInput
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.errors import StateParameterError
-from flexbt_states.goal_call import GoalCall
-from flexbt_states.parameter_checks import checked_timeout, checked_topic, checked_type
+
+from .errors import StateParameterError
+from .goal_call import GoalCall
+from .parameter_checks import checked_timeout, checked_topic, checked_type
 
 
 class OperatorInputState(EventState):

@@ -8,11 +8,12 @@ from typing import Any
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
-from flexbt_common import names
-from flexbt_common.values import check_value, message_type_name
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_onboard.state_services import state_services
-from flexbt_states.parameter_checks import checked_message_type, checked_topic
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import check_value, message_type_name
+from flexbt_core.state_machine import EventState, UserData
+from flexbt_onboard.runs.state_services import state_services
+
+from .parameter_checks import checked_message_type, checked_topic
 
 
 class PublishOnceState(EventState):

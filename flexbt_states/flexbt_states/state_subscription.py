@@ -9,9 +9,9 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_onboard.state_machine import EventState
-from flexbt_onboard.state_services import state_services
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import EventState
+from flexbt_onboard.runs.state_services import state_services
 
 
 class StateSubscription:

@@ -7,12 +7,13 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from flexbt_common import names
-from flexbt_common.clock import Timer
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_onboard.state_services import state_services
-from flexbt_states.parameter_checks import checked_message_type, checked_timeout, checked_topic
-from flexbt_states.state_subscription import StateSubscription
+from flexbt_common.runtime import names
+from flexbt_core.clock.clock import Timer
+from flexbt_core.state_machine import EventState, UserData
+from flexbt_onboard.runs.state_services import state_services
+
+from .parameter_checks import checked_message_type, checked_timeout, checked_topic
+from .state_subscription import StateSubscription
 
 
 class SubscribeOnceState(EventState):

@@ -7,9 +7,10 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.parameter_checks import checked_message_type, checked_topic
-from flexbt_states.state_subscription import StateSubscription
+from flexbt_core.state_machine import EventState, UserData
+
+from .parameter_checks import checked_message_type, checked_topic
+from .state_subscription import StateSubscription
 
 
 class SubscriberState(EventState):

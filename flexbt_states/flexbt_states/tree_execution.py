@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import to_entry
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine import EventState, Severity, UserData
 from flexbt_msgs.action import BtExecute
-from flexbt_onboard.state_machine import EventState, Severity, UserData
-from flexbt_onboard.state_services import state_services
-from flexbt_states.bt_result import judge, read_values
-from flexbt_states.bt_use import BtUse
-from flexbt_states.goal_call import GoalCall
-from flexbt_states.tree_pause import TreePause
+from flexbt_onboard.runs.state_services import state_services
+
+from .bt_result import judge, read_values
+from .bt_use import BtUse
+from .goal_call import GoalCall
+from .tree_pause import TreePause
 
 
 class TreeExecution:

@@ -6,11 +6,11 @@ from __future__ import annotations
 import threading
 from typing import Final
 
-from flexbt_common import names
-from flexbt_common.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_common.runtime import names
+from flexbt_core.state_machine import EventState
 from flexbt_msgs.srv import ControlTree
-from flexbt_onboard.state_machine import EventState
-from flexbt_onboard.state_services import state_services
+from flexbt_onboard.runs.state_services import state_services
 
 _RESPONSE_SECONDS: Final = 10.0
 """A pause is answered when the tick that is under way is over."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 
-from flexbt_onboard.state_machine import EventState, UserData
-from flexbt_states.errors import StateParameterError
+from flexbt_core.state_machine import EventState, UserData
+
+from .errors import StateParameterError
 
 
 class WaitState(EventState):

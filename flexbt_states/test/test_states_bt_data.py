@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 from nav_msgs.msg import Path
 
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
 from flexbt_states import BtGetDataState, BtLoaderState, BtLoadState, BtSetDataState
 from flexbt_states.errors import StateParameterError
-from flexbt_states.testing import StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import StateBench, ends, wait_until
 
 
 @pytest.fixture

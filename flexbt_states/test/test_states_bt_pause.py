@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common import names
+from flexbt_common.runtime import names
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState
-from flexbt_states.testing import Run, ScriptedServer, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import Run, ScriptedServer, StateBench, wait_until
 
 RESULT = BtExecute.Result
 PAUSE, RESUME = ControlTree.Request.PAUSE, ControlTree.Request.RESUME

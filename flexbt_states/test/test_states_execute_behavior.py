@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import ExecuteBehavior
 from flexbt_states import ExecuteBehaviorState
 from flexbt_states.errors import StateParameterError
-from flexbt_states.testing import ScriptedServer, StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import ScriptedServer, StateBench, ends, wait_until
 
 RESULT = ExecuteBehavior.Result
 ACTION = 'inspector/execute_behavior'

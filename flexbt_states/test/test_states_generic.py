@@ -8,10 +8,17 @@ from typing import Any
 
 import pytest
 
-from flexbt_onboard.state_machine import Autonomy, OperatableStateMachine, Severity
-from flexbt_states import CalculationState, CheckConditionState, LogKeyState, LogState, OperatorDecisionState, WaitState
+from flexbt_core.state_machine import Autonomy, OperatableStateMachine, Severity
+from flexbt_states import (
+    CalculationState,
+    CheckConditionState,
+    LogKeyState,
+    LogState,
+    OperatorDecisionState,
+    WaitState,
+)
 from flexbt_states.errors import StateParameterError
-from flexbt_states.testing import DEADLINE, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import DEADLINE, StateBench, wait_until
 
 
 def test_wait_waits_for_its_time_on_the_clock_of_the_node(bench: StateBench) -> None:

@@ -10,16 +10,16 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import CancelResponse
 
-from flexbt_common.goal_gate import GoalGate
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_common.values import to_entry
+from flexbt_common.calls.goal_admission import GoalGate
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry
+from flexbt_onboard.commands.operator_questions import OperatorQuestions
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.operator_questions import OperatorQuestions
 from flexbt_states import OperatorInputState
 from flexbt_states.errors import StateParameterError
-from flexbt_states.testing import StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import StateBench, ends, wait_until
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 RESULT = OperatorInput.Result

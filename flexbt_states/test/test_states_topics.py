@@ -12,12 +12,12 @@ from geometry_msgs.msg import Point
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from flexbt_common import names
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_onboard.state_machine import OperatableStateMachine
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError
-from flexbt_states.testing import DEADLINE, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import DEADLINE, StateBench, wait_until
 
 
 class Peer:

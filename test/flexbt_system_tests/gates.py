@@ -8,8 +8,8 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from flexbt_onboard.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.state_machine import Autonomy, EventState, ExitReason, OperatableStateMachine, UserData
+from flexbt_core.state_machine import Autonomy, EventState, ExitReason, OperatableStateMachine, UserData
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 
 GATES = tuple(f'Gate{number}' for number in range(1, 13))
 

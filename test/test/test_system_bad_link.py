@@ -17,17 +17,17 @@ from typing import Any
 
 import pytest
 
-from flexbt_common import names
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.requests import Requests
+from flexbt_console.link.operator_link import OperatorLink
 from flexbt_console.mirror import CommandState, LinkState, Mirror, TrackedCommand, View
 from flexbt_console.mirror.freshness import LIVE_PERIODS
 from flexbt_console.mirror.records import AutonomyLevel, Command
-from flexbt_console.operator_link import OperatorLink
-from flexbt_console.requests import Requests
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_onboard.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.executive import open_executive
-from flexbt_onboard.executive_parameters import ExecutiveParameters
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.node.executive import open_executive
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_system_tests.gates import Gate, Gates
 
 HEARTBEAT_S = 0.2

@@ -19,12 +19,12 @@ from ament_index_python.packages import get_package_share_directory
 from flexbt_console.mirror import CommandState, LinkState, TrackedCommand
 from flexbt_console.mirror.freshness import LIVE_PERIODS
 from flexbt_console.mirror.records import AutonomyLevel, ExecutiveState, Snapshot
-from flexbt_system_tests import network_namespace
 from flexbt_system_tests.gates import GATES, offer_gates
-from flexbt_system_tests.lossy_link import FAIR, LossyLink, Weather
-from flexbt_system_tests.network_namespace import NetworkNamespace
-from flexbt_system_tests.remote import Console, Observer, remote_console, remote_observer
-from flexbt_system_tests.stack import Stack
+from flexbt_testing.network import network_namespace
+from flexbt_testing.network.lossy_link import FAIR, LossyLink, Weather
+from flexbt_testing.network.network_namespace import NetworkNamespace
+from flexbt_testing.network.remote import Console, Observer, remote_console, remote_observer
+from flexbt_testing.processes.stack import Stack
 
 T = TypeVar('T')
 

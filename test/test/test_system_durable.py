@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_system_tests.probe import Probe, stamp
-from flexbt_system_tests.stack import Stack
+from flexbt_testing.operator.probe import Probe, stamp
+from flexbt_testing.processes.stack import Stack
 
 KITCHEN = (10.0, 2.3)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_system_tests.probe import Probe
-from flexbt_system_tests.stack import Stack
+from flexbt_testing.operator.probe import Probe
+from flexbt_testing.processes.stack import Stack
 
 REFUSED_WITHIN = 1.0
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.lifecycle_client import LifecycleClient
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_system_tests.probe import Probe
-from flexbt_system_tests.stack import Stack, executable
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.operator.probe import Probe
+from flexbt_testing.processes.stack import Stack, executable
+from flexbt_testing.ros.lifecycle_client import LifecycleClient
 
 MANAGED = ('bt_server', 'onboard_executive')
 """In the order in which they are brought up."""

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_system_tests.probe import Probe
-from flexbt_system_tests.stack import Stack, executable
+from flexbt_testing.operator.probe import Probe
+from flexbt_testing.processes.stack import Stack, executable
 
 INNER = 'inspector/onboard_executive'
 DEADLINE = 30.0

@@ -12,12 +12,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 import flexbt_console.recording.recorder
-import flexbt_onboard.executive_parameters
-import flexbt_server.parameters
-import flexbt_sim.navigation_parameters
-import flexbt_sim.simulator_parameters
-from flexbt_common.node_runtime import NodeRuntime
-from flexbt_console.command_table import COMMANDS, EXIT_CODES
+import flexbt_onboard.node.executive_parameters
+import flexbt_server.node.parameters
+import flexbt_sim.nodes.navigation_parameters
+import flexbt_sim.nodes.simulator_parameters
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_table import COMMANDS, EXIT_CODES
 
 REFERENCE = Path(__file__).parents[2] / 'docs' / 'reference'
 EXECUTABLES = (REFERENCE / 'executables.md').read_text(encoding='utf-8')
@@ -56,10 +56,10 @@ def test_executables() -> None:
 @pytest.mark.parametrize(
     ('executable', 'declare'),
     [
-        ('bt_server', flexbt_server.parameters.declare_parameters),
-        ('onboard_executive', flexbt_onboard.executive_parameters.declare_parameters),
-        ('simulator', flexbt_sim.simulator_parameters.declare_parameters),
-        ('navigation', flexbt_sim.navigation_parameters.declare_parameters),
+        ('bt_server', flexbt_server.node.parameters.declare_parameters),
+        ('onboard_executive', flexbt_onboard.node.executive_parameters.declare_parameters),
+        ('simulator', flexbt_sim.nodes.simulator_parameters.declare_parameters),
+        ('navigation', flexbt_sim.nodes.navigation_parameters.declare_parameters),
         ('recorder', flexbt_console.recording.recorder.declare_parameters),
     ],
 )

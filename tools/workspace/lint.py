@@ -81,15 +81,15 @@ def _typed_files(workspace: Workspace) -> list[Path]:
     for package in layout.packages():
         if package.is_python:
             files.append(package.modules)
-            files += [file for file in sorted((package.path / 'test').glob('*.py')) if file.name != 'conftest.py']
+            files += [file for file in sorted((package.path / 'test').rglob('*.py')) if file.name != 'conftest.py']
     return files
 
 
 def _mypy_roots(workspace: Workspace) -> list[Path]:
     layout = workspace.layout
     packages = [package for package in layout.packages() if package.is_python]
-    tests = [package.path / 'test' for package in packages if (package.path / 'test').is_dir()]
-    return [layout.tools, layout.benchmarks, *(package.path for package in packages), *tests]
+    tests = {file.parent for package in packages for file in (package.path / 'test').rglob('*.py')}
+    return [layout.tools, layout.benchmarks, *(package.path for package in packages), *sorted(tests)]
 
 
 def _require(programs: set[str], workspace: Workspace) -> None:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The mirror of an executive: a plain model without ROS and without a user interface, which serves them all."""
 
-from flexbt_console.mirror.command_tracker import CommandState, CommandTracker, TrackedCommand
-from flexbt_console.mirror.freshness import Freshness, LinkState
-from flexbt_console.mirror.mirror import Change, Mirror, Transit
-from flexbt_console.mirror.view import View, choices
+from .command_tracker import CommandState, CommandTracker, TrackedCommand
+from .freshness import Freshness, LinkState
+from .mirror import Change, Mirror, Transit
+from .view import View, choices
 
 __all__ = [
     'Change',

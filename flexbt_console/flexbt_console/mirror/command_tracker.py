@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from flexbt_console.mirror.records import AnswerCode, Command, Snapshot
+from .records import AnswerCode, Command, Snapshot
 
 FIRST_RESEND: Final = 0.15
 """Seconds until an unanswered command is sent again; doubled each time."""

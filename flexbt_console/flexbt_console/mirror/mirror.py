@@ -11,18 +11,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from flexbt_common.clock import Clock
-from flexbt_console.mirror.command_tracker import CommandTracker, TrackedCommand
-from flexbt_console.mirror.freshness import Freshness
-from flexbt_console.mirror.records import (
-    Behavior,
-    BehaviorList,
-    Command,
-    LogLine,
-    Snapshot,
-    Structure,
-)
-from flexbt_console.mirror.view import View
+from flexbt_core.clock.clock import Clock
+
+from .command_tracker import CommandTracker, TrackedCommand
+from .freshness import Freshness
+from .records import Behavior, BehaviorList, Command, LogLine, Snapshot, Structure
+from .view import View
 
 LOG_LENGTH: Final = 500
 REMEMBERED_EXECUTIVES: Final = 16

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the operator's side knows of an executive, as plain immutable records.
 
-They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.messages` is the one place where
+They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.link.messages` is the one place where
 messages become records. Times are seconds on the executive's clock unless said otherwise.
 """
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flexbt_console.mirror.command_tracker import TrackedCommand
-from flexbt_console.mirror.freshness import LinkState
-from flexbt_console.mirror.records import (
+from .command_tracker import TrackedCommand
+from .freshness import LinkState
+from .records import (
     Behavior,
     Decision,
     DecisionKind,

@@ -13,11 +13,12 @@ from typing import Final
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from flexbt_common.node_runtime import NodeRuntime, run_node
-from flexbt_common.user_files import USER_DIRECTORY, home_path
-from flexbt_common.value_types import resolve_type
-from flexbt_console.recording.run_file import RunWriter
-from flexbt_console.recording.topics import TOPICS
+from flexbt_common.cli.user_files import USER_DIRECTORY, home_path
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.values.value_types import resolve_type
+
+from .run_file import RunWriter
+from .topics import TOPICS
 
 NODE_NAME: Final = 'recorder'
 

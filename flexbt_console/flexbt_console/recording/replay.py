@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_common.streams import make_streams_safe
+from flexbt_common.cli.streams import make_streams_safe
+from flexbt_console.commands.operator_values import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
-from flexbt_console.operator_values import full_namespace
 
 DISCOVERY_SECONDS: Final = 1.0
 """How long is listened for a real executive before anything is published."""
@@ -58,9 +58,10 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
         UsageError: the file cannot be used.
         NoLinkError: a real executive is there, which must not be mixed up with a recorded one.
     """
-    from flexbt_common.node_runtime import NodeRuntime
-    from flexbt_console.recording.run_file import read_run
-    from flexbt_console.recording.topics import NOT_REPLAYED
+    from flexbt_common.runtime.node_runtime import NodeRuntime
+
+    from .run_file import read_run
+    from .topics import NOT_REPLAYED
 
     messages = (one for one in read_run(file) if one.topic not in NOT_REPLAYED)
     first = next(messages, None)
@@ -88,7 +89,7 @@ class _Stage:
     """The publishers of a replay, made as they are needed; ``mark`` is shown with each status."""
 
     def __init__(self, runtime: Any, mark: str) -> None:
-        from flexbt_common.bell import Bell
+        from flexbt_core.clock.wake_event import Bell
 
         self._runtime = runtime
         self._bell = Bell()
@@ -97,7 +98,7 @@ class _Stage:
 
     def refuse_executives(self) -> None:
         """Raises NoLinkError when somebody publishes a status here."""
-        from flexbt_common import names
+        from flexbt_common.runtime import names
 
         node = self._runtime.node
         topic = node.resolve_topic_name(names.EXECUTIVE_STATUS)
@@ -121,7 +122,7 @@ class _Stage:
     def _marked(self, type: Any, message: Any) -> Any:
         from rclpy.serialization import deserialize_message
 
-        from flexbt_common import names
+        from flexbt_common.runtime import names
 
         if message.topic != names.EXECUTIVE_STATUS:
             return message.data
@@ -137,9 +138,10 @@ class _Stage:
             publisher.wait_for_all_acked(Duration(seconds=1))
 
     def _publisher(self, message: Any) -> Any:
-        from flexbt_common.value_types import resolve_type
-        from flexbt_console.recording.definitions import full_definition
-        from flexbt_console.recording.topics import TOPICS
+        from flexbt_common.values.value_types import resolve_type
+
+        from .definitions import full_definition
+        from .topics import TOPICS
 
         topic = TOPICS.get(message.topic)
         if topic is None or topic.type != message.type:

@@ -14,7 +14,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from flexbt_console.errors import UsageError
-from flexbt_console.recording.definitions import full_definition
+
+from .definitions import full_definition
 
 CHUNK: Final = 4096
 """Bytes that are compressed and written together, and may be lost in a crash: some ten pictures of the executive."""

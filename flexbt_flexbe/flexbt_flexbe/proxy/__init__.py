@@ -7,11 +7,11 @@ the run in which they were made, and ends with it.
 
 from typing import Any
 
-from flexbt_flexbe.proxy.action_client import ProxyActionClient
-from flexbt_flexbe.proxy.publisher import ProxyPublisher
-from flexbt_flexbe.proxy.service_caller import ProxyServiceCaller
-from flexbt_flexbe.proxy.subscriber_cached import ProxySubscriberCached
-from flexbt_flexbe.proxy.transform_listener import ProxyTransformListener
+from .action_client import ProxyActionClient
+from .publisher import ProxyPublisher
+from .service_caller import ProxyServiceCaller
+from .subscriber_cached import ProxySubscriberCached
+from .transform_listener import ProxyTransformListener
 
 __all__ = [
     'ProxyActionClient',

@@ -9,10 +9,11 @@ from typing import Any, Final
 
 from action_msgs.msg import GoalStatus as RosGoalStatus
 
-from flexbt_common.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_flexbe.errors import NoResultError, ProxyError
-from flexbt_flexbe.proxy.run_goals import RunGoals
-from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy, calling_state
+
+from .run_goals import RunGoals
+from .run_proxy import Listeners, RunProxy, calling_state
 
 SERVER_SECONDS: Final = 2.0
 """How long a server may take to be discovered after the client was made; later it counts as not there."""

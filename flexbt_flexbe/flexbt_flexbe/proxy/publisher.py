@@ -12,9 +12,10 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from flexbt_flexbe.errors import ProxyError
-from flexbt_flexbe.proxy.qos import QOS_DEFAULT
-from flexbt_flexbe.proxy.run_proxy import RunProxy, message_class, on_class_too
-from flexbt_onboard.run_context import RunContext
+from flexbt_onboard.runs.run_context import RunContext
+
+from .qos import QOS_DEFAULT
+from .run_proxy import RunProxy, message_class, on_class_too
 
 
 @dataclass(frozen=True)

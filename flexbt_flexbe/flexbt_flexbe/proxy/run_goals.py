@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from flexbt_common.action_call import ActionCall
-from flexbt_onboard.run_context import RunContext
-from flexbt_onboard.state_machine import EventState
+from flexbt_common.calls.action_call import ActionCall
+from flexbt_core.state_machine import EventState
+from flexbt_onboard.runs.run_context import RunContext
 
 
 class RunGoals:

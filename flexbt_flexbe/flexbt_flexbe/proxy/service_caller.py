@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from flexbt_common.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
 from flexbt_flexbe.errors import NoResultError, ProxyError
-from flexbt_flexbe.proxy.action_client import SERVER_SECONDS
-from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy
+
+from .action_client import SERVER_SECONDS
+from .run_proxy import Listeners, RunProxy
 
 RESPONSE_SECONDS: Final = 30.0
 """How long a service may take to answer a request that is not waited for."""

@@ -12,11 +12,12 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from flexbt_common.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_flexbe.errors import ProxyError
-from flexbt_flexbe.proxy.qos import QOS_DEFAULT
-from flexbt_flexbe.proxy.run_proxy import Listeners, RunProxy, message_class, on_class_too
-from flexbt_onboard.run_context import RunContext
+from flexbt_onboard.runs.run_context import RunContext
+
+from .qos import QOS_DEFAULT
+from .run_proxy import Listeners, RunProxy, message_class, on_class_too
 
 MessageCallback = Callable[[Any], None]
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 from typing import Any
 
 from flexbt_flexbe.errors import ProxyError
-from flexbt_flexbe.proxy.run_proxy import RunProxy
-from flexbt_onboard.run_context import RunContext
+from flexbt_onboard.runs.run_context import RunContext
+
+from .run_proxy import RunProxy
 
 
 class _RunTransforms:

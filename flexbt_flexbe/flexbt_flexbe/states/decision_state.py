@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from flexbt_core.state_machine import UserData
 from flexbt_flexbe.event_state import EventState
-from flexbt_onboard.state_machine import UserData
 from flexbt_states.parameter_checks import checked_callable, checked_outcomes
 
 

@@ -6,11 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from flexbt_core.state_machine import UserData
 from flexbt_flexbe.event_state import EventState
-from flexbt_flexbe.states.call_styles import takes_keywords, takes_list
-from flexbt_onboard.state_machine import UserData
 from flexbt_states.errors import StateParameterError
 from flexbt_states.parameter_checks import checked_callable
+
+from .call_styles import takes_keywords, takes_list
 
 
 class FlexibleCalculationState(EventState):

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import check_value, from_entry
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import check_value, from_entry
+from flexbt_core.state_machine import EventState, UserData
 from flexbt_flexbe.ros_access import RosAccess
 from flexbt_msgs.action import OperatorInput
-from flexbt_onboard.state_machine import EventState, UserData
 from flexbt_states.errors import StateParameterError
 from flexbt_states.goal_call import GoalCall
 

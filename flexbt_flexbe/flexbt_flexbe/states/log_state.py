@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
+from flexbt_core.state_machine import UserData
 from flexbt_flexbe.event_state import EventState
 from flexbt_flexbe.logger import Logger
-from flexbt_onboard.state_machine import UserData
 
 
 class LogState(EventState):

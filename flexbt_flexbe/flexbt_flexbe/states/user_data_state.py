@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from flexbt_core.state_machine import UserData
 from flexbt_flexbe.event_state import EventState
-from flexbt_onboard.state_machine import UserData
 
 
 class UserDataState(EventState):

@@ -13,9 +13,10 @@ from dataclasses import asdict, dataclass, replace
 from enum import IntEnum
 from typing import Any, Final
 
-from flexbt_server.behavior_tree import NodeStatus, TickAbandoned, Tree, TreeNode
-from flexbt_server.groot2 import json_requests as read
-from flexbt_server.groot2.json_requests import RequestError
+from flexbt_core.behavior_tree import NodeStatus, TickAbandoned, Tree, TreeNode
+
+from . import json_requests as read
+from .json_requests import RequestError
 
 UNKNOWN_NODE: Final = 'Node ID not found'
 

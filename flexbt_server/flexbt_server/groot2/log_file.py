@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from flexbt_server.behavior_tree import NodeStatus, Tree, TreeLoadError
-from flexbt_server.behavior_tree.node import node_path
-from flexbt_server.behavior_tree.transition_log import LogReader
-from flexbt_server.behavior_tree.xml_parser import Element, Source, parse
-from flexbt_server.groot2 import protocol
-from flexbt_server.groot2.mark_log import MarkLog
-from flexbt_server.groot2.tree_document import tree_document
+from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError
+from flexbt_core.behavior_tree.engine.node import node_path
+from flexbt_core.behavior_tree.observers.status_log import LogReader
+from flexbt_core.behavior_tree.xml.parser import Element, Source, parse
+
+from . import protocol
+from .mark_log import MarkLog
+from .tree_document import tree_document
 
 SUFFIX: Final = '.btlog'
 _MAGIC: Final = b'BTCPP4-FileLogger2'

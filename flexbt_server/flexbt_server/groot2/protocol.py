@@ -12,7 +12,7 @@ import struct
 from enum import IntEnum
 from typing import Final
 
-from flexbt_server.behavior_tree import NodeStatus
+from flexbt_core.behavior_tree import NodeStatus
 
 PROTOCOL: Final = 2
 DEFAULT_PORT: Final = 1667

@@ -13,12 +13,13 @@ from typing import Final
 
 import zmq
 
-from flexbt_server.behavior_tree import JsonTypes, Tree
-from flexbt_server.groot2 import protocol
-from flexbt_server.groot2.json_requests import RequestError, parse
-from flexbt_server.groot2.mark_log import MarkLog
-from flexbt_server.groot2.protocol import RequestType
-from flexbt_server.groot2.watched_tree import WatchedTree, clock
+from flexbt_core.behavior_tree import JsonTypes, Tree
+
+from . import protocol
+from .json_requests import RequestError, parse
+from .mark_log import MarkLog
+from .protocol import RequestType
+from .watched_tree import WatchedTree, clock
 
 SILENCE: Final = 5.0
 """After so many seconds without a request the client has gone: its hooks hold nothing up until it is back, s."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from xml.sax.saxutils import escape, quoteattr
 
-from flexbt_server.behavior_tree import NodeDefinition, NodeManifest, Port, Tree, TreeNode
-from flexbt_server.behavior_tree.inner_nodes import ControlNode, DecoratorNode
-from flexbt_server.behavior_tree.ports import NO_DEFAULT
+from flexbt_core.behavior_tree import NodeDefinition, NodeManifest, Port, Tree, TreeNode
+from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, DecoratorNode
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
 
 
 def tree_document(tree: Tree) -> str:

@@ -12,13 +12,14 @@ from typing import Any, Final
 
 import msgpack
 
-from flexbt_server.behavior_tree import Blackboard, JsonTypes, Tree, TreeNode, show_blackboard
-from flexbt_server.behavior_tree.transition_log import LogReader
-from flexbt_server.groot2 import protocol
-from flexbt_server.groot2.breakpoints import Breakpoints
-from flexbt_server.groot2.json_requests import RequestError
-from flexbt_server.groot2.mark_log import MarkLog
-from flexbt_server.groot2.tree_document import tree_document
+from flexbt_core.behavior_tree import Blackboard, JsonTypes, Tree, TreeNode, show_blackboard
+from flexbt_core.behavior_tree.observers.status_log import LogReader
+
+from . import protocol
+from .breakpoints import Breakpoints
+from .json_requests import RequestError
+from .mark_log import MarkLog
+from .tree_document import tree_document
 
 RECORDED: Final = 1000
 """Transitions that a recording keeps, the newest ones, until the client takes them."""

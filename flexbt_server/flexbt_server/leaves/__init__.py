@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Leaves that reach ROS: bases for one's own, and those of Nav2's trees."""
 
-from flexbt_server.leaves.action_leaf import ActionLeaf
-from flexbt_server.leaves.register import register_leaves
-from flexbt_server.leaves.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, message_type
-from flexbt_server.leaves.service_leaf import ServiceLeaf
-from flexbt_server.leaves.topic_leaf import TopicCondition
+from .action_leaf import ActionLeaf
+from .register import register_leaves
+from .ros_ports import DURATION, PATH, POSE_STAMPED, POSES, message_type
+from .service_leaf import ServiceLeaf
+from .topic_leaf import TopicCondition
 
 __all__ = [
     'DURATION',

@@ -16,8 +16,8 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
-from flexbt_common.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
-from flexbt_server.behavior_tree import (
+from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_core.behavior_tree import (
     NodeConfig,
     NodeStatus,
     Port,
@@ -27,8 +27,9 @@ from flexbt_server.behavior_tree import (
     input_port,
     output_port,
 )
-from flexbt_server.behavior_tree.port_types import STRING, UINT16, UNSIGNED
-from flexbt_server.leaf_services import LeafServices
+from flexbt_core.behavior_tree.model.port_types import STRING, UINT16, UNSIGNED
+
+from .leaf_services import LeafServices
 
 SERVER_PORTS: Final[dict[str, Port]] = {
     'server_name': input_port(STRING, optional=True, description="name of the server, if not the node's default"),

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalOutcome
+from flexbt_common.calls.action_call import GoalOutcome
 from flexbt_common.errors import FlexbtError
-from flexbt_common.values import Encoding
+from flexbt_common.runtime import names
+from flexbt_common.values.entries import Encoding
+from flexbt_core.behavior_tree import BlackboardError, NodeStatus, inout_port, input_port, output_port
+from flexbt_core.behavior_tree.model.port_types import KEYS, STRING, UNSIGNED, separated
 from flexbt_msgs import action
 from flexbt_msgs.msg import BehaviorArgument
-from flexbt_server.behavior_tree import BlackboardError, NodeStatus, inout_port, input_port, output_port
-from flexbt_server.behavior_tree.port_types import KEYS, STRING, UNSIGNED, separated
-from flexbt_server.blackboards import entries_of, read_values, write_all
-from flexbt_server.leaves.action_leaf import ACTION_PORTS, ActionLeaf
+from flexbt_server.trees.blackboards import entries_of, read_values, write_all
+
+from .action_leaf import ACTION_PORTS, ActionLeaf
 
 HIGHEST_AUTONOMY: Final = 3
 

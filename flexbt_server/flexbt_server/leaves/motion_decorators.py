@@ -9,11 +9,13 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
-from flexbt_common import names
-from flexbt_server.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, nav2_motion, output_port
-from flexbt_server.leaf_services import LeafServices
-from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
-from flexbt_server.topic_cache import TopicCache
+from flexbt_common.runtime import names
+from flexbt_core.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
+
+from .leaf_services import LeafServices
+from .ros_ports import POSE_STAMPED, POSES
+from .topic_cache import TopicCache
 
 
 class DistanceController(nav2_motion.DistanceController):

@@ -13,13 +13,14 @@ from typing import Any, ClassVar
 from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_common import names
-from flexbt_common.action_call import GoalOutcome
-from flexbt_server.behavior_tree import NodeConfig, NodeStatus, input_port, output_port
-from flexbt_server.behavior_tree.port_types import BOOL, DOUBLE, STRING
-from flexbt_server.blackboards import RECOVERIES_KEY
-from flexbt_server.leaves.action_leaf import ACTION_PORTS, ActionLeaf
-from flexbt_server.leaves.ros_ports import PATH, POSE_STAMPED, POSES, duration
+from flexbt_common.calls.action_call import GoalOutcome
+from flexbt_common.runtime import names
+from flexbt_core.behavior_tree import NodeConfig, NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree.model.port_types import BOOL, DOUBLE, STRING
+from flexbt_server.trees.blackboards import RECOVERIES_KEY
+
+from .action_leaf import ACTION_PORTS, ActionLeaf
+from .ros_ports import PATH, POSE_STAMPED, POSES, duration
 
 
 class NavigationLeaf(ActionLeaf):

@@ -9,10 +9,11 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_server.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
-from flexbt_server.behavior_tree.port_types import DOUBLE, STRING
-from flexbt_server.leaves.ros_ports import PATH, POSES
-from flexbt_server.topic_cache import TopicCache
+from flexbt_core.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree.model.port_types import DOUBLE, STRING
+
+from .ros_ports import PATH, POSES
+from .topic_cache import TopicCache
 
 MIN_POSES = 2
 """A truncated path keeps this many poses."""

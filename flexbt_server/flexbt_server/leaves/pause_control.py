@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from flexbt_server.behavior_tree import NodeConfig, NodeStatus, nav2_pause
-from flexbt_server.leaf_services import LeafServices
+from flexbt_core.behavior_tree import NodeConfig, NodeStatus
+from flexbt_core.behavior_tree.nodes.nav2 import pause_resume as nav2_pause
+
+from .leaf_services import LeafServices
 
 
 class PauseResumeController(nav2_pause.PauseResumeController):

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_server.behavior_tree import NodeRegistry, TreeNode
-from flexbt_server.behavior_tree.nav2_nodes import Dialect
-from flexbt_server.leaves import (
+from flexbt_core.behavior_tree import NodeRegistry, TreeNode
+from flexbt_core.behavior_tree.nodes.nav2.register import Dialect
+
+from . import (
     behavior_leaf,
     motion_decorators,
     navigation_actions,

@@ -10,15 +10,16 @@ from typing import Any, ClassVar, Final
 from action_msgs.srv import CancelGoal
 from nav_msgs.msg import Path
 
-from flexbt_common import names
-from flexbt_common.service_call import ServiceCall
-from flexbt_server.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
-from flexbt_server.behavior_tree.errors import PortError
-from flexbt_server.behavior_tree.port_types import STRING, UNSIGNED
-from flexbt_server.leaf_services import LeafServices
-from flexbt_server.leaves.action_leaf import SERVER_PORTS
-from flexbt_server.leaves.navigation_actions import count_recovery
-from flexbt_server.leaves.ros_ports import PATH
+from flexbt_common.calls.service_call import ServiceCall
+from flexbt_common.runtime import names
+from flexbt_core.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
+from flexbt_core.behavior_tree.model.errors import PortError
+from flexbt_core.behavior_tree.model.port_types import STRING, UNSIGNED
+
+from .action_leaf import SERVER_PORTS
+from .leaf_services import LeafServices
+from .navigation_actions import count_recovery
+from .ros_ports import PATH
 
 SERVICE_PORTS: Final[dict[str, Port]] = {
     'service_name': input_port(STRING, optional=True, description="name of the service, if not the node's default"),

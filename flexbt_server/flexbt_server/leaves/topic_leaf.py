@@ -10,11 +10,12 @@ from typing import Any, ClassVar
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from flexbt_common import names
-from flexbt_server.behavior_tree import Condition, NodeConfig, NodeStatus, Port, SyncAction, input_port, output_port
-from flexbt_server.behavior_tree.port_types import STRING
-from flexbt_server.leaf_services import LeafServices
-from flexbt_server.topic_cache import TopicCache
+from flexbt_common.runtime import names
+from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, Port, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree.model.port_types import STRING
+
+from .leaf_services import LeafServices
+from .topic_cache import TopicCache
 
 
 class TopicCondition(Condition):

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Actions and services with deadlines and exactly one outcome."""

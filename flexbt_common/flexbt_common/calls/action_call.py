@@ -1,0 +1,368 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One goal sent to an action server, from the search for the server to exactly one outcome, whatever happens.
+
+rclpy alone leaves a caller waiting for ever when no server is there, when the server dies, when an answer gets lost
+in an outage, or when a goal is canceled before it is accepted. Here every one of these ends with an outcome in
+bounded time, and no goal is left running without an owner:
+
+- A goal is sent when the server is there, and given up when it does not appear.
+- The acceptance counts as well when only the server's list of goals tells it: the answer to the first goal after
+  start-up gets lost when the server does not know this client yet.
+- A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
+- While the goal runs the server is watched. When it is gone longer than an outage may last, the goal is lost; when
+  it is back, the result is asked for again, and a server that does not know the goal any more answers with
+  status 0: lost as well.
+- Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
+  goal, whose result may be on its way still.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final
+
+from action_msgs.msg import GoalStatus as RosGoalStatus
+from action_msgs.srv import CancelGoal
+from rclpy.action.client import ClientGoalHandle
+from unique_identifier_msgs.msg import UUID
+
+from flexbt_core.clock.clock import Timer
+
+from .action_link import ActionLinks, ActionServerLink
+
+__all__ = ['ActionCall', 'ActionLinks', 'ActionServerLink', 'GoalOutcome', 'GoalStatus']
+
+_APPEAR_PERIOD: Final = 0.05
+_WATCH_PERIOD: Final = 0.2
+_ANSWER_LATE: Final = 0.1
+"""Seconds after which an acceptance that only the list of goals tells is believed."""
+_RESULT_LATE: Final = 0.4
+"""Seconds after which the result of a goal that is known to have ended is asked for again."""
+_RESULT_REPEAT: Final = (5.0, 60.0)
+"""Seconds after which it is asked for again in any case, since the server may have been replaced unnoticed: at first,
+and in the end, doubling in between. A server keeps every request until the goal has ended."""
+_CANCEL_REPEAT: Final = 0.5
+_CANCEL_TOO_LATE: Final = frozenset(
+    (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, CancelGoal.Response.ERROR_GOAL_TERMINATED)
+)
+"""Answers to the cancel of a goal that has ended: a server may forget a goal before its result is heard of."""
+_ENDED: Final = frozenset((RosGoalStatus.STATUS_SUCCEEDED, RosGoalStatus.STATUS_CANCELED, RosGoalStatus.STATUS_ABORTED))
+
+
+class GoalStatus(Enum):
+    """How a goal ended. Only SUCCEEDED is success."""
+
+    SUCCEEDED = 'succeeded'
+    ABORTED = 'aborted'
+    CANCELED = 'canceled'
+    REJECTED = 'rejected'
+    NO_SERVER = 'no server'
+    LOST = 'lost'
+    TIMEOUT = 'timeout'
+    FAULT = 'fault'
+
+
+@dataclass(frozen=True)
+class GoalOutcome:
+    """The end of a goal.
+
+    ``result`` is the result message when the server sent one (SUCCEEDED, ABORTED, CANCELED by the server), otherwise
+    None. ``reason`` is for a person; empty when SUCCEEDED.
+    """
+
+    status: GoalStatus
+    result: Any | None
+    reason: str
+
+
+class ActionCall:
+    """A goal on its way. Thread-safe; may be made on any thread."""
+
+    def __init__(
+        self,
+        link: ActionServerLink,
+        goal: Any,
+        *,
+        on_done: Callable[[GoalOutcome], None],
+        on_feedback: Callable[[Any], None] | None = None,
+        on_accepted: Callable[[], None] | None = None,
+        server_timeout: float = 1.0,
+        accept_timeout: float = 1.0,
+        outage_timeout: float = 0.5,
+    ) -> None:
+        """Send ``goal`` as soon as the server is there.
+
+        All callbacks are called on the executor thread; ``on_done`` exactly once. All times are wall time in seconds:
+        ``server_timeout`` for the server to appear, ``accept_timeout`` from sending to acceptance,
+        ``outage_timeout`` during which the server may be out of reach while the goal runs.
+        """
+        self._link = link
+        self._runtime = link.runtime
+        self._goal = goal
+        self._on_done = on_done
+        self._on_feedback = on_feedback
+        self._on_accepted = on_accepted
+        self._server_timeout = server_timeout
+        self._accept_timeout = accept_timeout
+        self._outage_timeout = outage_timeout
+        self._goal_id = UUID(uuid=list(uuid.uuid4().bytes))
+        self._outcome: GoalOutcome | None = None
+        self._handle: Any = None
+        self._status = RosGoalStatus.STATUS_UNKNOWN
+        self._sent = False
+        self._timers: dict[str, Timer] = {}
+        self._cancel_timeout: float | None = None
+        self._cancel_waits = False
+        self._result_futures: list[Any] = []
+        self._result_asked = 0.0
+        self._result_repeat = _RESULT_REPEAT[0]
+        self._ended_seen: float | None = None
+        self._gone_since: float | None = None
+        self._runtime.post(self._start)
+
+    @property
+    def goal_id(self) -> bytes:
+        """By which the server knows the goal; 16 bytes."""
+        return bytes(self._goal_id.uuid)
+
+    @property
+    def done(self) -> bool:
+        """Whether the outcome is known."""
+        return self._outcome is not None
+
+    @property
+    def outcome(self) -> GoalOutcome | None:
+        """How the goal ended; None while it has not."""
+        return self._outcome
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the server has accepted the goal."""
+        return self._handle is not None
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether :meth:`cancel` was called."""
+        return self._cancel_timeout is not None
+
+    def cancel(self, timeout: float = 2.0) -> None:
+        """Ask the server to cancel the goal, at any time, from any thread; harmless when done or asked already.
+
+        The outcome is what the server makes of it, or TIMEOUT when it has not ended the goal within ``timeout``
+        seconds. A goal that was not sent yet is not sent any more.
+        """
+        if self._cancel_timeout is None:
+            self._cancel_timeout = timeout
+            self._runtime.post(self._cancel)
+
+    # -------------------------------------------------- everything below runs on the executor thread
+
+    def _start(self) -> None:
+        self._wait_for_server(self._runtime.steady.now() + self._server_timeout)
+
+    def _wait_for_server(self, deadline: float) -> None:
+        if self.done:
+            return
+        if self._cancel_timeout is not None:
+            self._finish(GoalStatus.CANCELED, 'canceled before it was sent')
+        elif self._link.is_ready():
+            self._send()
+        elif self._runtime.steady.now() >= deadline:
+            self._finish(
+                GoalStatus.NO_SERVER,
+                f'no action server {self._link} appeared within {self._server_timeout:g} s; is its node running?',
+            )
+        else:
+            self._after('appear', _APPEAR_PERIOD, lambda: self._wait_for_server(deadline))
+
+    def _send(self) -> None:
+        try:
+            future = self._link.client.send_goal_async(
+                self._goal, feedback_callback=self._feedback, goal_uuid=self._goal_id
+            )
+        except Exception as error:
+            self._finish(GoalStatus.FAULT, f'the goal for {self._link} cannot be sent: {error or type(error).__name__}')
+            return
+        self._sent = True
+        self._link.status_listeners[bytes(self._goal_id.uuid)] = self._on_status
+        future.add_done_callback(self._goal_answered)
+        self._after('accept', self._accept_timeout, self._not_accepted)
+
+    def _not_accepted(self) -> None:
+        if self.done or self.accepted:
+            return
+        # The server may have the goal all the same: its answer may be late or lost.
+        self._send_cancel(self._own_handle())
+        self._finish(
+            GoalStatus.TIMEOUT,
+            f'action server {self._link} did not answer the goal within {self._accept_timeout:g} s; '
+            'is it overloaded, or built from other interface definitions?',
+        )
+
+    def _goal_answered(self, future: Any) -> None:
+        handle = future.result()
+        if handle is None:
+            return
+        if self.done:
+            if handle.accepted:
+                self._send_cancel(handle)  # nobody waits for this goal any more
+            return
+        if self.accepted:
+            return  # the list of goals was faster
+        if not handle.accepted:
+            self._finish(GoalStatus.REJECTED, f'action server {self._link} rejected the goal')
+            return
+        self._on_acceptance(handle)
+
+    def _on_status(self, status: int) -> None:
+        self._status = status
+        if not self.accepted and not self.done and 'answer' not in self._timers:
+            self._after('answer', _ANSWER_LATE, self._accepted_unheard)
+
+    def _accepted_unheard(self) -> None:
+        if not self.accepted and not self.done:
+            self._on_acceptance(self._own_handle())
+
+    def _on_acceptance(self, handle: Any) -> None:
+        self._drop('accept')
+        self._drop('answer')
+        self._handle = handle
+        self._ask_for_result()
+        if self._cancel_timeout is not None:
+            self._cancel()
+        self._after('watch', _WATCH_PERIOD, self._watch)
+        if self._on_accepted is not None:
+            self._guarded(self._on_accepted)
+
+    def _ask_for_result(self) -> None:
+        self._result_asked = self._runtime.steady.now()
+        future = self._handle.get_result_async()
+        self._result_futures.append(future)
+        future.add_done_callback(self._result_arrived)
+
+    def _result_arrived(self, future: Any) -> None:
+        if self.done or future.cancelled():
+            return
+        response = future.result()
+        if response is None:
+            return
+        if response.status == RosGoalStatus.STATUS_SUCCEEDED:
+            self._finish(GoalStatus.SUCCEEDED, '', response.result)
+        elif response.status == RosGoalStatus.STATUS_CANCELED:
+            by_us = 'as asked' if self._cancel_timeout is not None else 'by somebody else'
+            self._finish(GoalStatus.CANCELED, f'the goal was canceled {by_us} at {self._link}', response.result)
+        elif response.status == RosGoalStatus.STATUS_ABORTED:
+            told = getattr(response.result, 'error_msg', '') or getattr(response.result, 'message', '')
+            self._finish(
+                GoalStatus.ABORTED,
+                f'action server {self._link} aborted the goal' + (f': {told}' if told else ''),
+                response.result,
+            )
+        else:
+            self._finish(
+                GoalStatus.LOST,
+                f'action server {self._link} does not know the goal any more (status {response.status}); '
+                'it was restarted, or dropped the result',
+            )
+
+    def _watch(self) -> None:
+        if self.done:
+            return
+        now = self._runtime.steady.now()
+        if not self._link.is_ready():
+            self._gone_since = now if self._gone_since is None else self._gone_since
+            if now - self._gone_since >= self._outage_timeout:
+                self._finish(
+                    GoalStatus.LOST, f'action server {self._link} is gone: its process ended, or is out of reach'
+                )
+                return
+        else:
+            if self._status in _ENDED and self._ended_seen is None:
+                self._ended_seen = now
+            is_late = self._ended_seen is not None and now - max(self._ended_seen, self._result_asked) > _RESULT_LATE
+            is_due = now - self._result_asked > self._result_repeat
+            if is_due:
+                self._result_repeat = min(2.0 * self._result_repeat, _RESULT_REPEAT[1])
+            if self._gone_since is not None or is_late or is_due:
+                self._ask_for_result()
+            self._gone_since = None
+        self._after('watch', _WATCH_PERIOD, self._watch)
+
+    def _cancel(self) -> None:
+        if self.done:
+            return
+        if not self._sent:
+            self._finish(GoalStatus.CANCELED, 'canceled before it was sent')
+            return
+        if not self._cancel_waits:
+            self._cancel_waits = True
+            self._after('cancel', self._cancel_timeout or 0.0, self._not_canceled)
+        if self.accepted:
+            self._repeat_cancel()
+
+    def _repeat_cancel(self) -> None:
+        if not self.done:
+            self._send_cancel(self._handle).add_done_callback(self._cancel_answered)
+            self._after('repeat', _CANCEL_REPEAT, self._repeat_cancel)
+
+    def _cancel_answered(self, future: Any) -> None:
+        response = future.result()
+        if self.done or response is None:
+            return
+        if response.return_code in _CANCEL_TOO_LATE:
+            self._ask_for_result()  # the answer to the first request may be on its way, or lost
+
+    def _not_canceled(self) -> None:
+        if self.done:
+            return
+        if not self.accepted:
+            self._send_cancel(self._own_handle())
+        self._finish(
+            GoalStatus.TIMEOUT,
+            f'action server {self._link} did not end the goal within {self._cancel_timeout:g} s of the cancel',
+        )
+
+    def _send_cancel(self, handle: Any) -> Any:
+        return self._link.client._cancel_goal_async(handle)  # as ClientGoalHandle.cancel_goal_async() does
+
+    def _own_handle(self) -> Any:
+        """A handle for a goal whose acceptance is not known, good for canceling it."""
+        response = self._link.action_type.Impl.SendGoalService.Response(accepted=True)
+        return ClientGoalHandle(self._link.client, self._goal_id, response)
+
+    def _feedback(self, message: Any) -> None:
+        if not self.done and self._on_feedback is not None:
+            feedback, on_feedback = message.feedback, self._on_feedback
+            self._guarded(lambda: on_feedback(feedback))
+
+    def _finish(self, status: GoalStatus, reason: str, result: Any | None = None) -> None:
+        if self.done:
+            return
+        self._outcome = outcome = GoalOutcome(status, result, reason)
+        for timer in self._timers.values():
+            timer.cancel()
+        self._timers.clear()
+        self._link.status_listeners.pop(bytes(self._goal_id.uuid), None)
+        if status is GoalStatus.LOST:
+            for future in self._result_futures:
+                future.cancel()  # takes it out of rclpy's table
+        self._result_futures.clear()
+        self._guarded(lambda: self._on_done(outcome))
+
+    def _guarded(self, callback: Callable[[], None]) -> None:
+        try:
+            callback()
+        except Exception as error:
+            self._runtime.report_fault(error, f'a callback of the goal for {self._link}')
+
+    def _after(self, purpose: str, seconds: float, fn: Callable[[], None]) -> None:
+        steady = self._runtime.steady
+        self._timers[purpose] = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(fn))
+
+    def _drop(self, purpose: str) -> None:
+        timer = self._timers.pop(purpose, None)
+        if timer is not None:
+            timer.cancel()

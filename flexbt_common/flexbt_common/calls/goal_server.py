@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An action server whose goals are ended by a call, and whose results are on their way when that call returns.
+
+rclpy's own runs a coroutine for each goal. When that has returned, the result takes two more turns of the executor
+until it is sent, after the list of goals that tells the client of the end. And the list, which goes out with every
+change of any goal, has all goals of the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals
+a second and the 15 minutes of rclpy's default that is longer than the goals take.
+
+Here the result leaves first. Ended goals stay in the list for a moment only; their results can be asked for longer, and
+as long a cancel is answered with "terminated", not with "unknown".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import GoalEvent, RCLError, ServerGoalHandle
+
+from flexbt_common.runtime.names import deep_action_services
+from flexbt_common.runtime.node_runtime import NodeRuntime
+
+__all__ = ['RESULT_SECONDS', 'GoalServer', 'ServedGoal']
+
+RESULT_SECONDS: Final = 30.0
+"""How long the result of a goal can be asked for again, after an outage of the link."""
+
+_LIST_AFTER_SECONDS: Final = 0.02
+"""How much later than its news the list of goals is sent: who waits for a result need not unpack a list meanwhile."""
+
+_LISTED_SECONDS: Final = 0.25
+"""How long the list of goals tells of a goal that has ended."""
+
+
+class ServedGoal:
+    """A goal that was accepted. Used on the executor thread; ``cancel_requested`` may be read on any.
+
+    ``id``: 16 bytes. ``request``: the goal message.
+    """
+
+    def __init__(self, server: _Server, handle: ServerGoalHandle) -> None:
+        self.id = bytes(handle.goal_id.uuid)
+        self.request: Any = handle.request
+        self._server = server
+        self._handle = handle
+        self._active = True
+
+    @property
+    def active(self) -> bool:
+        """Whether the goal has not been ended."""
+        return self._active
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether the client has asked for the goal to be canceled, and it has not ended yet."""
+        return self._active and bool(self._handle.is_cancel_requested)
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Send feedback; nothing after the end."""
+        if self._active:
+            self._handle.publish_feedback(feedback)
+
+    def succeed(self, result: Any) -> None:
+        """End the goal: what it asked for was done. Whoever ends a goal a second time changes nothing."""
+        self._end(GoalEvent.SUCCEED, result)
+
+    def abort(self, result: Any) -> None:
+        """End the goal: it was not done."""
+        self._end(GoalEvent.ABORT, result)
+
+    def canceled(self, result: Any) -> None:
+        """End the goal as canceled; when its client did not ask for that, it is aborted: ROS knows no other way."""
+        self._end(GoalEvent.CANCELED if self.cancel_requested else GoalEvent.ABORT, result)
+
+    def _end(self, event: GoalEvent, result: Any) -> None:
+        if self._active:
+            self._active = False
+            self._server.end(self._handle, event, result)
+
+
+class GoalServer:
+    """Serves one action. Made and used on the executor thread.
+
+    ``on_goal(goal)`` is called with each goal, which is accepted and shown as executing; it, or what it sets going, has
+    to end the goal. When it raises, the fault is reported and the goal aborted. ``on_cancel(goal)`` is called when the
+    client wants the goal canceled, which then shows in ``cancel_requested``; it may end at once, later, or otherwise.
+    Without it goals cannot be canceled.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        action_type: Any,
+        name: str,
+        on_goal: Callable[[ServedGoal], None],
+        on_cancel: Callable[[ServedGoal], None] | None = None,
+    ) -> None:
+        self._runtime = runtime
+        self._name = name
+        self._on_goal = on_goal
+        self._on_cancel = on_cancel
+        self._goals: dict[bytes, ServedGoal] = {}
+        self._server = _Server(
+            runtime,
+            action_type,
+            name,
+            execute_callback=_never,
+            goal_callback=lambda request: GoalResponse.ACCEPT,
+            handle_accepted_callback=self._accepted,
+            cancel_callback=self._cancel,
+            result_timeout=_LISTED_SECONDS,
+            **deep_action_services(),
+        )
+        self._server.forget_later = self._forget_later
+
+    def close(self) -> None:
+        """Take the server out of the graph. Goals that have not ended get no result."""
+        self._server.close()
+
+    def _accepted(self, handle: ServerGoalHandle) -> None:
+        goal = ServedGoal(self._server, handle)
+        self._goals[goal.id] = goal
+        self._server.results.pop(goal.id, None)  # of a goal with the same ID, which is not listed any more
+        self._server.begin(handle)
+        try:
+            self._on_goal(goal)
+        except Exception as error:
+            self._runtime.report_fault(error, f'goal of {self._name}')
+            goal.abort(self._server.action_type.Result())
+
+    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        on_cancel = self._on_cancel
+        goal = self._goals.get(bytes(handle.goal_id.uuid))
+        if on_cancel is None or goal is None:
+            return CancelResponse.REJECT
+        # rclpy makes the goal CANCELING only after this callback.
+        self._runtime.post(lambda: on_cancel(goal) if goal.active else None)
+        return CancelResponse.ACCEPT
+
+    def _forget_later(self, goal_id: bytes) -> None:
+        del self._goals[goal_id]
+        steady = self._runtime.steady
+        steady.call_at(steady.now() + RESULT_SECONDS, lambda: self._server.results.pop(goal_id, None))
+
+
+class _Server(ActionServer):
+    """rclpy's server, which keeps results and who waits for them itself."""
+
+    forget_later: Callable[[bytes], None]
+
+    def __init__(self, runtime: NodeRuntime, *arguments: Any, **options: Any) -> None:
+        super().__init__(runtime.node, *arguments, **options)
+        self.results: dict[bytes, Any] = {}
+        self._runtime = runtime
+        self._waiting: dict[bytes, list[Any]] = {}
+        self._has_news = False
+
+    def begin(self, handle: ServerGoalHandle) -> None:
+        handle._goal_handle.update_goal_state(GoalEvent.EXECUTE)
+        self._list_soon()
+
+    def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
+        goal_id = bytes(handle.goal_id.uuid)
+        with handle._lock:
+            if handle._goal_handle is None:  # the server is closed: nobody hears of it
+                return
+            handle._goal_handle.update_goal_state(event)
+            status = handle._goal_handle.get_status()
+        response = self.action_type.Impl.GetResultService.Response(status=status, result=result)
+        self.results[goal_id] = response
+        for request_header in self._waiting.pop(goal_id, ()):
+            self._send(request_header, response)
+        self._list_soon()
+        self.notify_goal_done()
+        self.forget_later(goal_id)
+
+    def close(self) -> None:
+        self._list()
+        self.destroy()
+
+    def _list_soon(self) -> None:
+        if not self._has_news:
+            self._has_news = True
+            steady = self._runtime.steady
+            steady.call_at(steady.now() + _LIST_AFTER_SECONDS, lambda: self._runtime.post(self._list))
+
+    def _list(self) -> None:
+        if self._has_news:
+            self._has_news = False
+            self._handle.publish_status()
+
+    async def _execute_goal_request(self, request_header_and_message: Any) -> None:
+        await super()._execute_goal_request(request_header_and_message)
+        handle = self._goal_handles.get(bytes(request_header_and_message[1].goal_id.uuid))
+        if handle is not None and handle.status == GoalStatus.STATUS_ACCEPTED:
+            # The answer cannot be sent to a client that is not discovered yet, and rclpy leaves the goal like this for
+            # ever. The list of goals tells the client.
+            self._handle.publish_status()
+            self._handle_accepted_callback(handle)
+
+    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
+        request_header, request = request_header_and_message
+        asked = request.goal_info
+        # With a time, the request is for all goals up to then as well.
+        if bytes(asked.goal_id.uuid) not in self.results or asked.stamp != Time():
+            await super()._execute_cancel_request(request_header_and_message)
+            return
+        response = CancelGoal.Response(return_code=CancelGoal.Response.ERROR_GOAL_TERMINATED)
+        try:
+            self._handle.send_cancel_response(request_header, response)
+        except RCLError:
+            self._logger.warning('the answer to a cancel was not sent: its client is gone')
+
+    async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
+        request_header, request = request_header_and_message
+        goal_id = bytes(request.goal_id.uuid)
+        response = self.results.get(goal_id)  # which another thread takes away in the end
+        if response is None and goal_id in self._goal_handles:
+            self._waiting.setdefault(goal_id, []).append(request_header)
+        else:
+            self._send(request_header, response or self.action_type.Impl.GetResultService.Response())  # status: unknown
+
+    def _send(self, request_header: Any, response: Any) -> None:
+        try:
+            self._handle.send_result_response(request_header, response)
+        except RCLError:
+            self._logger.warning('a result was not sent: its client is gone')
+
+
+def _never(handle: ServerGoalHandle) -> None:
+    """rclpy demands a callback for the coroutine of a goal, which is never made here."""

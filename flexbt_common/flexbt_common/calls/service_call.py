@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One request to a service, with deadlines and exactly one outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from flexbt_common.runtime.names import deep_services
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+
+_APPEAR_PERIOD: Final = 0.05
+_SETTLE: Final = 0.1
+"""Seconds between the discovery of a service and the first request: the response to an earlier one may be lost,
+because the service does not know this client yet."""
+
+
+@dataclass(frozen=True)
+class ServiceOutcome:
+    """The end of a request: the response, or None and the ``reason`` for a person."""
+
+    response: Any | None
+    reason: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a response. What it says is another question."""
+        return self.response is not None
+
+
+class ServiceLink:
+    """The connection of this node to one service. Made by :class:`ServiceLinks`; ``client`` is rclpy's."""
+
+    def __init__(self, runtime: NodeRuntime, service_type: Any, name: str) -> None:
+        self.runtime = runtime
+        self.service_type = service_type
+        self.name = name
+        self.client: Any = runtime.call(
+            lambda: runtime.node.create_client(service_type, name, qos_profile=deep_services())
+        )
+
+        self._seen_since: float | None = None
+
+    def is_ready(self) -> bool:
+        """Whether the service is there now, as far as discovery knows, and has had the time to know this client."""
+        now = self.runtime.steady.now()
+        if not self.client.service_is_ready():
+            self._seen_since = None
+        elif self._seen_since is None:
+            self._seen_since = now
+        return self._seen_since is not None and now - self._seen_since >= _SETTLE
+
+    def __str__(self) -> str:
+        package, kind, *_ = self.service_type.__module__.split('.')
+        return f'{self.name!r} ({package}/{kind}/{self.service_type.__name__})'
+
+
+class ServiceLinks:
+    """The links of one node, so that discovery is paid once for each service. From any thread."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._links: dict[tuple[Any, str], ServiceLink] = {}
+        runtime.on_close(self._close)
+
+    def link(self, service_type: Any, name: str) -> ServiceLink:
+        """The link to the service ``name``; made now if there is none yet."""
+        known = self._links.get((service_type, name))
+        return known if known is not None else self._runtime.call(lambda: self._link(service_type, name))
+
+    def _link(self, service_type: Any, name: str) -> ServiceLink:
+        key = service_type, name
+        if key not in self._links:
+            self._links[key] = ServiceLink(self._runtime, service_type, name)
+        return self._links[key]
+
+    def _close(self) -> None:
+        def destroy() -> None:
+            for link in self._links.values():
+                self._runtime.node.destroy_client(link.client)
+            self._links.clear()
+
+        self._runtime.call(destroy)
+
+
+class ServiceCall:
+    """A request on its way. Thread-safe; may be made on any thread."""
+
+    def __init__(
+        self,
+        link: ServiceLink,
+        request: Any,
+        *,
+        on_done: Callable[[ServiceOutcome], None],
+        server_timeout: float = 1.0,
+        response_timeout: float = 1.0,
+    ) -> None:
+        """Send ``request`` as soon as the service is there.
+
+        ``on_done`` is called exactly once, on the executor thread. Wall time in seconds: ``server_timeout`` for the
+        service to appear, ``response_timeout`` from sending to the response.
+        """
+        self._link = link
+        self._runtime = link.runtime
+        self._request = request
+        self._on_done = on_done
+        self._server_timeout = server_timeout
+        self._response_timeout = response_timeout
+        self._outcome: ServiceOutcome | None = None
+        self._timer: Timer | None = None
+        self._future: Any = None
+        self._runtime.post(lambda: self._wait_for_service(self._runtime.steady.now() + server_timeout))
+
+    @property
+    def done(self) -> bool:
+        """Whether the outcome is known."""
+        return self._outcome is not None
+
+    @property
+    def outcome(self) -> ServiceOutcome | None:
+        """How the request ended; None while it has not."""
+        return self._outcome
+
+    def cancel(self) -> None:
+        """Forget the request: a service cannot be stopped, but its response is not waited for any more."""
+        self._runtime.post(lambda: self._finish(None, f'the request to {self._link} was given up'))
+
+    def _wait_for_service(self, deadline: float) -> None:
+        if self.done:
+            return
+        if self._link.is_ready():
+            self._send()
+        elif self._runtime.steady.now() >= deadline:
+            self._finish(
+                None, f'no service {self._link} appeared within {self._server_timeout:g} s; is its node running?'
+            )
+        else:
+            self._after(_APPEAR_PERIOD, lambda: self._wait_for_service(deadline))
+
+    def _send(self) -> None:
+        try:
+            self._future = self._link.client.call_async(self._request)
+        except Exception as error:
+            self._finish(None, f'the request to {self._link} cannot be sent: {error or type(error).__name__}')
+            return
+        self._future.add_done_callback(self._answered)
+        self._after(self._response_timeout, self._not_answered)
+
+    def _answered(self, future: Any) -> None:
+        if not future.cancelled():
+            self._finish(future.result(), '')
+
+    def _not_answered(self) -> None:
+        self._finish(
+            None,
+            f'service {self._link} did not answer within {self._response_timeout:g} s; '
+            'is it overloaded, or built from other interface definitions?',
+        )
+
+    def _finish(self, response: Any | None, reason: str) -> None:
+        if self.done:
+            return
+        self._outcome = ServiceOutcome(response, reason)
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._future is not None and not self._future.done():
+            self._link.client.remove_pending_request(self._future)
+        try:
+            self._on_done(self._outcome)
+        except Exception as error:
+            self._runtime.report_fault(error, f'a callback of the request to {self._link}')
+
+    def _after(self, seconds: float, fn: Callable[[], None]) -> None:
+        steady = self._runtime.steady
+        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(fn))

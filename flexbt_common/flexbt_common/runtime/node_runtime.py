@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A ROS node with its executor thread and clocks, and an orderly start and end of a process.
+
+The rule of this code base: every rclpy entity is created, called and destroyed on the executor thread (publishing
+is the exception, it is thread-safe). rclpy's clients fill their table of pending requests only after a request has
+left; when another thread receives the answer in between, the answer is lost. :meth:`NodeRuntime.post` and
+:meth:`NodeRuntime.call` bring work there.
+
+The order of the end, which is silent whatever the node was doing: the components in reverse order of their
+:meth:`NodeRuntime.on_close`, while callbacks still run; then executor, its thread, the node, the context.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import gc
+import itertools
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Future
+from typing import Any, TypeVar
+
+import rclpy
+from rclpy.action import ActionClient, ActionServer
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from flexbt_core.clock.clock import SteadyClock
+
+from .fastdds_shutdown import end_callbacks
+from .node_executor import NodeExecutor
+from .ros_clock import RosClock
+
+__all__ = ['NodeRuntime', 'run_node']
+
+T = TypeVar('T')
+
+_CLOSE_SECONDS = 1.7
+"""A process ends within 2 s of its signal; interpreter and middleware need the rest."""
+
+_HELP = """\
+usage: {name} [--ros-args -p PARAMETER:=VALUE ... -r __ns:=/NAMESPACE ...]
+
+{about}
+
+The parameters are in docs/reference/executables.md; ros2 param describe tells them of a node that runs."""
+
+CALL_SECONDS = 30.0
+"""An executor that does not get to something in this time never will. To make the entities of a node can take many
+seconds when a whole fleet starts on one machine."""
+
+_FAULTS_IN_A_ROW = 10
+_FAULT_PAUSE_SECONDS = 0.05
+
+
+class NodeRuntime:
+    """One node, one executor thread, two clocks.
+
+    ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``), ``steady`` the machine's
+    monotonic clock, for deadlines of communication.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        args: Sequence[str] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        namespace: str | None = None,
+        node_class: type[Node] = Node,
+    ) -> None:
+        """Start a node in a context of its own.
+
+        ``args`` are command line arguments (``--ros-args`` ...), None for those of the process; ``parameters``
+        override what the arguments say.
+        """
+        self._closed = threading.Event()
+        self._on_close: list[Callable[[], object]] = []
+        self._on_fault: list[Callable[[BaseException], None]] = []
+        self._made: dict[Hashable, Any] = {}
+        self._posted: deque[Callable[[], object]] = deque()
+        self._calls: set[Future[Any]] = set()
+        self._lock = threading.Lock()
+        self._context = rclpy.Context()
+        rclpy.init(
+            args=None if args is None else list(args),
+            context=self._context,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        try:
+            overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
+            self.node = node_class(name, context=self._context, namespace=namespace, parameter_overrides=overrides)
+        except BaseException:
+            rclpy.try_shutdown(context=self._context)
+            raise
+        self.name = self.node.get_name()
+        self.steady = SteadyClock()
+        self._executor = NodeExecutor(self.node, self._on_escaped)
+        self._doorbell = self.node.create_guard_condition(lambda: None)
+        self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
+        self.clock = RosClock(self)
+        self._thread = threading.Thread(target=self._spin, name=f'{name}_executor', daemon=True)
+        self._thread.start()
+
+    @classmethod
+    @contextlib.contextmanager
+    def open(
+        cls,
+        name: str,
+        *,
+        args: Sequence[str] | None = (),
+        parameters: Mapping[str, Any] | None = None,
+        namespace: str | None = None,
+        node_class: type[Node] = Node,
+    ) -> Iterator[NodeRuntime]:
+        """A runtime for the length of a ``with`` block; by default without the arguments of the process."""
+        runtime = cls(name, args=args, parameters=parameters, namespace=namespace, node_class=node_class)
+        try:
+            yield runtime
+        finally:
+            runtime.close()
+
+    @property
+    def on_executor_thread(self) -> bool:
+        """Whether the caller is on the executor thread."""
+        return threading.current_thread() is self._thread
+
+    @property
+    def closed(self) -> bool:
+        """Whether the end has begun for the executor; what is posted now is dropped."""
+        return self._closed.is_set()
+
+    def post(self, fn: Callable[[], object]) -> None:
+        """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
+
+        What it raises is logged and given to :meth:`on_fault`. After :meth:`close` nothing is run any more.
+        """
+        with self._lock:
+            if not self.closed:
+                self._post_locked(fn)
+
+    def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
+        """Run ``fn`` on the executor thread and give its value; raise what it raises.
+
+        Raises:
+            TimeoutError: ``fn`` was not done within ``timeout`` seconds (it may still run).
+            RuntimeError: the runtime is closed.
+        """
+        if self.on_executor_thread:
+            return fn()
+        future: Future[T] = Future()
+
+        def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(fn())
+            except BaseException as error:
+                future.set_exception(error)
+
+        with self._lock:
+            if self.closed:
+                raise RuntimeError(f'node {self.name} is closed; nothing can be run on its executor')
+            self._post_locked(run)
+            self._calls.add(future)
+        try:
+            return future.result(timeout)
+        except CancelledError:
+            raise RuntimeError(f'node {self.name} was closed before {fn} was run') from None
+        except TimeoutError:
+            if future.done():  # fn itself raised it
+                raise
+            future.cancel()
+            raise TimeoutError(f'the executor of node {self.name} did not get to {fn} within {timeout} s') from None
+        finally:
+            with self._lock:
+                self._calls.discard(future)
+
+    def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
+        """What ``make`` makes, the first time that somebody asks, for all who ask; on the executor thread."""
+        if key not in self._made:
+            self._made[key] = make(self)
+        made: T = self._made[key]
+        return made
+
+    def on_close(self, fn: Callable[[], object]) -> None:
+        """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.
+
+        It has to come back soon: a process has 2 s to end.
+        """
+        self._on_close.append(fn)
+
+    def on_fault(self, fn: Callable[[BaseException], None]) -> None:
+        """Have ``fn`` told each exception that a callback let escape, on the executor thread."""
+        self._on_fault.append(fn)
+
+    def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
+        """Log an exception that a callback let escape, and tell the observers. Never raises."""
+        text = ''.join(traceback.format_exception(error)).rstrip()
+        self.node.get_logger().error(f'{where} raised; the node goes on:\n{text}')
+        for observer in self._on_fault:
+            try:
+                observer(error)
+            except Exception as further:
+                self.node.get_logger().error(f'a fault observer raised {further!r}')
+
+    def close(self) -> None:
+        """End everything in the documented order. May be called twice, not from the executor thread."""
+        self._close_components()
+        with self._lock:
+            if self.closed:
+                return
+            self._closed.set()
+        self.steady.close()
+        self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
+        self._thread.join()
+        self._executor.shutdown()
+        with self._lock:
+            for future in self._calls:
+                future.cancel()
+        for waitable in list(self.node.waitables):
+            if isinstance(waitable, ActionServer | ActionClient):
+                waitable.destroy()  # the node does not do it, and would stay in the graph with them
+        end_callbacks(self.node)
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def _close_components(self) -> None:
+        with self._lock:
+            callbacks, self._on_close = self._on_close, []
+        for callback in reversed(callbacks):
+            try:
+                callback()
+            except Exception as error:
+                self.report_fault(error, f'closing {getattr(callback, "__qualname__", callback)}')
+
+    def _post_locked(self, fn: Callable[[], object]) -> None:
+        self._posted.append(fn)
+        if len(self._posted) == 1:
+            self._doorbell.trigger()
+
+    def _spin(self) -> None:
+        # The bell only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps sets back
+        # the guard conditions that were not triggered when it looked, a moment later): what was posted is looked at
+        # whenever a wait has ended.
+        while not self._closed.is_set():
+            try:
+                self._executor.turn(0.0 if self._posted else None)
+            except ExternalShutdownException:
+                return
+            except Exception as error:
+                self._on_escaped(error)
+            self._run_posted()
+
+    def _run_posted(self) -> None:
+        # What comes meanwhile is for the next time, so that messages and timers get their turn.
+        for _ in range(len(self._posted)):
+            fn = self._posted[0]
+            try:
+                fn()
+            except Exception as error:
+                self.report_fault(error, f'posted {getattr(fn, "__qualname__", fn)}')
+            finally:
+                # Only now: while it is there, nobody rings.
+                with self._lock:
+                    self._posted.popleft()
+
+    def _on_escaped(self, error: Exception) -> None:
+        """An exception has escaped from a callback: that must not be the end of the node."""
+        if self._closed.is_set():
+            return
+        self.report_fault(error)
+        faults = self._faults
+        faults.append(time.monotonic())
+        if len(faults) == _FAULTS_IN_A_ROW and faults[-1] - faults[0] < 1.0:
+            time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
+
+
+def run_node(
+    name: str,
+    setup: Callable[[NodeRuntime], object],
+    args: list[str] | None = None,
+    node_class: type[Node] = Node,
+    about: str | None = None,
+) -> int:
+    """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
+
+    ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
+    ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be
+    set up; 2 for arguments that are not for ROS. With ``--help`` it is told what the node is (``about``), and nothing
+    is run. Must be called on the main thread.
+    """
+    given = sys.argv[1:] if args is None else args
+    if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
+        print(_HELP.format(name=name, about=(about or '').strip()))
+        return 0
+    unknown = remove_ros_args([name, *given])[1:]
+    if unknown:
+        print(
+            f'{name}: unknown argument {unknown[0]!r}; parameters are given by --ros-args -p NAME:=VALUE',
+            file=sys.stderr,
+        )
+        return 2
+    with _signals_as_bytes() as signals:
+        runtime: NodeRuntime | None = None
+        try:
+            runtime = NodeRuntime(name, args=args, node_class=node_class)
+            setup(runtime)
+            gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
+        except Exception as error:
+            print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
+            if os.environ.get('FLEXBT_TRACEBACK'):
+                traceback.print_exc()
+            _close_in_time(name, runtime)
+            return 1
+        os.read(signals, 1)
+        _close_in_time(name, runtime)
+        return 0
+
+
+@contextlib.contextmanager
+def _signals_as_bytes() -> Iterator[int]:
+    """A file from which a byte can be read for each SIGINT and SIGTERM, which do nothing else any more.
+
+    The C handler writes the byte on whatever thread the signal arrives: no code of ours is interrupted at an
+    unsuitable moment, nothing is lost during set-up, and a second signal finds nobody.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: None)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    try:
+        yield reading
+    finally:
+        # The interpreter is about to end: a signal must not get it a traceback now.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        signal.set_wakeup_fd(-1)
+        os.close(reading)
+        os.close(writing)
+
+
+def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
+    if runtime is None:
+        return
+    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name])
+    in_time.daemon = True
+    in_time.start()
+    # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
+    # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
+    faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
+    runtime.close()
+    in_time.cancel()
+
+
+def _leave_now(name: str) -> None:
+    print(f'{name}: did not come to an end within {_CLOSE_SECONDS} s; leaving without', file=sys.stderr, flush=True)
+    os._exit(0)

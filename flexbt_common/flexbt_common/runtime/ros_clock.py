@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The clock of a ROS node as a :class:`flexbt_core.clock.clock.Clock`: simulated time under ``use_sim_time``."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from builtin_interfaces.msg import Time
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+
+from flexbt_core.clock.clock import Timer
+from flexbt_core.clock.timer_queue import AlarmQueue
+
+if TYPE_CHECKING:
+    from .node_runtime import NodeRuntime
+
+_NANOSECONDS = 1_000_000_000
+_FARTHEST = 10.0**9
+"""Seconds; an alarm that is farther away is looked at again then. rcl counts nanoseconds in 64 bits."""
+
+
+class RosClock:
+    """Time of the node in seconds, and alarms on it, called on the executor thread.
+
+    The time equals ROS time until the latter jumps back (simulation reset, or a machine's clock that is set): such a
+    jump is taken out, so that this time never goes back, and whoever waits for two more seconds does so. So is the
+    jump with which simulated time begins, from 0 to the first message of /clock, when somebody has asked for the time
+    before. Time stamps of messages are ROS time: take them from :meth:`stamp`.
+
+    One rclpy timer serves all alarms, set to the earliest.
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._ros_clock = runtime.node.get_clock()
+        self._lock = threading.Lock()
+        self._offset = 0  # ns
+        self._last = self._ros_clock.now().nanoseconds
+        self._began = self._last > 0
+        self._asked = False
+        self._alarms = AlarmQueue()
+        self._timer: Any = runtime.node.create_timer(_FARTHEST, self._fire, clock=self._ros_clock)
+        self._timer.cancel()
+        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
+        self._jump_handle = self._ros_clock.create_jump_callback(
+            threshold,
+            pre_callback=self._now,  # the last moment at which the time before the jump can be read
+            post_callback=lambda _jump: runtime.post(self._set_timer),
+        )
+
+    def now(self) -> float:
+        """Time in seconds; never goes back."""
+        now = self._now()
+        self._asked = True
+        return now / _NANOSECONDS
+
+    def stamp(self) -> Time:
+        """The present ROS time, for the header of a message."""
+        return self._ros_clock.now().to_msg()
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
+        """As in :class:`flexbt_core.clock.clock.Clock`; from any thread."""
+        with self._lock:
+            alarm = self._alarms.add(when, callback)
+            is_earliest = self._alarms.is_first(alarm)
+        if is_earliest:
+            if self._runtime.on_executor_thread:
+                self._set_timer()
+            else:
+                self._runtime.post(self._set_timer)
+        return alarm
+
+    def wall_seconds(self, when: float) -> float | None:
+        """As in :class:`flexbt_core.clock.clock.Clock`; None under simulated time."""
+        return None if self._ros_clock.ros_time_is_active else when - self.now()
+
+    def _now(self) -> int:
+        with self._lock:  # reading inside the lock: two threads must not take each other for a jump
+            raw = self._ros_clock.now().nanoseconds
+            begins = raw > 0 and not self._began
+            if raw < self._last or (begins and self._asked):
+                self._offset += self._last - raw
+            self._began = self._began or begins
+            self._last = raw
+            return int(raw + self._offset)
+
+    def _set_timer(self) -> None:
+        now = self._now()
+        with self._lock:
+            earliest = self._alarms.earliest()
+            if earliest is None:
+                self._timer.cancel()
+                return
+            when = min(earliest, now / _NANOSECONDS + _FARTHEST)
+        # Where a float says a little more than the whole nanoseconds, the timer comes twice.
+        self._timer.timer_period_ns = max(1, round(when * _NANOSECONDS) - now)
+        self._timer.reset()
+
+    def _fire(self) -> None:
+        now = self._now() / _NANOSECONDS
+        while True:
+            with self._lock:
+                due = self._alarms.take(now)
+            if due is None:
+                break
+            _, callback = due
+            try:
+                callback()
+            except Exception as error:
+                self._runtime.report_fault(error, 'an alarm')
+        self._set_timer()

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an operator writes for a value: a named place, ``x y yaw``, or the text of any type."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.mirror.records import Decision, InputValue
+
+FRAME: Final = 'map'
+"""Frame of a pose that the operator gives without one."""
+
+_NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
+_NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A pose with a name: metres and radians in ``frame``."""
+
+    x: float
+    y: float
+    yaw: float = 0.0
+    frame: str = FRAME
+
+
+def full_namespace(text: str) -> str:
+    """The namespace of a robot, as the operator gives it, from the root on.
+
+    Raises:
+        UsageError: ROS allows no such name.
+    """
+    full = '/' + text.strip('/')
+    if _NAMESPACE.fullmatch(full) is None:
+        raise UsageError(
+            f'{text!r} is no namespace of ROS: letters, digits and _ between slashes, no part begins with a digit'
+        )
+    return full
+
+
+def load_places(file: Path) -> dict[str, Place]:
+    """Read a YAML file ``{name: {x: 1.0, y: 2.0, yaw: 0.0}}``; yaw (radians) and frame may be left out.
+
+    Raises:
+        UsageError: the file cannot be read, or an entry is not a place; names file and entry.
+    """
+    # Imported here because a console that is given no places starts faster without YAML.
+    from flexbt_core.values.nested_yaml import load_yaml
+
+    try:
+        content = load_yaml(file.read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
+        raise UsageError(f'places file {file}: {error}') from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise UsageError(f'places file {file}: expected "name: {{x: 1.0, y: 2.0, yaw: 0.0}}", one a line')
+    return {str(name): _place(file, str(name), entry) for name, entry in content.items()}
+
+
+def _place(file: Path, name: str, entry: Any) -> Place:
+    where = f'places file {file}, place {name!r}'
+    if _NO_WORD.search(name) or not name:
+        raise UsageError(f'{where}: a name is one word that begins with a letter')
+    if not isinstance(entry, dict) or not {'x', 'y'} <= entry.keys() <= {'x', 'y', 'yaw', 'frame'}:
+        raise UsageError(f'{where}: expected {{x: 1.0, y: 2.0, yaw: 0.0}} with metres and radians')
+    numbers = {}
+    for key in ('x', 'y', 'yaw'):
+        value = entry.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise UsageError(f'{where}: {key} is {value!r}, not a number')
+        numbers[key] = float(value)
+    return Place(**numbers, frame=str(entry.get('frame', FRAME)))
+
+
+def value_text(text: str, type: str, places: Mapping[str, Place]) -> str:
+    """The text of a value of ``type`` (as in BlackboardEntry), from what the operator wrote; checked.
+
+    A message type that is not installed here is left to the executive to check.
+
+    Raises:
+        RefusedError: it is no value of the type.
+    """
+    short = type.replace('/msg/', '/')
+    if short in ('string', 'str'):
+        return json.dumps(text)
+    is_array = short.endswith('[]')
+    pose_form = _POSE_FORMS.get(short.removesuffix('[]'))
+    if pose_form is not None and not text.lstrip().startswith(('{', '[')):
+        poses = [pose_form(_pose(part, places)) for part in text.split(';')] if text.strip() else []
+        if not is_array and len(poses) != 1:
+            raise RefusedError(f'{text!r}: expected one pose: a place, or "x y yaw"')
+        return json.dumps(poses if is_array else poses[0])
+    return _checked_text(text, type)
+
+
+def answer(decision: Decision, text: str, places: Mapping[str, Place]) -> InputValue:
+    """The value that answers a question for input.
+
+    Raises:
+        RefusedError: it is no value of the wanted type, or none of the allowed ones.
+    """
+    allowed = decision.input_choices
+    if allowed and text not in allowed:
+        raise RefusedError(f'{text!r} is not allowed here; choose one of {", ".join(allowed)}')
+    if allowed and decision.input_type.removesuffix('[]') not in ('string', 'str'):
+        places = {}
+    return InputValue('', decision.input_type, value_text(text, decision.input_type, places))
+
+
+def start_input(text: str, places: Mapping[str, Place]) -> InputValue:
+    """Read ``key=type:value`` of the input userdata of a start.
+
+    Raises:
+        UsageError: it is not written so.
+        RefusedError: it is no value of the type.
+    """
+    key, equals, rest = text.partition('=')
+    type, colon, value = rest.partition(':')
+    if not (key and equals and type and colon):
+        raise UsageError(f'--input {text!r}: expected key=type:value, e.g. goal=geometry_msgs/PoseStamped:1 2 0')
+    return InputValue(key, type, value_text(value, type, places))
+
+
+def _pose(text: str, places: Mapping[str, Place]) -> Place:
+    words = text.split()
+    if len(words) == 1 and words[0] in places:
+        return places[words[0]]
+    try:
+        x, y, *rest = (float(word) for word in words)
+        (yaw,) = rest or (0.0,)
+    except ValueError:
+        near = difflib.get_close_matches(text.strip(), places, n=1)
+        known = f'the places are {", ".join(sorted(places))}' if places else 'there are no named places'
+        hint = f'did you mean {near[0]}?' if near else known
+        raise RefusedError(f'{text.strip()!r} is no place and not "x y yaw" (metres, radians); {hint}') from None
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
+        raise RefusedError(f'{text.strip()!r}: a pose has finite numbers')
+    return Place(x, y, yaw)
+
+
+def _pose_plain(place: Place) -> dict[str, Any]:
+    return {
+        'position': {'x': place.x, 'y': place.y},
+        'orientation': {'z': math.sin(place.yaw / 2.0), 'w': math.cos(place.yaw / 2.0)},
+    }
+
+
+_POSE_FORMS: Final[Mapping[str, Callable[[Place], dict[str, Any]]]] = {
+    'geometry_msgs/PoseStamped': lambda place: {
+        'header': {'frame_id': place.frame},
+        'pose': _pose_plain(place),
+    },
+    'geometry_msgs/Pose': _pose_plain,
+    'geometry_msgs/Pose2D': lambda place: {'x': place.x, 'y': place.y, 'theta': place.yaw},
+}
+"""How a place becomes plain data of each type of pose."""
+
+
+def is_pose(type: str) -> bool:
+    """Whether a place or ``x y yaw`` may be given for that type."""
+    return type.replace('/msg/', '/').removesuffix('[]') in _POSE_FORMS
+
+
+def _checked_text(text: str, type: str) -> str:
+    # Imported here because it brings rclpy and the interface packages along, which takes a while.
+    from flexbt_common.errors import UnknownTypeError, ValueConversionError
+    from flexbt_common.values.entries import resolve_type, text_to_value, value_to_text
+
+    try:
+        resolved = resolve_type(type)
+    except UnknownTypeError:
+        return text
+    try:
+        return value_to_text(text_to_value(text, resolved.name), resolved.name)
+    except ValueConversionError as error:
+        raise RefusedError(f'{text!r} is no {type}: {error.reason}') from error

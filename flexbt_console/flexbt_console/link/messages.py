@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of the operator link to records of the mirror, and commands to messages. The one place for both."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Any, TypeVar
+
+from builtin_interfaces.msg import Time
+
+from flexbt_console.mirror import records
+from flexbt_core.values.sendable import sendable
+from flexbt_msgs.msg import (
+    BehaviorArgument,
+    BehaviorList,
+    BehaviorStructure,
+    BlackboardEntry,
+    ExecutiveCommand,
+    ExecutiveLog,
+    ExecutiveStatus,
+)
+
+E = TypeVar('E', bound=IntEnum)
+
+
+def snapshot(message: ExecutiveStatus) -> records.Snapshot:
+    """The record of a status."""
+    return records.Snapshot(
+        executive_id=message.executive_id,
+        sequence=message.sequence,
+        heartbeat_period=message.heartbeat_period,
+        state=_known(records.ExecutiveState, message.state),
+        run_id=message.run_id,
+        behavior=message.behavior,
+        outcome=message.outcome,
+        message=message.message,
+        autonomy=message.autonomy,
+        active_states=tuple(
+            records.ActiveState(state.path, _seconds(state.entered), tuple(state.activity), state.paused)
+            for state in message.active_states
+        ),
+        decisions=tuple(_decision(decision) for decision in message.decisions),
+        results=tuple(
+            records.CommandAnswer(result.command_id, _known(records.AnswerCode, result.code), result.reason)
+            for result in message.results
+        ),
+        peers=tuple(records.Peer(peer.name, peer.alive, _seconds(peer.since), peer.ready) for peer in message.peers),
+        robot_pose=_pose(message.robot_pose),
+        locked=tuple(message.locked),
+        breakpoints=tuple(message.breakpoints),
+        autonomy_levels=tuple((entry.path, int(entry.level)) for entry in message.autonomy_levels),
+        authority=message.authority,
+        authority_requests=tuple(message.authority_requests),
+        stamp=_seconds(message.stamp),
+    )
+
+
+def structure(message: BehaviorStructure) -> records.Structure:
+    """The record of a state machine."""
+    return records.Structure(
+        run_id=message.run_id,
+        behavior=message.behavior,
+        states=tuple(
+            records.StateStructure(
+                path=state.path,
+                kind=_known(records.StateKind, state.kind),
+                type=state.type,
+                children=tuple(state.children),
+                outcomes=tuple(state.outcomes),
+                targets=tuple(state.targets),
+                autonomy=tuple(int(level) for level in state.autonomy),
+            )
+            for state in message.states
+        ),
+    )
+
+
+def behaviors(message: BehaviorList) -> records.BehaviorList:
+    """The record of a list of behaviors."""
+    return records.BehaviorList(
+        executive_id=message.executive_id,
+        behaviors=tuple(
+            records.Behavior(
+                name=behavior.name,
+                package=behavior.package,
+                description=behavior.description,
+                author=behavior.author,
+                parameters=tuple(
+                    records.BehaviorParameter(
+                        parameter.name,
+                        parameter.type,
+                        parameter.default_value,
+                        tuple(parameter.choices),
+                        parameter.description,
+                    )
+                    for parameter in behavior.parameters
+                ),
+                error=behavior.error,
+            )
+            for behavior in message.behaviors
+        ),
+    )
+
+
+def log_line(message: ExecutiveLog) -> records.LogLine:
+    """The record of a line of the log."""
+    return records.LogLine(
+        executive_id=message.executive_id,
+        sequence=message.sequence,
+        severity=_known(records.Severity, message.severity),
+        text=message.text,
+        path=message.path,
+        run_id=message.run_id,
+        stamp=_seconds(message.stamp),
+    )
+
+
+def command(record: records.Command, now: float) -> ExecutiveCommand:
+    """The message of a command; ``now`` is the time of this computer in seconds."""
+    return ExecutiveCommand(
+        id=record.id,
+        stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)),
+        operator_id=sendable(record.operator),
+        kind=int(record.kind),
+        executive_id=record.executive_id,
+        run_id=record.run_id,
+        decision_id=sendable(record.decision_id),
+        path=sendable(record.path),
+        outcome=sendable(record.outcome),
+        autonomy=int(record.autonomy),
+        behavior=sendable(record.behavior),
+        arguments=[BehaviorArgument(name=sendable(name), value=sendable(value)) for name, value in record.arguments],
+        inputs=[
+            BlackboardEntry(key=sendable(value.key), type=sendable(value.type), text=sendable(value.text))
+            for value in record.inputs
+        ],
+        grantee=sendable(record.grantee),
+        reason=sendable(record.reason),
+    )
+
+
+def _decision(message: Any) -> records.Decision:
+    return records.Decision(
+        id=message.id,
+        kind=_known(records.DecisionKind, message.kind),
+        path=message.path,
+        outcome=message.outcome,
+        outcomes=tuple(message.outcomes),
+        required_autonomy=message.required_autonomy,
+        prompt=message.prompt,
+        input_type=message.input_type,
+        input_choices=tuple(message.input_choices),
+        since=_seconds(message.since),
+    )
+
+
+def _pose(message: Any) -> records.Pose | None:
+    if not message.header.frame_id:
+        return None
+    position, q = message.pose.position, message.pose.orientation
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return records.Pose(message.header.frame_id, position.x, position.y, yaw)
+
+
+def _known(constants: type[E], value: int) -> E:
+    """A constant of the message; one that a newer sender may have added is UNKNOWN."""
+    try:
+        return constants(value)
+    except ValueError:
+        return constants(0)
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + stamp.nanosec * 1e-9

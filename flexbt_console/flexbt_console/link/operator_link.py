@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The console's side of the operator link: topics into the mirror, and commands out of it."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, TypeVar
+
+from builtin_interfaces.msg import Time
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from std_msgs.msg import Header
+
+from flexbt_common.liveness.presence import PresenceToken
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.errors import NoLinkError
+from flexbt_console.mirror import Change, Mirror, TrackedCommand, Transit, View
+from flexbt_console.mirror.command_tracker import LONGEST_RESEND
+from flexbt_console.mirror.records import Command, UserdataScope
+from flexbt_core.clock.clock import Timer
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+
+from . import messages
+from .interface_check import interface_problem, senders_problem
+
+T = TypeVar('T')
+
+SETTLED_COMMANDS: Final = frozenset({'applied', 'refused', 'timeout'})
+
+
+class OperatorLink:
+    """Feeds a mirror from the topics of an executive, and sends the mirror's commands until they are answered.
+
+    The link only moves messages: what they mean is the mirror's business. A command is sent as soon as the
+    executive's subscription is discovered, and again with the same identifier until there is an answer.
+    """
+
+    def __init__(self, runtime: NodeRuntime, mirror: Mirror, operator: str = '') -> None:
+        """Join the topics; ``mirror`` has to live on the runtime's steady clock, ``operator`` is who sits here."""
+        self._runtime = runtime
+        self._mirror = mirror
+        self._changed = threading.Condition()
+        self._changes = 0
+        self._resend: Timer | None = None
+        self._executives = 0
+        self._reachable = False
+        self._id = uuid.uuid4().hex
+        mirror.add_listener(self._note_change)
+        runtime.call(self._join)
+        # The executive sees by this whether anybody watches, and whether the holder of the authority does.
+        PresenceToken(runtime, operator)
+
+    def send(self, command: Command, timeout: float) -> TrackedCommand:
+        """Give a command to the executive; its fate is followed by the mirror. From any thread."""
+        tracked = self._mirror.give(command, timeout)
+        self._runtime.post(self._send_due)
+        return tracked
+
+    def wait_for(self, look: Callable[[View], T | None], timeout: float | None, every: float | None = None) -> T | None:
+        """Wait until ``look`` sees something in the view, and give it; None after ``timeout`` seconds.
+
+        ``look`` is called after each change, also when the picture gets stale, and at least ``every`` seconds if
+        that is given. Not on the executor thread.
+        """
+        clock = self._runtime.steady
+        deadline = None if timeout is None else clock.now() + timeout
+        while True:
+            with self._changed:
+                changes = self._changes
+            found = look(self._mirror.view())
+            if found is not None:
+                return found
+            now = clock.now()
+            if deadline is not None and now >= deadline:
+                return None
+            times = (deadline, self._mirror.next_link_change(), None if every is None else now + every)
+            limits = [time for time in times if time is not None]
+            wait = max(0.0, min(limits) - now) if limits else None
+            with self._changed:
+                self._changed.wait_for(lambda seen=changes: self._changes != seen, wait)  # type: ignore[misc]
+
+    def live_view(self, timeout: float) -> View:
+        """The picture, as soon as it is live.
+
+        Raises:
+            NoLinkError: it was not within ``timeout`` seconds; says what is known.
+        """
+        view = self.wait_for(lambda view: view if view.live else None, timeout)
+        if view is not None:
+            return view
+        raise NoLinkError(no_link_text(self._mirror.view(), f'within {timeout:g} s'))
+
+    def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
+        """Wait for the answer of a command, or its timeout."""
+
+        def look(_: View) -> TrackedCommand | None:
+            tracked = self._mirror.command(command_id)
+            return tracked if tracked is not None and tracked.state.value in SETTLED_COMMANDS else None
+
+        return self.wait_for(look, timeout)
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """The userdata of the run, see :func:`flexbt_console.link.userdata_query.userdata`. Raises what that raises."""
+        from .userdata_query import userdata  # what only this command needs
+
+        return userdata(self._runtime, path, keys, timeout)
+
+    def _join(self) -> None:
+        node = self._runtime.node
+        matched = SubscriptionEventCallbacks(matched=self._on_status_matched)
+        node.create_subscription(
+            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(), event_callbacks=matched
+        )
+        for type, topic, convert, receive, depth in (
+            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, messages.structure, self._mirror.receive_structure, 1),
+            (BehaviorList, names.EXECUTIVE_BEHAVIORS, messages.behaviors, self._mirror.receive_behaviors, 1),
+            (ExecutiveLog, names.EXECUTIVE_LOG, messages.log_line, self._mirror.receive_log, names.LOG_DEPTH),
+        ):
+            node.create_subscription(type, topic, _forward(convert, receive), names.latched(depth))
+        self._pings = node.create_publisher(Header, names.EXECUTIVE_PING, names.unacknowledged())
+        node.create_subscription(Header, names.EXECUTIVE_PONG, self._on_pong, names.unacknowledged())
+        commands = names.command()
+        # The middleware must not deliver after an interruption what the operator was told to be without an answer.
+        commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
+        self._commands = node.create_publisher(
+            ExecutiveCommand,
+            names.EXECUTIVE_COMMAND,
+            commands,
+            event_callbacks=PublisherEventCallbacks(matched=self._on_command_matched),
+        )
+
+    def _on_status(self, message: ExecutiveStatus, info: Mapping[str, int]) -> None:
+        sent = info['source_timestamp'] * 1e-9
+        transit = Transit(sent, time.time()) if sent > 0.0 else None
+        self._mirror.receive_snapshot(messages.snapshot(message), transit)
+        if self._mirror.wants_ping():
+            seconds, nanoseconds = divmod(time.time_ns(), 10**9)
+            self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
+
+    def _on_pong(self, echo: Header, info: Mapping[str, int]) -> None:
+        if echo.frame_id == self._id and info['source_timestamp'] > 0:
+            said = echo.stamp.sec + echo.stamp.nanosec * 1e-9
+            self._mirror.receive_pong(info['source_timestamp'] * 1e-9 - said)
+
+    def _on_status_matched(self, status: Any) -> None:
+        self._executives = status.current_count
+        if self._executives == 0:
+            self._mirror.sender_gone()
+            return
+        self._look_for_problems()
+
+    def _on_command_matched(self, status: Any) -> None:
+        self._reachable = status.current_count > 0
+        self._look_for_problems()
+        self._send_due()
+
+    def _look_for_problems(self) -> None:
+        node = self._runtime.node
+        self._mirror.set_problem(
+            interface_problem(node, names.EXECUTIVE_STATUS)
+            or interface_problem(node, names.EXECUTIVE_COMMAND)
+            or senders_problem(node, names.EXECUTIVE_STATUS, self._executives)
+        )
+
+    def _send_due(self) -> None:
+        for command in self._mirror.due_commands(self._reachable):
+            self._commands.publish(messages.command(command, time.time()))
+        self._plan_resend()
+
+    def _plan_resend(self) -> None:
+        if self._resend is not None:
+            self._resend.cancel()
+            self._resend = None
+        due = self._mirror.next_command_time(self._reachable)
+        if due is not None:
+            self._resend = self._runtime.steady.call_at(due, lambda: self._runtime.post(self._send_due))
+
+    def _note_change(self, change: Change) -> None:
+        with self._changed:
+            self._changes += 1
+            self._changed.notify_all()
+
+
+def no_link_text(view: View, when: str) -> str:
+    """Why there is no link, and what to do."""
+    if view.problem:
+        return f'no link: {view.problem}'
+    if view.snapshot is None:
+        return (
+            f'no link: no executive was heard {when}. Is it running, in the same namespace '
+            '(--namespace) and the same ROS_DOMAIN_ID?'
+        )
+    return f'no link: the executive was last heard {view.age or 0.0:.1f} s ago, and not again {when}'
+
+
+def _forward(convert: Callable[[Any], Any], receive: Callable[[Any], object]) -> Callable[[Any], None]:
+    def on_message(message: Any) -> None:
+        receive(convert(message))
+
+    return on_message

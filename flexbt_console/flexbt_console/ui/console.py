@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``console``: line mode with a command, the interactive prompt without one.
+
+What a terminal user waits for is imported first and little: ROS only when a command needs it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from flexbt_common.cli.streams import abandon_stdout, make_streams_safe
+from flexbt_console.commands import command_table
+from flexbt_console.commands.command_line import CommandLine, command_help, overview, parse
+from flexbt_console.commands.operator_values import Place, full_namespace, load_places
+from flexbt_console.errors import ConsoleError, ExitCode, UsageError
+from flexbt_console.present import json_form
+from flexbt_core.values import escaping
+
+if TYPE_CHECKING:
+    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_console.commands.requests import Requests
+    from flexbt_console.link.operator_link import OperatorLink
+    from flexbt_console.mirror import Mirror
+
+NODE_NAME = 'console'
+PLACES_PARAMETER = 'places'
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+_CLOSE_SECONDS = 10.0
+
+
+class _Interrupted(Exception):
+    """SIGINT or SIGTERM, raised on the main thread."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the console and give its exit code (see :class:`flexbt_console.errors.ExitCode`).
+
+    Has to be called on the main thread: it handles SIGINT and SIGTERM.
+    """
+    make_streams_safe()
+    line: CommandLine | None = None
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        _raise_at_signals()
+        line = parse(words)
+        if line.has('--help'):
+            print(overview() if line.spec is None else command_help(line.spec))
+            return ExitCode.OK
+        if line.spec is None:
+            if not sys.stdin.isatty():
+                print(overview(), file=sys.stderr)
+                return ExitCode.USAGE
+            line = CommandLine(command_table.find('prompt'), (), line.options, line.ros_arguments)
+        return _run(line)
+    except ConsoleError as error:
+        return _report(words, line, error.exit_code, str(error))
+    except _Interrupted:
+        endless = line is not None and line.spec is not None and line.spec.name in ('watch', 'prompt')
+        return ExitCode.OK if endless else ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        abandon_stdout()
+        return ExitCode.OK
+
+
+def _run(line: CommandLine) -> ExitCode:
+    from .line import line_mode
+
+    assert line.spec is not None
+    line_mode.check(line)
+    if line.spec.name == 'prompt':
+        return _run_prompt(line)
+    with _open_runtime(line) as runtime:
+        mirror, link, requests = _parts(line, runtime)
+        return line_mode.run(line_mode.Session(mirror, link, requests, line))
+
+
+def _run_prompt(line: CommandLine) -> ExitCode:
+    from .line import line_mode
+
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise UsageError('the interactive prompt needs a terminal; use a command, see console --help')
+    try:
+        from flexbt_console.ui.prompt.session import run_prompt
+    except ModuleNotFoundError as error:
+        if error.name is None or not error.name.startswith('prompt_toolkit'):
+            raise
+        raise UsageError(
+            'the interactive prompt needs prompt_toolkit: install python3-prompt-toolkit, or use a command '
+            '(console --help)'
+        ) from None
+    with _open_runtime(line) as runtime:
+        mirror, link, requests = _parts(line, runtime)
+        timeout = line.seconds('--timeout') or line_mode.DEFAULT_TIMEOUT
+        run_prompt(mirror, link.send, requests, timeout, runtime.steady)
+        return ExitCode.OK
+
+
+def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, Requests]:
+    from flexbt_console.commands.requests import Requests
+    from flexbt_console.link.operator_link import OperatorLink
+    from flexbt_console.mirror import Mirror
+
+    mirror, operator = Mirror(runtime.steady), operator_name(line)
+    return mirror, OperatorLink(runtime, mirror, operator), Requests(operator, _places(line, runtime))
+
+
+@contextlib.contextmanager
+def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
+    from flexbt_common.runtime.node_runtime import NodeRuntime
+
+    arguments = list(line.ros_arguments)
+    namespace = line.value('--namespace')
+    if namespace:
+        arguments += ['--ros-args', '-r', f'__ns:={full_namespace(namespace)}']
+    # A signal must not come between the start of the executor thread and our knowing of it.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    try:
+        runtime = NodeRuntime(NODE_NAME, args=[NODE_NAME, *arguments])
+    except Exception as error:  # whatever rcl finds wrong with the arguments or the middleware
+        raise UsageError(f'cannot join ROS: {error}') from error
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+    try:
+        yield runtime
+    finally:
+        _ignore_signals()
+        # Should the middleware hang while it ends, the process ends all the same, and tells where.
+        faulthandler.dump_traceback_later(_CLOSE_SECONDS, exit=True, file=2)
+        runtime.close()
+        faulthandler.cancel_dump_traceback_later()
+
+
+def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Place]:
+    """The named places, from the first that is given: option, environment, parameter of the node."""
+    file = line.value('--places') or os.environ.get('FLEXBT_PLACES', '')
+    if not file:
+        node = runtime.node
+        file = runtime.call(lambda: node.declare_parameter(PLACES_PARAMETER, '').value)
+    return load_places(Path(file)) if file else {}
+
+
+def operator_name(line: CommandLine) -> str:
+    """Who gives the commands: the option, the environment, or user@host."""
+    given = line.value('--operator') or os.environ.get('FLEXBT_OPERATOR')
+    if given:
+        return given
+    import getpass
+    import socket
+
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):
+        user = str(os.getuid())
+    return f'{user}@{socket.gethostname()}'
+
+
+def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, reason: str) -> int:
+    name = line.spec.name if line is not None and line.spec is not None else ''
+    if '--json' in words:
+        print(json_form.encode(json_form.failure(name, exit_code, reason)))
+    else:
+        word = 'refused: ' if exit_code is ExitCode.REFUSED else ''
+        prefix = f'{name}: ' if name else 'console: '
+        print(prefix + word + '\n'.join(escaping.lines(reason)), file=sys.stderr)
+    return exit_code
+
+
+def _raise_at_signals() -> None:
+    """Raise _Interrupted on the main thread at the first signal; further ones cannot disturb the orderly end."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        _ignore_signals()
+        raise _Interrupted
+
+    for known in _SIGNALS:
+        signal.signal(known, interrupt)
+
+
+def _ignore_signals() -> None:
+    for known in _SIGNALS:
+        signal.signal(known, signal.SIG_IGN)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

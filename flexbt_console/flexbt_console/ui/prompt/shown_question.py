@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which question the operator was looking at when the typing began, so that no answer reaches another one."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flexbt_core.clock.clock import Clock
+
+REACTION_SECONDS: Final = 0.4
+"""A key that is pressed sooner than this after a question took the place of another was meant for the other."""
+
+
+class ShownQuestion:
+    """Binds each typed line to the question that was on the screen at its first key."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._shown: str | None = None
+        self._replaced_at: float | None = None
+        self._bound: str | None = None
+        self._typing = False
+        self._hasty = False
+
+    @property
+    def shown(self) -> str | None:
+        """Identifier of the question on the screen."""
+        return self._shown
+
+    def drawn(self, decision_id: str | None) -> None:
+        """The screen shows this question now."""
+        if decision_id == self._shown:
+            return
+        self._replaced_at = self._clock.now() if self._shown is not None and decision_id is not None else None
+        self._shown = decision_id
+
+    def typed(self, text: str) -> None:
+        """The line reads so now; the first character of a line binds it."""
+        if not text:
+            self._typing = False
+        elif not self._typing:
+            self._typing = True
+            self._bound = self._shown
+            since = None if self._replaced_at is None else self._clock.now() - self._replaced_at
+            self._hasty = since is not None and since < REACTION_SECONDS
+
+    def take(self) -> tuple[str | None, bool]:
+        """The question that the finished line is bound to, and whether its typing began too soon to be meant."""
+        bound, hasty = (self._bound, self._hasty) if self._typing else (self._shown, False)
+        self._typing = False
+        return bound, hasty

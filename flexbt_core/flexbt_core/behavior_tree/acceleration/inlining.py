@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Methods of the engine in which what the change of a status costs, when it is logged, is written out in place.
+
+The status of an observed node is a property, whose calls take several times as long as the tick of a simple node. So
+for observed nodes the methods of the engine are compiled anew, from their own source, with these stores written out::
+
+    self.status = SUCCESS             self.stored = SUCCESS
+                                      self.context.log.append(self.marks[2])
+
+    self.status = status              if self.stored is not status:
+                                          self.stored = status
+                                          self.context.log.append(self.marks[status])
+
+    self.child.status = IDLE          self.child.stored = IDLE
+    self.status = SUCCESS             self.stored = SUCCESS
+                                      self.context.log.append(self.marks[FIRST_CHILDREN_IDLE + 2])
+
+    for child in self.children:       for child in self.children:
+        if child.status is RUNNING:       if child.stored is RUNNING:
+            child.halt()                      self.context.log.append(self.marks[EARLIER_CHILDREN_IDLE])
+        child.status = IDLE                   child.halt()
+                                          child.stored = IDLE
+                                      self.context.log.append(self.marks[CHILDREN_IDLE])
+
+``stored`` is the slot below the property. Every other store goes through the property, as all do in a method whose
+source is not to be had, or is not that of its code any more: this saves time, and changes nothing else.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import itertools
+import sys
+import types
+from collections.abc import Iterator
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.observers.status_log import CHILDREN_IDLE, EARLIER_CHILDREN_IDLE, FIRST_CHILDREN_IDLE
+
+_PACKAGE: Final = 'flexbt_core.behavior_tree.'
+
+# Those that are new nearly always when they are stored. RUNNING is often stored again, and must not cost then.
+_NEW: Final = {status.name: status.value for status in (NodeStatus.IDLE, NodeStatus.SUCCESS, NodeStatus.FAILURE)}
+
+
+def inlined_methods(node_class: type[Any]) -> dict[str, types.FunctionType]:
+    """The methods of ``node_class`` that are of the engine and use statuses, compiled anew."""
+    methods: dict[str, types.FunctionType] = {}
+    for base in reversed(node_class.__mro__):
+        for name, member in vars(base).items():
+            methods.pop(name, None)
+            if isinstance(member, types.FunctionType) and name != '__init__':
+                method = _inlined(member)
+                if method is not None:
+                    methods[name] = method
+    return methods
+
+
+@functools.cache
+def _inlined(function: types.FunctionType) -> types.FunctionType | None:
+    """The function compiled anew, when it is of the engine and uses statuses, or calls a function that does."""
+    known = function.__code__
+    if not (function.__module__ or '').startswith(_PACKAGE):
+        return None
+    helpers = {
+        name: helper
+        for name in known.co_names
+        if isinstance(value := function.__globals__.get(name), types.FunctionType)
+        and 'status' in value.__code__.co_names
+        and (helper := _inlined(value)) is not None
+    }
+    if not helpers and 'status' not in known.co_names:
+        return None
+    code = _compiled(function.__module__).get(known)
+    if code is None:
+        return None
+    names = {**function.__globals__, **helpers, 'SUCCESS': SUCCESS, 'FAILURE': FAILURE}
+    made = types.FunctionType(code, names, function.__name__, function.__defaults__, function.__closure__)
+    made.__kwdefaults__ = function.__kwdefaults__
+    return made
+
+
+@functools.cache
+def _compiled(module: str) -> dict[types.CodeType, types.CodeType]:
+    """What becomes of the code of a module. Empty without its source; other keys when that was replaced since."""
+    try:
+        source = inspect.getsource(sys.modules[module])
+    except OSError:
+        return {}
+    file = sys.modules[module].__file__ or module
+    plain = compile(source, file, 'exec', dont_inherit=True)
+    made = compile(_Inliner().visit(ast.parse(source)), file, 'exec', dont_inherit=True)
+    return dict(zip(_inner_code(plain), _inner_code(made), strict=True))
+
+
+def _inner_code(code: types.CodeType) -> Iterator[types.CodeType]:
+    for inner in code.co_consts:
+        if isinstance(inner, types.CodeType):
+            yield inner
+            yield from _inner_code(inner)
+
+
+_JOINED: Final = 'status_after_that_of_child'
+_FIRST_PLACES: Final = {'status': 0, _JOINED: FIRST_CHILDREN_IDLE}
+
+
+class _Inliner(ast.NodeTransformer):
+    def generic_visit(self, node: ast.AST) -> ast.AST:
+        for block in (getattr(node, 'body', None), getattr(node, 'orelse', None)):
+            if isinstance(block, list):
+                _join_stores(block)
+        return super().generic_visit(node)
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        self.generic_visit(node)
+        if node.attr == 'status' and isinstance(node.ctx, ast.Load):
+            node.attr = 'stored'
+        return node
+
+    def visit_Assign(self, node: ast.Assign) -> ast.AST | list[ast.stmt]:
+        match node.targets:
+            case [ast.Attribute(ast.Name() | ast.Attribute(ast.Name()) as owner, name)] if name in _FIRST_PLACES:
+                self.generic_visit(node)
+                return _statements(node, *_store(ast.unparse(owner), node.value, _FIRST_PLACES[name]))
+        return self.generic_visit(node)
+
+    def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
+        match node:
+            case ast.For(
+                target=ast.Name(child),
+                iter=ast.Attribute(ast.Name('self'), 'children'),
+                body=[
+                    ast.If(body=[ast.Expr(ast.Call(ast.Attribute(ast.Name(halted), 'halt')))], orelse=[]) as halting,
+                    ast.Assign([ast.Attribute(ast.Name(reset), 'status') as target], ast.Name('IDLE')),
+                ],
+                orelse=[],
+            ) if child == halted == reset:
+                self.generic_visit(halting)
+                halting.body[:0] = _statements(halting, _append('self', EARLIER_CHILDREN_IDLE))
+                target.attr = 'stored'
+                return [node, *_statements(node, _append('self', CHILDREN_IDLE))]
+        return self.generic_visit(node)
+
+
+def _join_stores(block: list[ast.stmt]) -> None:
+    """A decorator that sets its child to IDLE, and stores its own status then, logs both at once."""
+    for first, second in itertools.pairwise(block):
+        match first, second:
+            case (
+                ast.Assign([ast.Attribute(ast.Attribute(ast.Name('self'), 'child'), 'status') as of_child], idle),
+                ast.Assign([ast.Attribute(ast.Name('self'), 'status') as own], ast.Name()),
+            ) if ast.unparse(idle) == 'IDLE':
+                of_child.attr = 'stored'
+                own.attr = _JOINED
+
+
+def _store(owner: str, value: ast.expr, first: int) -> list[str]:
+    """The lines that store a status and log it; ``first`` is added to the place of the mark."""
+    status = ast.unparse(value)
+    if status in _NEW:
+        return [f'{owner}.stored = {status}', _append(owner, first + _NEW[status])]
+    lines = []
+    if not isinstance(value, ast.Name):
+        lines.append(f'_status = {status}')
+        status = '_status'
+    # As an index a number is far quicker than a NodeStatus.
+    other = f'{first + FAILURE} if {status} is FAILURE else {first} + {status}'
+    place = str(RUNNING.value) if status == 'RUNNING' else f'{first + SUCCESS} if {status} is SUCCESS else {other}'
+    store, append = f'{owner}.stored = {status}', _append(owner, place)
+    if first:
+        return [store, append]
+    return [*lines, f'if {owner}.stored is not {status}:', f'    {store}', f'    {append}']
+
+
+def _append(owner: str, place: int | str) -> str:
+    return f'{owner}.context.log.append({owner}.marks[{place}])'
+
+
+def _statements(node: ast.stmt, *lines: str) -> list[ast.stmt]:
+    """These statements, in the place of ``node``."""
+    body = ast.parse('\n'.join(lines)).body
+    for part in (part for statement in body for part in ast.walk(statement)):
+        ast.copy_location(part, node)
+    return body

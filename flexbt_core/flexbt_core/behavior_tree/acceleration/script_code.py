@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes Python code for the expressions and assignments of scripts, for known kinds of values.
+
+See ``script_specialization`` for what becomes of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Literal, NamedTuple
+
+from flexbt_core.behavior_tree.model.blackboard import Entry
+from flexbt_core.behavior_tree.model.port_types import INT64
+from flexbt_core.behavior_tree.script.parser import Assignment, Binary, Comparison, Conditional, Expression, Name, Unary
+from flexbt_core.behavior_tree.script.parser import Literal as Constant
+from flexbt_core.behavior_tree.script.values import SAME_NUMBER
+
+Kind = Literal['integer', 'bool', 'real', 'text']
+
+_KINDS: Final[Mapping[type[Any], Kind]] = {int: 'integer', bool: 'bool', float: 'real', str: 'text'}
+_CLASSES: Final[Mapping[Kind, str]] = {kind: python_type.__name__ for python_type, kind in _KINDS.items()}
+_INTEGERS: Final[tuple[Kind, ...]] = ('integer', 'bool')
+
+_LARGEST: Final = 2**30 - 1
+"""Integers of entries are taken up to this size; the sums of a few of them are exact as doubles, too."""
+_EXACT: Final = 2**53 - 1
+_MAX_DEPTH: Final = 40
+"""Nesting of expressions, since Python's own parser has a limit."""
+
+
+class Variable(NamedTuple):
+    """What is known of an entry: the kind of its value, and between which integers it is (when that matters)."""
+
+    kind: Kind
+    minimum: int
+    maximum: int
+
+
+class NotSpecializable(Exception):
+    """The script, with these kinds, is for the closures."""
+
+
+def variable_of(entry: Entry) -> Variable | None:
+    """The kind of an entry; None when there is no code for such values."""
+    kind = _KINDS.get(entry.value.__class__)
+    if kind is None:
+        return None
+    declared = entry.type if entry.type is not None and entry.type.category == 'integer' else INT64
+    assert declared.minimum is not None
+    assert declared.maximum is not None
+    return Variable(kind, max(declared.minimum, -_LARGEST), min(declared.maximum, _LARGEST))
+
+
+class Code(NamedTuple):
+    """Python code for an expression, and what it gives.
+
+    ``bound`` is the greatest absolute value of an integer or bool. ``integral`` says that the language calls it an
+    integer; the others of these kinds are doubles that are kept as int, or as bool (0.0 and 1.0), because that is
+    faster. ``simple`` code is a name or a literal, and may be repeated.
+    """
+
+    text: str
+    kind: Kind
+    bound: int = 0
+    integral: bool = False
+    simple: bool = False
+
+    @property
+    def real(self) -> str:
+        """The code of the number as float."""
+        return self.text if self.kind == 'real' else f'({self.text} * 1.0)'
+
+
+class CodeWriter:
+    """Writes the code of scripts, in parts.
+
+    First come the :meth:`guards` of the entries; then ``lines``, which raise ArithmeticError or ValueError for what the
+    code is not made for; then the :meth:`commits`. The entries are called e0, e1 and so on, in the order of
+    ``variables``, their types t0, t1; local variables v and x. Of the text of a script nothing gets into the code but
+    numbers and texts, by their repr().
+    """
+
+    def __init__(self, variables: Mapping[str, Variable], enums: Mapping[str, int]) -> None:
+        self._variables = variables
+        self._enums = enums
+        self._locals = {name: f'v{index}' for index, name in enumerate(variables)}
+        self.lines: list[str] = []
+        self.may_raise = False
+        self._used: set[str] = set()
+        self._writes: dict[str, int] = {}
+        self._temporaries = 0
+        self._depth = 0
+
+    @property
+    def writes(self) -> bool:
+        """Whether an entry is written."""
+        return bool(self._writes)
+
+    def statements(self, statements: Sequence[Expression]) -> Code:
+        """Adds the lines of a script; gives the code of the value of its last statement."""
+        result = Code('False', 'bool')
+        for statement in statements:
+            result = self._assign(statement) if isinstance(statement, Assignment) else self._expression(statement)
+        return result
+
+    def guards(self, slow: str = 'slow()') -> list[str]:
+        """Reads the entries, and gives what ``slow`` gives unless they are as expected."""
+        lines = []
+        for place, (name, variable) in enumerate(self._variables.items()):
+            if name not in self._used:
+                continue
+            lines.append(f'v{place} = e{place}.value')
+            wrong = f'v{place}.__class__ is not {_CLASSES[variable.kind]}'
+            if variable.kind == 'integer':
+                wrong += f' or not {-_LARGEST} <= v{place} <= {_LARGEST}'
+                if name in self._writes:
+                    # The bounds of the type are a part of the code.
+                    wrong += f' or e{place}.type is not t{place}'
+            lines.append(f'if {wrong}: return {slow}')
+        return lines
+
+    def commits(self) -> list[str]:
+        """Writes the entries."""
+        # Two stores, and no call between them: no other thread comes between a value and its number.
+        lines = []
+        for name, count in self._writes.items():
+            place = self._locals[name][1:]
+            lines += [f'e{place}.value = v{place}', f'e{place}.sequence += {count}']
+        return lines
+
+    def _check(self, holds: str) -> None:
+        self.lines.append(f'if not ({holds}): raise ValueError')
+
+    def _name(self, code: Code) -> str:
+        """A name for the value of the code."""
+        if code.simple:
+            return code.text
+        self._temporaries += 1
+        name = f'x{self._temporaries}'
+        self.lines.append(f'{name} = {code.text}')
+        return name
+
+    # -- statements --------------------------------------------------------------------------------------------------
+
+    def _assign(self, statement: Assignment) -> Code:
+        name = statement.target
+        target = self._variables[name]
+        self._used.add(name)
+        code = self._expression(statement.value)
+        if statement.operator not in (':=', '='):
+            code = self._operate(statement.operator[0], self._variable(name), code)
+        local = self._locals[name]
+        bounds = f'{target.minimum} <= {local} <= {target.maximum}'
+        match target.kind, code.kind:
+            case ('integer', 'integer'):
+                self.lines.append(f'{local} = {code.text}')
+                if not target.minimum <= -code.bound <= code.bound <= target.maximum:
+                    self._check(bounds)
+            case ('integer', 'bool'):
+                self.lines.append(f'{local} = +{code.text}')
+            case ('integer', 'real'):
+                number = self._name(code)
+                self.lines.append(f'{local} = int({number})')
+                self._check(f'{local} == {number} and {bounds}')
+            case ('real', 'integer' | 'bool' | 'real'):
+                self.lines.append(f'{local} = {code.real}')
+            case ('bool', 'bool') | ('text', 'text'):
+                self.lines.append(f'{local} = {code.text}')
+            case _:
+                raise NotSpecializable
+        self._writes[name] = self._writes.get(name, 0) + 1
+        return self._variable(name)
+
+    def truth(self, code: Code) -> str:
+        """The code as a condition."""
+        match code.kind:
+            case 'bool':
+                return code.text
+            case 'text':
+                raise NotSpecializable
+        number = self._name(code)
+        self._check(f'0 <= {number} <= 1' if code.integral else f'{number} >= 0')
+        return f'({number} != 0)'
+
+    # -- expressions -------------------------------------------------------------------------------------------------
+
+    def _expression(self, expression: Expression) -> Code:
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            raise NotSpecializable
+        code = self._dispatch(expression)
+        self._depth -= 1
+        return code
+
+    def _dispatch(self, expression: Expression) -> Code:
+        match expression:
+            case Constant(_, value):
+                return _constant(value)
+            case Name(_, name):
+                enum = self._enums.get(name)
+                return self._variable(name) if enum is None else _integer(enum)
+            case Unary(_, symbol, operand):
+                return self._unary(symbol, operand)
+            case Binary(_, symbol, left, right):
+                return self._operate(symbol, self._expression(left), self._expression(right))
+            case Comparison():
+                return self._comparison(expression)
+            case Conditional(_, condition, then, otherwise):
+                return self._conditional(condition, then, otherwise)
+        raise NotSpecializable  # an assignment within an expression
+
+    def _variable(self, name: str) -> Code:
+        self._used.add(name)
+        kind = self._variables[name].kind
+        bound = {'integer': _LARGEST, 'bool': 1}.get(kind, 0)
+        return Code(self._locals[name], kind, bound, integral=kind in _INTEGERS, simple=True)
+
+    def _unary(self, symbol: str, operand: Expression) -> Code:
+        code = self._expression(operand)
+        if code.kind == 'text':
+            raise NotSpecializable
+        match symbol:
+            case '!':
+                return _truth_value(f'(not {code.text})' if code.kind == 'bool' else f'({code.text} == 0)')
+            case '~' if code.kind in _INTEGERS:
+                return Code(f'(-1 - {code.text})', 'integer', code.bound + 1)
+            case '-' if isinstance(operand, Constant) and code.kind == 'integer' and operand.value:
+                return Code(f'(-{code.text})', 'integer', code.bound, simple=True)
+            case '-':
+                # Of doubles: there is a negative zero.
+                return Code(f'(-{code.real})', 'real')
+        raise NotSpecializable
+
+    def _operate(self, symbol: str, left: Code, right: Code) -> Code:
+        if symbol in ('&&', '||'):
+            # Both are computed, as there; and neither can do anything.
+            first, second = self.truth(left), self.truth(right)
+            return _truth_value(f'({first} {"and" if symbol == "&&" else "or"} {second})')
+        texts = (left.kind == 'text') + (right.kind == 'text')
+        if symbol == '..' and texts:
+            return Code(f'({_text(left)} + {_text(right)})', 'text')
+        if texts == 2 and symbol == '+':
+            return Code(f'({left.text} + {right.text})', 'text')
+        if texts or symbol == '..':
+            raise NotSpecializable
+        integers = left.kind in _INTEGERS and right.kind in _INTEGERS
+        text = f'({left.text} {symbol} {right.text})'
+        if symbol in ('&', '|', '^'):
+            if not integers:
+                raise NotSpecializable
+            if left.kind == right.kind == 'bool':
+                return _truth_value(text)
+            return Code(text, 'integer', 1 << max(left.bound, right.bound).bit_length())
+        if integers and symbol in ('+', '-') and left.bound + right.bound <= _EXACT:
+            return Code(text, 'integer', left.bound + right.bound)
+        self.may_raise = self.may_raise or symbol == '/'
+        if symbol == '/' or not integers:
+            return Code(text, 'real')
+        return Code(f'({left.real} {symbol} {right.text})', 'real')
+
+    def _comparison(self, expression: Comparison) -> Code:
+        codes = [self._expression(operand) for operand in expression.operands]
+        # An operand between two operators is compared twice, but computed once.
+        codes[1:-1] = [code._replace(text=self._name(code)) for code in codes[1:-1]]
+        links = map(_compared, expression.operators, codes, codes[1:])
+        return _truth_value(f'({" and ".join(links)})')
+
+    def _conditional(self, condition: Expression, then: Expression, otherwise: Expression) -> Code:
+        chosen, first, second = map(self._expression, (condition, then, otherwise))
+        if chosen.kind == 'text' or first.integral is not second.integral:
+            raise NotSpecializable
+        holds = chosen.text if chosen.kind == 'bool' else f'{chosen.text} != 0'
+        kinds = {first.kind, second.kind}
+        if len(kinds) == 1:
+            branches, kind = (first.text, second.text), first.kind
+        elif kinds == {'integer', 'bool'}:
+            branches, kind = (f'+{first.text}', f'+{second.text}'), 'integer'
+        elif 'text' not in kinds:
+            branches, kind = (first.real, second.real), 'real'
+        else:
+            raise NotSpecializable
+        text = f'({branches[0]} if {holds} else {branches[1]})'
+        return Code(text, kind, max(first.bound, second.bound), first.integral)
+
+
+def _truth_value(text: str) -> Code:
+    return Code(text, 'bool', 1)
+
+
+def _integer(value: int, integral: bool = False) -> Code:
+    if abs(value) > _EXACT:
+        raise NotSpecializable
+    return Code(f'({value})', 'integer', abs(value), integral, simple=True)
+
+
+def _constant(value: int | float | str) -> Code:
+    if isinstance(value, int):
+        return _integer(value, integral=True)
+    if isinstance(value, float):
+        if value in (0.0, 1.0):
+            return Code(repr(value == 1.0), 'bool', 1, simple=True)
+        return Code(repr(value), 'real', simple=True)
+    return Code(repr(value), 'text', simple=True)
+
+
+def _text(code: Code) -> str:
+    """A number or text as text, see text_of."""
+    if code.kind == 'text':
+        return code.text
+    return f"format({code.text}, '{'d' if code.integral else 'f'}')"
+
+
+def _compared(symbol: str, left: Code, right: Code) -> str:
+    """See compare() in script_values."""
+    if (left.kind == 'text') is not (right.kind == 'text'):
+        raise NotSpecializable
+    if 'real' not in (left.kind, right.kind):
+        return f'{left.text} {symbol} {right.text}'
+    if symbol in ('==', '!='):
+        same = f'{-SAME_NUMBER} <= {left.text} - {right.text} <= {SAME_NUMBER}'
+        return same if symbol == '==' else f'not {same}'
+    opposite = {'<': '>=', '>': '<=', '<=': '>', '>=': '<'}[symbol]
+    return f'not {left.text} {opposite} {right.text}'

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the nodes of one running tree share: clock, services of the host, wake-ups, and work that outlives a halt."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from flexbt_core.clock.clock import Clock
+
+if TYPE_CHECKING:
+    from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+    from flexbt_core.behavior_tree.model.status import NodeStatus
+    from flexbt_core.behavior_tree.observers.hooks import TickHooks
+    from flexbt_core.behavior_tree.observers.status_log import Log
+    from flexbt_core.behavior_tree.script.compiled_script import ScriptLibrary
+
+    from .node import TreeNode
+
+TransitionObserver = Callable[['TreeNode', 'NodeStatus', 'NodeStatus'], None]
+
+
+class UnfinishedWork:
+    """Work of a leaf that goes on after the leaf was halted, such as a goal whose cancelling is not confirmed yet."""
+
+    __slots__ = ('_context', 'advance', 'description')
+
+    def __init__(self, context: TreeContext, description: str, advance: Callable[[], None] | None) -> None:
+        self._context = context
+        self.description = description
+        self.advance = advance
+
+    def done(self) -> None:
+        """The work has ended. From any thread; harmless when it was called before."""
+        self._context.finish(self)
+
+
+class TreeContext:
+    """Shared by all nodes of one running tree; every node has it as ``self.context``.
+
+    ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
+    ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
+    work that needs ticks. ``exchanged`` are nodes that have another ``execute`` now, which their parents may fetch.
+    ``hooks`` are the hooks of the nodes, while there are any.
+    ``log`` is where changes of statuses are written, while the tree is watched.
+    """
+
+    def __init__(self, clock: Clock, services: Any, scripts: ScriptLibrary) -> None:
+        self.clock = clock
+        self.services = services
+        self.scripts = scripts
+        self.woken = False
+        self.on_wake: Callable[[], None] | None = None
+        self.log: Log | None = None
+        self.deadlines: dict[TreeNode, float] = {}
+        # No deadline is earlier.
+        self.earliest = math.inf
+        self.halt_errors: list[NodeExecutionError] = []
+        self.exchanged: list[TreeNode] = []
+        self.hooks: TickHooks | None = None
+        self.advancing = False
+        self._unfinished: list[UnfinishedWork] = []
+        self._lock = threading.Lock()
+
+    def wake(self) -> None:
+        """Asks for a tick as soon as possible. From any thread, and also from within a tick."""
+        # The flag first: whoever is told by the callback has to find it set.
+        self.woken = True
+        on_wake = self.on_wake
+        if on_wake is not None:
+            on_wake()
+
+    def add_unfinished(self, description: str, advance: Callable[[], None] | None = None) -> UnfinishedWork:
+        """Registers work that has to end before the tree is at rest; call ``done()`` of what is returned at its end.
+
+        Work that needs ticks to come to its end gives ``advance``: each tick calls it, and after the last the host.
+        """
+        work = UnfinishedWork(self, description, advance)
+        with self._lock:
+            self._unfinished.append(work)
+            self.advancing = self.advancing or advance is not None
+        return work
+
+    def advance_unfinished(self) -> None:
+        """One step of all work that needs ticks to come to its end. On the ticking thread."""
+        with self._lock:
+            works = tuple(self._unfinished)
+        for work in works:
+            if work.advance is not None:
+                work.advance()
+
+    def finish(self, work: UnfinishedWork) -> None:
+        """See :meth:`UnfinishedWork.done`."""
+        with self._lock:
+            if work not in self._unfinished:
+                return
+            self._unfinished.remove(work)
+            self.advancing = any(other.advance is not None for other in self._unfinished)
+        on_wake = self.on_wake
+        if on_wake is not None:
+            on_wake()
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """Descriptions of the work that goes on."""
+        with self._lock:
+            return tuple(work.description for work in self._unfinished)

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The bases of leaves: implement one, declare its ports, register it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+from .node import NodeConfig, TreeNode
+
+
+class Halted(BaseException):
+    """Raised where the work of a leaf waits, in a thread or a coroutine, when the leaf was halted. Let it pass."""
+
+
+class LeafNode(TreeNode):
+    """A node without children."""
+
+    __slots__ = ('_reason',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._reason = ''
+
+    def fail(self, reason: str) -> NodeStatus:
+        """FAILURE, with a reason for people: ``return self.fail('no path to the goal')``."""
+        self._reason = reason
+        return FAILURE
+
+    def failure_reason(self) -> str:
+        return self._reason or super().failure_reason()
+
+
+class SyncAction(LeafNode):
+    """An action that is done within one tick: :meth:`tick` gives SUCCESS, FAILURE or SKIPPED, never RUNNING."""
+
+    __slots__ = ()
+
+    kind = NodeKind.ACTION
+
+    @abstractmethod
+    def tick(self) -> NodeStatus:
+        """Does the work."""
+
+    def execute(self) -> NodeStatus:
+        self._reason = ''
+        try:
+            status = self.tick()
+        except BaseException as error:
+            raise self.fault(error) from error
+        if status is SUCCESS or status is FAILURE:
+            self.status = status
+        elif self.checked(status) is RUNNING:
+            raise self.fault(
+                'a synchronous action must not return RUNNING; use StatefulAction for work that takes time'
+            )
+        return status
+
+
+class Condition(LeafNode):
+    """A test: :meth:`tick` gives SUCCESS when it holds and FAILURE when not."""
+
+    __slots__ = ()
+
+    kind = NodeKind.CONDITION
+
+    @abstractmethod
+    def tick(self) -> NodeStatus:
+        """Tests the condition. It must not change anything that other nodes see."""
+
+    def execute(self) -> NodeStatus:
+        self._reason = ''
+        try:
+            status = self.tick()
+        except BaseException as error:
+            raise self.fault(error) from error
+        if status is SUCCESS or status is FAILURE:
+            self.status = status
+        elif status is not SKIPPED:
+            self.status = self.checked(status)
+        return status
+
+
+class StatefulAction(LeafNode):
+    """An action that takes time and never blocks.
+
+    ``on_start`` begins the work; while the node is RUNNING, ``on_running`` asks how it is; ``on_halted`` stops it.
+    Work that goes on elsewhere calls ``self.wake()`` (from any thread) when there is news; work that only takes time
+    asks for its next tick by ``self.wake_at``. Work that outlives the halt is registered by
+    ``self.context.add_unfinished``.
+    """
+
+    __slots__ = ()
+
+    kind = NodeKind.ACTION
+
+    @abstractmethod
+    def on_start(self) -> NodeStatus:
+        """Begins the work: RUNNING when it goes on, or its result."""
+
+    @abstractmethod
+    def on_running(self) -> NodeStatus:
+        """RUNNING, or the result of the work."""
+
+    @abstractmethod
+    def on_halted(self) -> None:
+        """Stops the work that is RUNNING. Must not block."""
+
+    def execute(self) -> NodeStatus:
+        before = self.status
+        if before is not IDLE and before is not RUNNING:
+            # Completed, and not set back by the parent yet: the result stands.
+            return before
+        try:
+            if before is IDLE:
+                self._reason = ''
+                status = self.on_start()
+            else:
+                status = self.on_running()
+        except BaseException as error:
+            self.cancel_wake()
+            raise self.fault(error) from error
+        if status is not RUNNING:
+            self.cancel_wake()
+            if status is SKIPPED:
+                return status
+        self.status = self.checked(status)
+        return status
+
+    def halt(self) -> None:
+        if self.status is RUNNING:
+            self.cancel_wake()
+            self.stop_by(self.on_halted)
+        self.status = IDLE

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The base of all nodes: identity, status, wake-ups, ports, errors.
+
+A parent ticks a child through a callable that it fetched once, when the tree was built (``entry_point`` of
+``inner_nodes``). That callable runs the node and *stores the status itself*; there is no layer around it that a node
+which needs none of it would have to pay for. The rules that every ``execute`` keeps:
+
+* it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
+* of the statuses of children it keeps what ``inner_nodes`` says.
+"""
+
+from __future__ import annotations
+
+import reprlib
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Blackboard, Entry
+from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError, NodeExecutionError, PortError
+from flexbt_core.behavior_tree.model.port_types import cast
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue
+from flexbt_core.behavior_tree.model.status import IDLE, NodeKind, NodeStatus
+from flexbt_core.clock.clock import Clock
+
+from .context import TreeContext
+
+if TYPE_CHECKING:
+    from .pre_conditions import Conditions
+
+Execute = Callable[[], NodeStatus]
+
+NO_PORTS: Mapping[str, Port] = {}
+NOTHING_READ: dict[str, Any] = {}
+"""What a node that has not read a port yet remembers of entries: shared, and never written."""
+
+
+class NodeConfig(NamedTuple):
+    """What a node is made with. Pass it on to ``super().__init__`` unchanged."""
+
+    id: str
+    name: str
+    uid: int
+    scope: str
+    context: TreeContext
+    blackboard: Blackboard
+    values: Mapping[str, PortValue]
+
+
+class TreeNode(ABC):
+    """A node of a running tree. Derive from the bases in ``leaves``, or from Decorator or Control.
+
+    ``ports`` declares the ports of the class. A class that needs room for the state of a run makes it in ``__init__``
+    (which takes the NodeConfig and hands it on).
+    """
+
+    __slots__ = (
+        '_conditions',
+        '_entries',
+        '_scope',
+        '_values',
+        'blackboard',
+        'context',
+        'id',
+        'marks',
+        'name',
+        'status',
+        'uid',
+    )
+
+    ports: ClassVar[Mapping[str, Port]] = NO_PORTS
+    kind: ClassVar[NodeKind]
+    running_first: ClassVar[bool | None] = False
+    """Whether a tick that completes the node has stored RUNNING before: always, never, or None when it depends."""
+
+    marks: tuple[int, ...]
+    """What is logged for each status, see ``transition_log``; only of observed nodes."""
+
+    _conditions: Conditions
+    bare_execute: Execute
+    """Only of nodes that have pre- or post-conditions: those, and ``execute`` without them."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        self.status: NodeStatus = IDLE
+        self.id = config.id
+        self.name = config.name
+        self.uid = config.uid
+        self.context = config.context
+        self.blackboard = config.blackboard
+        self._scope = config.scope
+        self._values = config.values
+        self._entries: dict[str, tuple[Entry, type[Any]]] = NOTHING_READ
+
+    def __repr__(self) -> str:
+        return f'<{self.id} [{self.path}] {self.status.name}>'
+
+    @property
+    def path(self) -> str:
+        """Path within the tree: sub-tree instances, then the name; ``ID::uid`` for a node without a name."""
+        return node_path(self._scope, self.id, self.name, self.uid)
+
+    @property
+    def attached(self) -> tuple[TreeNode, ...]:
+        """The children, in their order."""
+        return ()
+
+    @property
+    def clock(self) -> Clock:
+        return self.context.clock
+
+    @property
+    def services(self) -> Any:
+        """What the host of the tree provides to its leaves."""
+        return self.context.services
+
+    @abstractmethod
+    def execute(self) -> NodeStatus:
+        """One tick, status stored. Only the bases implement it."""
+
+    def halt(self) -> None:
+        """Stops what the node is doing, and sets it to IDLE. Must be harmless on a node that does nothing."""
+        self.status = IDLE
+
+    def failure_cause(self) -> TreeNode | None:
+        """The child because of which this node failed just now; None when it failed by itself."""
+        return None
+
+    def failure_reason(self) -> str:
+        """Why this node failed just now: when a child is to blame, what made the failure of that its own."""
+        return f'{self.id} returned FAILURE'
+
+    # -- wake-ups ----------------------------------------------------------------------------------------------------
+
+    def wake(self) -> None:
+        """Asks for a tick of the tree as soon as possible. From any thread."""
+        self.context.wake()
+
+    def wake_at(self, when: float) -> None:
+        """Asks for a tick at the time ``when`` of the clock; replaces an earlier one. Only within a tick."""
+        context = self.context
+        context.deadlines[self] = when
+        if when < context.earliest:
+            context.earliest = when
+
+    def cancel_wake(self) -> None:
+        """Takes back :meth:`wake_at`."""
+        if self.context.deadlines:
+            self.context.deadlines.pop(self, None)
+
+    # -- ports -------------------------------------------------------------------------------------------------------
+
+    def get_input(self, port: str) -> Any:
+        """The value of an input port, converted to its type. Raises PortError when there is none that fits."""
+        known = self._entries.get(port)
+        if known is not None:
+            entry, ready = known
+            content = entry.value
+            if content.__class__ is ready and entry.present:
+                return content
+        return self._read_input(port)
+
+    def _read_input(self, port: str) -> Any:
+        """As :meth:`get_input`; remembers for it where the value is, and of which class it needs no conversion."""
+        value = self._values.get(port)
+        if value is None:
+            return self._absent_input(port)
+        declared = self._readable(port).type
+        if value.key is None:
+            if value.literal is not NO_DEFAULT:
+                self._remember(port, Entry.constant(value.literal), value.literal.__class__)
+                return value.literal
+            if declared is None or declared.from_text is None:
+                return value.text
+            try:
+                return declared.parse(value.text)
+            except ConversionError as error:
+                raise self._port_error(port, str(error)) from error
+        entry = self.blackboard.entry(value.key)
+        if entry is None:
+            raise self._port_error(port, 'the blackboard has no such entry')
+        content = entry.value
+        if content is EMPTY:
+            raise self._port_error(port, 'the entry was never written')
+        if declared is None:
+            return content
+        # Integers have bounds; those of an entry of the same type were kept when it was written.
+        if declared.category != 'integer' or entry.type is declared:
+            self._remember(port, entry, declared.python_type)
+            if content.__class__ is declared.python_type:
+                return content
+        try:
+            return cast(content, declared)
+        except ConversionError as error:
+            raise self._port_error(port, str(error)) from error
+
+    def _remember(self, port: str, entry: Entry, ready: type[Any]) -> None:
+        if self._entries is NOTHING_READ:
+            self._entries = {}
+        self._entries[port] = entry, ready
+
+    def ready_entry(self, port: str) -> Entry:
+        """Where the last :meth:`get_input` of the port has found a value that it need not convert.
+
+        As long as the value there is of the Python class of the port's type, it is the one that ``get_input`` gives; so
+        who reads a port in each tick looks there first. MISSING when it had to be converted.
+        """
+        known = self._entries.get(port)
+        return MISSING if known is None else known[0]
+
+    def get_input_or(self, port: str, default: Any) -> Any:
+        """The value of an input port; ``default`` when it is not given, or its entry is missing or was never written.
+
+        A value that is there but does not fit is an error all the same.
+        """
+        value = self._values.get(port)
+        if value is None:
+            declared = self._readable(port)
+            return default if declared.default is NO_DEFAULT else declared.default
+        if value.key is not None:
+            entry = self.blackboard.entry(value.key)
+            if entry is None or entry.value is EMPTY:
+                return default
+        return self.get_input(port)
+
+    def set_output(self, port: str, value: Any) -> None:
+        """Writes an output port. A port that the XML does not give is not written, and that is no error.
+
+        Raises PortError when the value does not fit the port or the entry, or when the port holds a literal.
+        """
+        declared = self._declared(port)
+        if not declared.writable:
+            raise self._port_error(port, 'it is not declared as an output')
+        given = self._values.get(port)
+        if given is None:
+            return
+        if given.key is None:
+            raise self._port_error(port, f"an output has to point to the blackboard, as in {{key}}, not '{given.text}'")
+        kind = declared.type
+        try:
+            if kind is not None and (value.__class__ is not kind.python_type or kind.category == 'integer'):
+                value = cast(value, kind)
+            self.blackboard.set(given.key, value, kind)
+        except (BlackboardError, ConversionError) as error:
+            raise self._port_error(port, str(error)) from error
+
+    def port_key(self, port: str) -> str | None:
+        """The blackboard key that a port points to; None when it holds a literal or is not given."""
+        self._declared(port)
+        value = self._values.get(port)
+        return None if value is None else value.key
+
+    def port_text(self, port: str) -> str | None:
+        """The text of the XML for a port; None when it is not given and has no default."""
+        value = self._values.get(port)
+        return None if value is None else value.text
+
+    def _declared(self, port: str) -> Port:
+        declared = self.ports.get(port)
+        if declared is None:
+            raise self._port_error(port, f'{type(self).__name__} declares no such port')
+        return declared
+
+    def _readable(self, port: str) -> Port:
+        declared = self._declared(port)
+        if not declared.readable:
+            raise self._port_error(port, 'it is not declared as an input')
+        return declared
+
+    def _absent_input(self, port: str) -> Any:
+        declared = self._readable(port)
+        if declared.default is not NO_DEFAULT:
+            return declared.default
+        raise self._port_error(port, 'it is not given in the XML, and has no default')
+
+    def _port_error(self, port: str, reason: str) -> PortError:
+        value = self._values.get(port)
+        return PortError(self.path, self.id, port, None if value is None else value.key, reason, self.uid)
+
+    # -- errors ------------------------------------------------------------------------------------------------------
+
+    def fault(self, cause: BaseException | str) -> NodeExecutionError:
+        """The error that names this node as the place of ``cause``, whatever its code has raised.
+
+        Raises KeyboardInterrupt when that is the cause, and on the main thread: it is the user's then, and not the
+        node's.
+        """
+        if isinstance(cause, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+            raise cause
+        return NodeExecutionError(self.path, self.id, cause, self.uid)
+
+    def stop_by(self, callback: Callable[[], None]) -> None:
+        """Calls what stops the work of a node. Others have to be halted even if it raises; the tree raises it then."""
+        try:
+            callback()
+        except NodeExecutionError as error:
+            self.context.halt_errors.append(error)
+        except BaseException as error:
+            fault = self.fault(error)
+            fault.__cause__ = error
+            self.context.halt_errors.append(fault)
+
+    def checked(self, status: object) -> NodeStatus:
+        """``status``, when it is what a tick may give; otherwise raises NodeExecutionError."""
+        if status is IDLE:
+            raise self.fault('a tick must not return IDLE')
+        if not isinstance(status, NodeStatus):
+            raise self.fault(f'a tick has to return a NodeStatus, not {reprlib.repr(status)}')
+        return status
+
+
+def node_path(scope: str, id: str, name: str, uid: int) -> str:
+    """The path of a node in the sub-tree instance ``scope``; see :attr:`TreeNode.path`."""
+    own = f'{name}::{uid}' if name == id else name
+    return f'{scope}/{own}' if scope else own

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node classes that XML may name."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
+from flexbt_core.behavior_tree.model.errors import ConversionError, RegistrationError
+from flexbt_core.behavior_tree.model.port_types import is_fixed
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, model_name_problem, pointer_key, port_name_problem
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.behavior_tree.nodes import (
+    actions,
+    conditionals,
+    decorators,
+    entry_updates,
+    loops,
+    parallel,
+    reactive,
+    script_nodes,
+    sequences,
+    switch,
+    timing,
+    try_catch,
+)
+from flexbt_core.behavior_tree.script.compiled_script import ScriptLibrary
+
+from .control_decorator import ControlNode, DecoratorNode
+from .leaf import LeafNode
+from .node import TreeNode
+
+
+@dataclass(frozen=True, slots=True)
+class NodeManifest:
+    """What is known of a node type without an instance of it. ``children`` are least and greatest number of them."""
+
+    id: str
+    kind: NodeKind
+    node_class: type[TreeNode]
+    ports: Mapping[str, Port]
+    children: tuple[int, int | None]
+    description: str
+
+
+# The node types of BehaviorTree.CPP 4 that this engine has, under their names there.
+_BUILTIN: tuple[type[TreeNode], ...] = (
+    sequences.Sequence,
+    sequences.AsyncSequence,
+    sequences.SequenceWithMemory,
+    sequences.Fallback,
+    sequences.AsyncFallback,
+    reactive.ReactiveSequence,
+    reactive.ReactiveFallback,
+    parallel.Parallel,
+    parallel.ParallelAll,
+    conditionals.IfThenElse,
+    conditionals.WhileDoElse,
+    switch.Switch2,
+    switch.Switch3,
+    switch.Switch4,
+    switch.Switch5,
+    switch.Switch6,
+    try_catch.TryCatch,
+    decorators.Inverter,
+    decorators.ForceSuccess,
+    decorators.ForceFailure,
+    decorators.Repeat,
+    decorators.RetryUntilSuccessful,
+    decorators.KeepRunningUntilFailure,
+    decorators.RunOnce,
+    decorators.SubTree,
+    loops.LoopInt,
+    loops.LoopBool,
+    loops.LoopDouble,
+    loops.LoopString,
+    entry_updates.SkipUnlessUpdated,
+    entry_updates.WaitValueUpdate,
+    entry_updates.WasEntryUpdated,
+    script_nodes.Script,
+    script_nodes.ScriptCondition,
+    script_nodes.Precondition,
+    timing.Timeout,
+    timing.Delay,
+    timing.Sleep,
+    actions.AlwaysSuccess,
+    actions.AlwaysFailure,
+    actions.SetBlackboard,
+    actions.UnsetBlackboard,
+)
+
+
+class NodeRegistry:
+    """Node types by the ID that XML uses. Each host makes its own, see :func:`builtin_registry`."""
+
+    def __init__(self, scripts: ScriptLibrary | None = None) -> None:
+        """``scripts`` has the enum constants that scripts know."""
+        self._manifests: dict[str, NodeManifest] = {}
+        self.scripts = scripts if scripts is not None else ScriptLibrary()
+        self.json_types = JsonTypes()
+        """Classes whose objects can be part of the JSON of a blackboard."""
+
+    def register(self, id: str, node_class: type[TreeNode]) -> NodeManifest:
+        """Makes ``node_class`` known as ``id``.
+
+        Raises RegistrationError when the ID is taken or not allowed, when a port is declared wrongly, or when the
+        class is abstract.
+        """
+        if id in self._manifests:
+            taken = self._manifests[id].node_class
+            raise RegistrationError(
+                f'node ID [{id}] is registered already, for {taken.__module__}.{taken.__qualname__}; choose another ID'
+            )
+        problem = model_name_problem(id)
+        if problem:
+            raise RegistrationError(f'node ID [{id}]: {problem}')
+        if not (inspect.isclass(node_class) and issubclass(node_class, LeafNode | DecoratorNode | ControlNode)):
+            raise RegistrationError(
+                f'node ID [{id}]: {node_class!r} is no node class; derive it from SyncAction, StatefulAction, '
+                'Condition, Decorator or Control'
+            )
+        if inspect.isabstract(node_class):
+            missing = ', '.join(sorted(node_class.__abstractmethods__))
+            raise RegistrationError(f'node ID [{id}]: {node_class.__qualname__} does not implement {missing}')
+        for name, port in node_class.ports.items():
+            problem = _port_problem(name, port)
+            if problem:
+                raise RegistrationError(f'node ID [{id}], port [{name}]: {problem}')
+        manifest = NodeManifest(
+            id,
+            node_class.kind,
+            node_class,
+            dict(node_class.ports),
+            _children_bounds(node_class),
+            inspect.getdoc(node_class) or '',
+        )
+        self._manifests[id] = manifest
+        return manifest
+
+    def get(self, id: str) -> NodeManifest | None:
+        return self._manifests.get(id)
+
+    def suggestions(self, id: str) -> list[str]:
+        """Registered IDs that look like ``id``, best first."""
+        return similar_names(id, self._manifests, most=3)
+
+    def __contains__(self, id: str) -> bool:
+        return id in self._manifests
+
+    def __iter__(self) -> Iterator[NodeManifest]:
+        return iter(self._manifests.values())
+
+    def __len__(self) -> int:
+        return len(self._manifests)
+
+
+def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
+    """The known names that ``name`` may be a slip of, best first."""
+    # The comparison takes quadratic time, and hostile files have long names.
+    return difflib.get_close_matches(name, known, n=most, cutoff=0.65) if len(name) <= 100 else []
+
+
+def builtin_registry(scripts: ScriptLibrary | None = None) -> NodeRegistry:
+    """A new registry with the node types of BehaviorTree.CPP."""
+    registry = NodeRegistry(scripts)
+    for node_class in _BUILTIN:
+        registry.register(node_class.__name__, node_class)
+    return registry
+
+
+def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
+    if issubclass(node_class, ControlNode):
+        return node_class.children_bounds
+    if issubclass(node_class, decorators.SubTree):
+        return 0, 0
+    return (1, 1) if issubclass(node_class, DecoratorNode) else (0, 0)
+
+
+def _port_problem(name: str, port: object) -> str:
+    problem = port_name_problem(name)
+    if problem:
+        return problem
+    if not isinstance(port, Port):
+        return f'{port!r} is no Port; use input_port, output_port or inout_port'
+    if port.default is NO_DEFAULT:
+        return ''
+    pointer = isinstance(port.default, str) and pointer_key(port.default, name) is not None
+    if not port.readable and not pointer:
+        return f"the default of an output has to be a pointer, as in {{key}}, not '{port.default}'"
+    kind = port.type
+    if isinstance(port.default, str) and not pointer and is_fixed(kind) and kind.from_text is not None:
+        try:
+            kind.parse(port.default)
+        except ConversionError as error:
+            return f'the default does not fit the type: {error}'
+    return ''

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pause, resume and single-step a tree that its host ticks.
+
+A paused tree is not ticked, and that is all. What its leaves have begun goes on, and so does the time, as in FlexBE and
+in py_trees: a Timeout limits what happens in the world, and that does not stop. What has become due meanwhile is found
+by the next tick.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from enum import Enum
+
+from flexbt_core.behavior_tree.model.status import NodeStatus
+
+from .tree import Tree
+
+Answer = Callable[[str], None]
+"""Told, once, by '' that a command has had its effect, or why it has none; on the thread of the host or the caller."""
+
+
+class TickCommand(Enum):
+    """What may be asked for. PAUSE of a paused tree, and RESUME of one that is not, have their effect already."""
+
+    PAUSE = 'pause'
+    RESUME = 'resume'
+    STEP = 'step'
+
+
+class TickControl:
+    """Stands between a tree and its host: takes commands from any thread, and obeys them in order, between two ticks.
+
+    The host ticks by :meth:`tick`; it need not wait for the clock while :attr:`paused`, and must not sleep while
+    :attr:`pending`. ``on_command()`` is called, from any thread, when it has to look soon; ``on_change(paused)`` from
+    the thread of the host. :meth:`close` ends it.
+    """
+
+    def __init__(self, on_command: Callable[[], None], on_change: Callable[[bool], None]) -> None:
+        self._on_command = on_command
+        self._on_change = on_change
+        self._commands: deque[tuple[TickCommand, Answer]] = deque()
+        self._lock = threading.Lock()
+        self._paused = False
+        self._closed: str | None = None
+
+    @property
+    def paused(self) -> bool:
+        return self._paused
+
+    @property
+    def pending(self) -> bool:
+        """Whether there are commands that :meth:`tick` would obey."""
+        return bool(self._commands)
+
+    def command(self, command: TickCommand, answer: Answer) -> None:
+        """Asks for something. PAUSE is answered when no tick is under way any more, STEP when its tick is over."""
+        with self._lock:
+            closed = self._closed
+            if closed is None:
+                self._commands.append((command, answer))
+        if closed is None:
+            self._on_command()
+        else:
+            answer(closed)
+
+    def close(self, reason: str) -> None:
+        """The run is over: whatever was asked for, and will be, has no effect any more, for this reason."""
+        with self._lock:
+            if self._closed is not None:
+                return
+            self._closed = reason
+            commands = tuple(self._commands)
+            self._commands.clear()
+        for _, answer in commands:
+            answer(reason)
+
+    def tick(self, tree: Tree) -> NodeStatus | None:
+        """Obeys the commands up to the first STEP, and ticks the tree if it may: once, or for a STEP exactly once.
+
+        None when the tree is paused and was not ticked. Raises what the tick raises.
+        """
+        step = self._obey()
+        if step is None:
+            return None if self._paused else tree.tick_once()
+        try:
+            status = tree.tick_exactly_once()
+        except BaseException as error:
+            step(f'the tick raised: {error}')
+            raise
+        step('')
+        return status
+
+    def _obey(self) -> Answer | None:
+        """Gives the answer to the STEP that is to be done now."""
+        while True:
+            with self._lock:
+                if not self._commands:
+                    return None
+                command, answer = self._commands.popleft()
+            if command is not TickCommand.STEP:
+                self._pause(command is TickCommand.PAUSE)
+                answer('')
+            elif self._paused:
+                return answer
+            else:
+                answer('the tree is not paused; pause it before you step it')
+
+    def _pause(self, paused: bool) -> None:
+        if paused is not self._paused:
+            self._paused = paused
+            self._on_change(paused)

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A running tree: the three calls of BehaviorTree.CPP that tick it, halting, and what can be seen of it."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from typing import Any
+
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import NodeDefinition
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError
+from flexbt_core.behavior_tree.model.failure_trace import Reasons, failure_of, trace_of
+from flexbt_core.behavior_tree.model.library import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.observers.hooks import TickHooks
+from flexbt_core.behavior_tree.observers.status_log import Log
+from flexbt_core.behavior_tree.observers.status_observer import watch
+from flexbt_core.clock.clock import Clock, SteadyClock
+
+from .call_stack import with_room
+from .context import TransitionObserver, TreeContext
+from .control_decorator import ControlNode, DecoratorNode, entry_point
+from .node import Execute, TreeNode
+from .tree_builder import Substitute, SubTreeInstance, instantiate
+
+_logger = logging.getLogger(__name__)
+
+
+class Tree:
+    """A tree that can be ticked. One thread at a time may tick or halt it; ``wake`` may be called from any.
+
+    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``on_transition(node,
+    before, after)`` hears every change of a status, in order and at once, on the ticking thread; ``log`` and
+    ``after_round`` are those of :meth:`record`. ``on_wake()`` is called, from any thread, when a leaf asks for a tick,
+    and when unfinished work ends. ``substitute(definition, path)`` may give another definition for a node, such as a
+    leaf that stands for it in a test.
+    """
+
+    def __init__(
+        self,
+        library: TreeLibrary,
+        tree_id: str,
+        *,
+        file: str | None = None,
+        blackboard: Blackboard | None = None,
+        clock: Clock | None = None,
+        services: Any = None,
+        on_transition: TransitionObserver | None = None,
+        log: Log | None = None,
+        after_round: Callable[[], None] | None = None,
+        on_wake: Callable[[], None] | None = None,
+        max_rounds: int = 10_000,
+        substitute: Substitute | None = None,
+    ) -> None:
+        """Makes the nodes. Raises TreeLoadError when a blackboard entry is used with several types, LookupError when
+        there is no such tree. ``max_rounds`` bounds how often one ``tick_once`` ticks a tree that wakes itself."""
+        key = library.find(tree_id, file)
+        if key is None:
+            known = ', '.join(sorted(library.tree_ids())) or 'none'
+            raise LookupError(f'there is no tree [{tree_id}]; known trees: {known}')
+        self.key: TreeKey = key
+        self.blackboard = blackboard if blackboard is not None else Blackboard()
+        self.context = TreeContext(
+            clock if clock is not None else SteadyClock(), services, library.documents[key.file].scripts
+        )
+        self.context.log = log
+        instance = instantiate(library, key, self.blackboard, self.context, substitute)
+        self.nodes: tuple[TreeNode, ...] = instance.nodes
+        self.definitions: tuple[NodeDefinition, ...] = instance.definitions
+        self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
+        self.hooks = TickHooks(self.context, self.nodes)
+        self.root = self.nodes[0]
+        self._depth = instance.depth
+        self._on_transition = on_transition
+        self._log = log
+        self._after_round = after_round
+        self._entry = self._fetch_entry()
+        self._max_rounds = max_rounds
+        self._failure: Reasons | None = None
+        self._status = IDLE
+        self.context.on_wake = on_wake
+        if on_transition is not None or log is not None:
+            watch(self.nodes, log, on_transition)
+
+    # -- ticking -----------------------------------------------------------------------------------------------------
+
+    def tick_exactly_once(self) -> NodeStatus:
+        """One tick. A wake-up that is asked for stays pending, see :meth:`take_wake`."""
+        return self._settle(self._tick())
+
+    def tick_once(self) -> NodeStatus:
+        """One tick, and further ones as long as the tree is RUNNING and woken: a chain of nodes that yield completes.
+
+        After ``max_rounds`` it returns RUNNING with the wake-up pending, so that a tree that keeps waking itself can be
+        halted by its host.
+        """
+        context = self.context
+        status = self._tick()
+        rounds = 1
+        while status is RUNNING and context.woken:
+            if rounds >= self._max_rounds:
+                _logger.warning('tree [%s] woke itself %d times in one tick; it may never end', self.key.id, rounds)
+                break
+            context.woken = False
+            status = self._tick()
+            rounds += 1
+        return self._settle(status)
+
+    def tick_while_running(self, wait: Callable[[float | None], None]) -> NodeStatus:
+        """Ticks until the tree completes or is skipped. ``wait(time)`` waits for a wake-up, or for that time of the
+        clock (None: no node has asked for a time)."""
+        while True:
+            status = self.tick_once()
+            if status is not RUNNING:
+                return status
+            wait(self.next_wake)
+            self.take_wake()
+
+    def _tick(self) -> NodeStatus:
+        deadlines = self.context.deadlines
+        if deadlines:
+            # This tick serves those that are due. Who is not satisfied by it asks again.
+            now = self.context.clock.now()
+            if now >= self.context.earliest:
+                for node in [node for node, when in deadlines.items() if when <= now]:
+                    del deadlines[node]
+                self.context.earliest = min(deadlines.values(), default=math.inf)
+        if self.context.advancing:
+            self.context.advance_unfinished()
+        if self.context.exchanged:
+            self._fetch_ticks()
+        try:
+            status = self._entry()
+        except PortError as error:
+            raise self._traced(NodeExecutionError(error.node_path, error.node_id, error, error.uid)) from error
+        except NodeExecutionError as error:
+            self._traced(error)
+            raise
+        if self.context.halt_errors:
+            self._raise_halt_errors()
+        return status
+
+    def _fetch_ticks(self) -> None:
+        """Has the parents of nodes fetch their callables anew, which were exchanged for faster ones."""
+        count = len(self.context.exchanged)  # other threads add to them when they set hooks
+        exchanged = set(self.context.exchanged[:count])
+        del self.context.exchanged[:count]
+        for node in self.nodes:
+            if isinstance(node, ControlNode | DecoratorNode) and not exchanged.isdisjoint(node.attached):
+                node.fetch_ticks()
+        if self.root in exchanged:
+            self._entry = self._fetch_entry()
+
+    def _fetch_entry(self) -> Execute:
+        # A node with hooks has two more calls.
+        depth = self._depth if self.context.hooks is None else 2 * self._depth
+        entry = with_room(entry_point(self.root), depth)
+        after = self._after_round
+        if after is None:
+            return entry
+
+        def round_with_end() -> NodeStatus:
+            try:
+                return entry()
+            finally:
+                after()
+
+        return round_with_end
+
+    def _settle(self, status: NodeStatus) -> NodeStatus:
+        if status is not RUNNING:
+            self._failure = None
+            if self.root.status is status:
+                self.root.status = IDLE
+        self._status = status
+        return status
+
+    def halt(self) -> None:
+        """Halts all nodes, the RUNNING ones by their own means, and sets them to IDLE.
+
+        Harmless at any time; also after an error. Work that goes on is in :attr:`unfinished`. Raises
+        NodeExecutionError, after everything was halted, when a leaf raised.
+        """
+        # The root first, which halts what is RUNNING in its order. Then all others are told, too: some keep counts
+        # from one activation to the next, and scripts of _onHalted run for all, as in BehaviorTree.CPP.
+        for node in (self.root, *self.nodes):
+            try:
+                node.halt()
+            except NodeExecutionError as error:
+                self.context.halt_errors.append(error)
+        # A script of _onHalted that fails keeps the nodes above it from finishing their halt.
+        for node in self.nodes:
+            if node.status is not IDLE:
+                node.status = IDLE
+        self.context.deadlines.clear()
+        self._status = IDLE
+        self._raise_halt_errors()
+
+    def _raise_halt_errors(self) -> None:
+        errors = self.context.halt_errors
+        if errors:
+            first, *others = errors
+            errors.clear()
+            for other in others:
+                first.add_note(f'another leaf raised while being halted: {other}')
+            raise self._traced(first)
+
+    def _traced(self, error: NodeExecutionError) -> NodeExecutionError:
+        self._status = RUNNING  # it has not completed
+        if error.uid:
+            error.trace = trace_of(self.nodes, error.uid, error.reason)
+        return error
+
+    # -- waking ------------------------------------------------------------------------------------------------------
+
+    def wake(self) -> None:
+        """Asks for a tick. From any thread."""
+        self.context.wake()
+
+    def take_wake(self) -> bool:
+        """Whether a wake-up is pending; it is not, afterwards. A host that has waited calls it before it ticks."""
+        woken = self.context.woken
+        self.context.woken = False
+        return woken
+
+    @property
+    def wake_pending(self) -> bool:
+        """Whether a wake-up is pending."""
+        return self.context.woken
+
+    @property
+    def next_wake(self) -> float | None:
+        """The earliest time of the clock at which a node wants a tick; None when none has asked."""
+        return min(self.context.deadlines.values(), default=None)
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """What leaves that were halted have not finished yet, described for people. ``on_wake`` tells of changes."""
+        return self.context.unfinished
+
+    def advance_unfinished(self) -> None:
+        """Lets leaves go on that were halted and need ticks to come to their end.
+
+        A host that waits until nothing is :attr:`unfinished` calls it when the tree is woken, and now and then. Raises
+        NodeExecutionError as :meth:`halt` does.
+        """
+        self.context.advance_unfinished()
+        self._raise_halt_errors()
+
+    # -- what can be seen --------------------------------------------------------------------------------------------
+
+    @property
+    def status(self) -> NodeStatus:
+        """What the last tick gave; IDLE before the first and after :meth:`halt`."""
+        return self._status
+
+    @property
+    def failure(self) -> Reasons | None:
+        """Why the last tick gave FAILURE, if it did. The nodes know until the next tick; nothing is put together before
+        somebody asks."""
+        if self._status is FAILURE and self._failure is None:
+            self._failure = failure_of(self.root, self.hooks.replaced)
+        return self._failure if self._status is FAILURE else None
+
+    def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
+        """Paths of the nodes that are RUNNING, in the order of their uid."""
+        leaves = (NodeKind.ACTION, NodeKind.CONDITION)
+        return [node.path for node in self.nodes if node.status is RUNNING and (not leaves_only or node.kind in leaves)]
+
+    def observe(self, on_transition: TransitionObserver | None) -> None:
+        """Tells every change of a status at once, from now on; None ends it. Not while another thread ticks."""
+        self._on_transition = on_transition
+        watch(self.nodes, self._log, on_transition)
+
+    def record(self, log: Log | None, after_round: Callable[[], None] | None = None) -> None:
+        """Writes every change of a status to ``log`` from now on, which costs far less than :meth:`observe`.
+
+        A LogReader says what it means. ``after_round()`` is called after each round of a tick, on its thread, also when
+        that raises. None ends it. Not while another thread ticks the tree.
+        """
+        self._log = log
+        self._after_round = after_round
+        watch(self.nodes, log, self._on_transition)

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Makes the nodes and blackboard scopes of a running tree from definitions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition
+from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
+from flexbt_core.behavior_tree.model.library import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.port_types import STRING, is_fixed
+from flexbt_core.behavior_tree.model.ports import PortValue, pointer_key
+from flexbt_core.behavior_tree.observers.status_observer import make_observed
+
+from .context import TreeContext
+from .control_decorator import ControlNode, DecoratorNode
+from .node import NodeConfig, TreeNode, node_path
+from .pre_conditions import add_conditions
+
+Substitute = Callable[[NodeDefinition, str], NodeDefinition]
+"""Says what is made in the place of a node, from its definition and its path: that definition, or another one."""
+
+
+class SubTreeInstance(NamedTuple):
+    """A tree within a running tree. ``path`` is the prefix of its node paths; '' for the main tree."""
+
+    path: str
+    tree_id: str
+    blackboard: Blackboard
+
+
+class Instance(NamedTuple):
+    """The parts of a running tree. ``nodes`` are in the order of their uid, the root first; ``depth`` is the greatest
+    number of nodes from the root to a leaf."""
+
+    nodes: tuple[TreeNode, ...]
+    definitions: tuple[NodeDefinition, ...]
+    subtrees: tuple[SubTreeInstance, ...]
+    depth: int
+
+
+class _Scope(NamedTuple):
+    """Where nodes belong: a tree within the running tree."""
+
+    tree: TreeDefinition
+    file: str
+    path: str
+    board: Blackboard
+
+
+def instantiate(
+    library: TreeLibrary,
+    key: TreeKey,
+    blackboard: Blackboard,
+    context: TreeContext,
+    substitute: Substitute | None = None,
+) -> Instance:
+    """Makes the tree ``key`` on ``blackboard``, of what ``substitute`` gives for each node.
+
+    Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types, or when a node does
+    not find on the blackboard what it is made of, such as a script.
+    """
+    return _Builder(library, context, substitute).build(key, blackboard)
+
+
+class _Builder:
+    def __init__(self, library: TreeLibrary, context: TreeContext, substitute: Substitute | None) -> None:
+        self._library = library
+        self._context = context
+        self._substitute = substitute
+        self._errors: list[LoadError] = []
+        self._subtrees: dict[str, SubTreeInstance] = {}
+        self._nodes: list[TreeNode] = []
+        self._definitions: list[NodeDefinition] = []
+        self._families: list[tuple[TreeNode, list[TreeNode]]] = []
+        # Nodes to be made: definition, scope, the list of siblings that it joins, depth.
+        self._pending: list[tuple[NodeDefinition, _Scope, list[TreeNode], int]] = []
+
+    def build(self, key: TreeKey, blackboard: Blackboard) -> Instance:
+        main = self._library.definition(key)
+        self._subtrees[''] = SubTreeInstance('', key.id, blackboard)
+        self._pending.append((main.root, _Scope(main, key.file, '', blackboard), [], 1))
+        depth = 0
+        while self._pending:
+            definition, scope, siblings, level = self._pending.pop()
+            depth = max(depth, level)
+            self._make(definition, scope, siblings, level)
+        if self._errors:
+            raise TreeLoadError(self._errors)
+        for node, children in reversed(self._families):
+            if isinstance(node, ControlNode | DecoratorNode):
+                node.attach(children)
+        return Instance(tuple(self._nodes), tuple(self._definitions), tuple(self._subtrees.values()), depth)
+
+    def _make(self, definition: NodeDefinition, scope: _Scope, siblings: list[TreeNode], level: int) -> None:
+        uid = len(self._nodes) + 1
+        if self._substitute is not None:
+            id = definition.tree_id or definition.manifest.id
+            definition = self._substitute(definition, node_path(scope.path, id, definition.name, uid))
+        manifest = definition.manifest
+        tree_id = definition.tree_id
+        if tree_id is None and definition.values:
+            self._declare_entries(definition, scope)
+        config = NodeConfig(
+            tree_id or manifest.id,
+            definition.name,
+            uid,
+            scope.path,
+            self._context,
+            scope.board,
+            definition.values,
+        )
+        try:
+            if self._context.log is None or definition.conditions:
+                node = manifest.node_class(config)
+            else:
+                node = make_observed(manifest.node_class, config)
+        except PortError as error:
+            self._errors.append(scope.tree.error(definition, f'port [{error.port}]: {error.reason}', error.port))
+            return
+        except ScriptError as error:
+            self._errors.append(scope.tree.error(definition, str(error)))
+            return
+        if definition.conditions:
+            add_conditions(node, definition.conditions)
+        self._nodes.append(node)
+        self._definitions.append(definition)
+        siblings.append(node)
+        if tree_id is not None:
+            children: list[TreeNode] = []
+            self._families.append((node, children))
+            self._enter(definition, tree_id, scope, node, children, level)
+        elif definition.children:
+            children = []
+            self._families.append((node, children))
+            for child in reversed(definition.children):
+                self._pending.append((child, scope, children, level + 1))
+
+    def _enter(
+        self,
+        definition: NodeDefinition,
+        tree_id: str,
+        scope: _Scope,
+        node: TreeNode,
+        children: list[TreeNode],
+        level: int,
+    ) -> None:
+        """Makes the scope of a sub-tree, and lets its root follow."""
+        key = self._library.find(tree_id, scope.file)
+        assert key is not None
+        path = node.path
+        if path in self._subtrees:
+            message = f'two sub-trees have the path [{path}]; give them different names'
+            self._errors.append(scope.tree.error(definition, message, 'name'))
+        board = Blackboard(scope.board)
+        values = dict(definition.values)
+        if not definition.autoremap:
+            for name, port in self._library.model(tree_id).items():
+                if name not in values and port.default is not None:
+                    values[name] = PortValue(port.default, pointer_key(port.default, name))
+        for name, value in values.items():
+            if value.key is not None:
+                board.remap(name, value.key)
+            else:
+                # Constants belong to the scope itself. They are text: each reader converts them to what it wants.
+                board.set(name, value.text)
+        board.enable_autoremap(definition.autoremap)
+        self._subtrees[path] = SubTreeInstance(path, tree_id, board)
+        tree = self._library.definition(key)
+        self._pending.append((tree.root, _Scope(tree, key.file, path, board), children, level + 1))
+
+    def _declare_entries(self, definition: NodeDefinition, scope: _Scope) -> None:
+        """Gives the entries that the ports of a node point to the types of the ports."""
+        board = scope.board
+        for name, port in definition.manifest.ports.items():
+            value = definition.values.get(name)
+            if value is None or value.key is None:
+                continue
+            try:
+                entry = board.entry(value.key)
+                if entry is None:
+                    board.declare(value.key, port.type)
+                    continue
+            except BlackboardError as error:
+                self._errors.append(scope.tree.error(definition, f'port [{name}]: {error}', name))
+                continue
+            known = entry.type
+            # An entry of text can be read as anything that can be written as text.
+            if is_fixed(known) and is_fixed(port.type) and known is not STRING and not known.same(port.type):
+                message = (
+                    f'port [{name}] uses the blackboard entry [{value.key}] with the type {port.type.name}, '
+                    f'but it has the type {known.name} already; use another key, or another blackboard'
+                )
+                self._errors.append(scope.tree.error(definition, message, name))

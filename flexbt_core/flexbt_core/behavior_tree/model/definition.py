@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a document defines: trees of node definitions, which never change, and from which running trees are made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple
+
+from flexbt_core.behavior_tree.engine.registry import NodeManifest
+from flexbt_core.behavior_tree.script.compiled_script import CompiledScript, ScriptLibrary
+from flexbt_core.behavior_tree.xml.parser import Source
+
+from .errors import LoadError
+from .ports import PortDirection, PortValue
+
+NO_CONDITIONS: Final[Mapping[str, CompiledScript]] = {}
+
+
+class NodeDefinition(NamedTuple):
+    """One node of the XML. ``tree_id`` is set for sub-trees, whose ``values`` are the ports of the tree, as given.
+
+    ``extra`` are the attributes that mean nothing to the engine (they begin with ``_``). ``offset`` is the place in
+    the source, ``offsets`` those of the attributes. ``conditions`` are the pre- and post-conditions, by attribute.
+    """
+
+    manifest: NodeManifest
+    name: str
+    values: Mapping[str, PortValue]
+    children: tuple[NodeDefinition, ...]
+    offset: int
+    offsets: Mapping[str, int]
+    extra: Mapping[str, str]
+    tree_id: str | None = None
+    autoremap: bool = False
+    conditions: Mapping[str, CompiledScript] = NO_CONDITIONS
+
+    @property
+    def label(self) -> str:
+        """The node as an error names it."""
+        id = self.tree_id or self.manifest.id
+        return f'<{self.manifest.id} {self.name!r}>' if self.name != id or self.tree_id else f'<{id}>'
+
+
+class TreeDefinition(NamedTuple):
+    """One <BehaviorTree>."""
+
+    id: str
+    root: NodeDefinition
+    source: Source
+    offset: int
+
+    def nodes(self) -> Iterator[NodeDefinition]:
+        """All nodes, parents first, in document order."""
+        stack = [self.root]
+        while stack:
+            node = stack.pop()
+            yield node
+            stack.extend(reversed(node.children))
+
+    def error(self, node: NodeDefinition, message: str, attribute: str | None = None) -> LoadError:
+        """An error at the place of the node, or of one of its attributes."""
+        offset = node.offsets.get(attribute, node.offset) if attribute is not None else node.offset
+        return self.source.error(offset, message, node.label)
+
+
+class SubTreeModelPort(NamedTuple):
+    """A port that a model (<TreeNodesModel>) declares for a tree. ``default`` None: it has to be given."""
+
+    direction: PortDirection
+    default: str | None
+
+
+class TreeDocument(NamedTuple):
+    """What one file defines. ``main`` is the tree to execute when none is named, if the file says so or has but one.
+    ``scripts`` are those of the registry with which it was read."""
+
+    file: str
+    trees: Mapping[str, TreeDefinition]
+    main: str | None
+    models: Mapping[str, Mapping[str, SubTreeModelPort]]
+    warnings: tuple[LoadError, ...]
+    scripts: ScriptLibrary

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Why a tree failed, or where in it something was raised: the nodes from the one at fault up to the root.
+
+Nothing of this is kept while a tree is ticked. A node knows which of its children made it fail, and its own part in
+that, until it is ticked again; the chain is put together when somebody asks.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Sequence
+
+    from flexbt_core.behavior_tree.engine.node import TreeNode
+
+MOST_LINES: Final = 100
+
+
+class Reason(NamedTuple):
+    """The path of a node, and its part in what happened."""
+
+    path: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f'{self.path}: {self.reason}'
+
+
+class Reasons(NamedTuple):
+    """The node at fault and its reason come first, then its parent and what that made of it, up to the root."""
+
+    steps: tuple[Reason, ...]
+
+    @property
+    def path(self) -> str:
+        """Path of the node at fault."""
+        return self.steps[0].path
+
+    @property
+    def reason(self) -> str:
+        """Why the node at fault failed."""
+        return self.steps[0].reason
+
+    @property
+    def chain(self) -> tuple[str, ...]:
+        """The paths from the root to the node at fault."""
+        return tuple(step.path for step in reversed(self.steps))
+
+    def lines(self, most: int = MOST_LINES) -> list[str]:
+        """The steps as ``path: reason``; of more than ``most``, those in the middle are left out, which a line says."""
+        steps = self.steps
+        if len(steps) <= most:
+            return [str(step) for step in steps]
+        head = most // 2
+        tail = most - head - 1
+        between = f'({len(steps) - head - tail} nodes in between)'
+        return [*map(str, steps[:head]), between, *map(str, steps[len(steps) - tail :])]
+
+
+def failure_of(root: TreeNode, replaced: Container[TreeNode]) -> Reasons:
+    """Why ``root`` has failed in its last tick. Hooks have given the result of the nodes that are ``replaced``."""
+    steps: list[Reason] = []
+    node: TreeNode | None = root
+    while node is not None:
+        if node in replaced:
+            steps.append(Reason(node.path, 'a hook has given FAILURE'))
+            break
+        steps.append(Reason(node.path, node.failure_reason()))
+        node = node.failure_cause()
+    return Reasons(tuple(reversed(steps)))
+
+
+def trace_of(nodes: Sequence[TreeNode], uid: int, reason: str) -> Reasons:
+    """The way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these nodes."""
+    parents = {child.uid: (node, place) for node in nodes for place, child in enumerate(node.attached, 1)}
+    steps = [Reason(nodes[uid - 1].path, reason)]
+    above = parents.get(uid)
+    while above is not None:
+        node, place = above
+        count = len(node.attached)
+        which = f'in child {place} of {count}' if count > 1 else 'in the child'
+        steps.append(Reason(node.path, f'{node.id}: {which}'))
+        above = parents.get(node.uid)
+    return Reasons(tuple(steps))

@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Decorators that change a result or repeat their child, and the border of a sub-tree."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode, halt_child
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.model.blackboard import MISSING
+from flexbt_core.behavior_tree.model.errors import PortError
+from flexbt_core.behavior_tree.model.port_types import BOOL, INT
+from flexbt_core.behavior_tree.model.ports import input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+
+
+class Inverter(DecoratorNode):
+    """SUCCESS and FAILURE of the child exchanged."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS:
+            self.child.status = IDLE
+            self.status = FAILURE
+            return FAILURE
+        if status is FAILURE:
+            self.child.status = IDLE
+            self.status = SUCCESS
+            return SUCCESS
+        return status
+
+    def failure_cause(self) -> TreeNode | None:
+        return None
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: the child [{self.child.path}] succeeded'
+
+
+class ForceSuccess(DecoratorNode):
+    """SUCCESS whenever the child completes."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self.child.status = IDLE
+            self.status = SUCCESS
+            return SUCCESS
+        return status
+
+
+class ForceFailure(DecoratorNode):
+    """FAILURE whenever the child completes."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self.child.status = IDLE
+            self.status = FAILURE
+            return FAILURE
+        return status
+
+    def failure_cause(self) -> TreeNode | None:
+        return None
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: the child [{self.child.path}] completed'
+
+
+class _Repeating(DecoratorNode):
+    """Counts the runs of the child. The limit is read at each tick; -1 is none."""
+
+    __slots__ = ('_count', '_limit')
+
+    limit: ClassVar[str]
+    """The port of the limit."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._count = 0
+        self._limit = MISSING
+
+    def _read_limit(self) -> int:
+        value: int = self.get_input(self.limit)
+        self._limit = self.ready_entry(self.limit)
+        return value
+
+    def halt(self) -> None:
+        self._count = 0
+        super().halt()
+
+
+class Repeat(_Repeating):
+    """Runs the child ``num_cycles`` times as long as it succeeds (-1: without end); FAILURE when it fails.
+
+    Between two cycles it yields: RUNNING, to be ticked again at once, when the child began and completed in one tick.
+    """
+
+    __slots__ = ('_failed_cycle',)
+
+    ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}
+    limit = 'num_cycles'
+
+    def execute(self) -> NodeStatus:
+        cycles = self._limit.value
+        if cycles.__class__ is not int:
+            cycles = self._read_limit()
+        count = self._count
+        child = self.child
+        self.status = RUNNING
+        while count < cycles or cycles == -1:
+            was_idle = child.status is IDLE
+            status = self._tick()
+            if status is SUCCESS:
+                self._count = count = count + 1
+                child.status = IDLE
+                if was_idle and (count < cycles or cycles == -1):
+                    self.context.woken = True
+                    return RUNNING
+            elif status is FAILURE:
+                self._failed_cycle = count + 1
+                self._count = 0
+                child.status = IDLE
+                self.status = FAILURE
+                return FAILURE
+            elif status is RUNNING:
+                return RUNNING
+            else:
+                halt_child(child)
+                return SKIPPED
+        self._count = 0
+        self.status = SUCCESS
+        return SUCCESS
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: cycle {self._failed_cycle} failed (num_cycles="{self.port_text("num_cycles")}")'
+
+
+class RetryUntilSuccessful(_Repeating):
+    """Runs the child up to ``num_attempts`` times until it succeeds (-1: without end). It yields as Repeat does."""
+
+    __slots__ = ('_used',)
+
+    ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}
+    limit = 'num_attempts'
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        # How many attempts there were when it failed.
+        self._used = 0
+
+    def execute(self) -> NodeStatus:
+        attempts = self._limit.value
+        if attempts.__class__ is not int:
+            attempts = self._read_limit()
+        child = self.child
+        again = self._count < attempts or attempts == -1
+        self.status = RUNNING
+        while again:
+            was_idle = child.status is IDLE
+            status = self._tick()
+            if status is FAILURE:
+                self._count = count = self._count + 1
+                # The child may have changed the number on the blackboard.
+                if self._limit.value is not attempts:
+                    attempts = self._changed_limit(attempts)
+                again = count < attempts or attempts == -1
+                child.status = IDLE
+                if again and was_idle:
+                    self.context.woken = True
+                    return RUNNING
+            elif status is SUCCESS:
+                self._count = 0
+                child.status = IDLE
+                self.status = SUCCESS
+                return SUCCESS
+            elif status is RUNNING:
+                return RUNNING
+            else:
+                halt_child(child)
+                return SKIPPED
+        self._used = self._count
+        self._count = 0
+        self.status = FAILURE
+        return FAILURE
+
+    def _changed_limit(self, attempts: int) -> int:
+        """The number of attempts now; the old one if it has been removed."""
+        try:
+            return self._read_limit()
+        except PortError:
+            return attempts
+
+    def failure_cause(self) -> TreeNode | None:
+        return self.child if self._used else None
+
+    def failure_reason(self) -> str:
+        limit = f'(num_attempts="{self.port_text("num_attempts")}")'
+        if not self._used:
+            return f'{self.id}: no attempt is allowed {limit}'
+        return f'{self.id}: {"the attempt" if self._used == 1 else f"all {self._used} attempts"} failed {limit}'
+
+
+class KeepRunningUntilFailure(DecoratorNode):
+    """RUNNING as long as the child succeeds (it is then begun anew at the next tick); FAILURE when it fails."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        status = self._tick()
+        if status is FAILURE:
+            self.child.status = IDLE
+            self.status = FAILURE
+            return FAILURE
+        if status is SUCCESS:
+            self.child.status = IDLE
+        return RUNNING
+
+
+class RunOnce(DecoratorNode):
+    """Runs the child until it has completed once, and never again as long as the tree lives, halted or not.
+
+    After that SKIPPED, or with ``then_skip`` false always the result that the child had.
+    """
+
+    __slots__ = ('_result', '_skip')
+
+    running_first = None
+    ports = {
+        'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._result: NodeStatus | None = None
+        given = config.values['then_skip']
+        # None: to be read at each tick.
+        self._skip: bool | None = given.literal if given.key is None else None
+
+    def execute(self) -> NodeStatus:
+        result = self._result
+        if result is not None:
+            skip = self._skip
+            if skip is None:
+                skip = self.get_input_or('then_skip', True)
+            if skip:
+                return SKIPPED
+            self.status = result
+            return result
+        self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self._result = status
+            self.child.status = IDLE
+            self.status = status
+        return status
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: the child failed in its one run'
+
+
+class SubTree(DecoratorNode):
+    """The border of a sub-tree: the child is the root of another tree, which has a blackboard scope of its own."""
+
+    __slots__ = ()
+
+    kind = NodeKind.SUBTREE
+
+    def execute(self) -> NodeStatus:
+        if self.status is IDLE:
+            self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS or status is FAILURE:
+            self.child.status = IDLE
+            self.status = status
+        elif status is RUNNING:
+            self.status = RUNNING
+        return status
+
+    def failure_reason(self) -> str:
+        return f'the tree [{self.id}] failed'

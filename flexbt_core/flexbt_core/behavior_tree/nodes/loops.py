@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""LoopInt, LoopBool, LoopDouble and LoopString: the child runs once for each element of a queue."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any, ClassVar, Final
+
+from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.model.blackboard import MISSING, Entry
+from flexbt_core.behavior_tree.model.errors import ConversionError
+from flexbt_core.behavior_tree.model.port_types import (
+    BOOL,
+    DOUBLE,
+    INT,
+    NODE_STATUS,
+    STRING,
+    PortType,
+    is_fixed,
+    list_of,
+)
+from flexbt_core.behavior_tree.model.ports import inout_port, input_port, output_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+
+
+def _queue_of(element: PortType) -> PortType:
+    texts = list_of(element)
+    return PortType(f'queue of {element.name}', tuple, from_text=lambda text: tuple(texts.parse(text)), immutable=True)
+
+
+_END: Final = object()
+"""Takes the place of an element when there is none left."""
+
+
+class Loop(DecoratorNode):
+    """Takes the first element of ``queue``, writes it to ``value``, and ticks the child until it completes; and so on.
+
+    FAILURE as soon as the child fails. Whatever else the child gives, skipped included, the node is RUNNING and goes on
+    with the next element at the next tick. When no element is left at the beginning of a tick: ``if_empty``.
+
+    A queue that is written in the XML (elements separated by ``;``) is begun anew by each run of the node. One on the
+    blackboard is a ``collections.deque``, from which the elements are removed, so that other nodes may append to it
+    meanwhile; or a list, a tuple or a text, which is read once in a run, and not changed.
+
+    For elements of another type: ``class LoopPose(Loop, element=POSE_STAMPED)``.
+    """
+
+    __slots__ = ('_child_failed', '_child_running', '_constant', '_python_type', '_queue', '_rest', '_target')
+
+    running_first = None
+    element: ClassVar[PortType]
+    queue: ClassVar[PortType]
+    """How a queue is written as text."""
+
+    def __init_subclass__(cls, element: PortType | None = None) -> None:
+        if element is not None:
+            cls.element = element
+            cls.queue = _queue_of(element)
+            cls.ports = {
+                'queue': inout_port(literal=cls.queue, description='elements separated by ;, or {key}'),
+                'if_empty': input_port(NODE_STATUS, default='SUCCESS', description='result when no element is left'),
+                'value': output_port(element, description='the element that the child is to use'),
+            }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        given = config.values['queue']
+        self._constant: tuple[Any, ...] | None = given.literal if given.key is None else None
+        # A constant queue is begun when a run begins; a node that was completed by a pre-condition has not begun one.
+        self._rest: Iterator[Any] = iter(())
+        self._queue: deque[Any] | None = None
+        # The entry that the elements of a constant queue are written to, once it is known that it has their type. As
+        # long as it holds a value of their class, it is there, and takes them as they are.
+        self._target = MISSING
+        self._python_type = self.element.python_type
+        self._child_running = False
+        self._child_failed = False
+
+    def execute(self) -> NodeStatus:
+        constant = self._constant
+        if self.status is IDLE:
+            self._child_running = False
+            if constant is None:
+                self._queue = None
+            else:
+                self._rest = iter(constant)
+        if not self._child_running:
+            if constant is None:
+                element = self._next_shared()
+                if element is _END:
+                    return self._empty()
+            else:
+                # As next() does; a call would take much longer.
+                for element in self._rest:  # noqa: B007 - it is used below
+                    break
+                else:
+                    return self._empty()
+            target = self._target
+            if target.value.__class__ is self._python_type:
+                # As target.write does.
+                target.value = element
+                target.sequence += 1
+            else:
+                self._write(element)
+        if self.status is IDLE:
+            self.status = RUNNING
+        status = self._tick()
+        if status is SUCCESS:
+            self._child_running = False
+            self.child.status = IDLE
+        elif status is FAILURE:
+            self._child_running = False
+            self.child.status = IDLE
+            self._child_failed = True
+            self.status = FAILURE
+            return FAILURE
+        else:
+            self._child_running = status is RUNNING
+        self.status = RUNNING
+        return RUNNING
+
+    def _write(self, element: Any) -> None:
+        self.set_output('value', element)
+        if self._constant is not None:
+            key = self.port_key('value')
+            entry = Entry.constant(element) if key is None else self.blackboard.entry(key)
+            if entry is not None and (key is None or (is_fixed(entry.type) and entry.type.same(self.element))):
+                self._target = entry
+
+    def _next_shared(self) -> Any:
+        """The next element of a queue on the blackboard."""
+        try:
+            return self._shared().popleft()
+        except IndexError:
+            # At the end. Also when another tree, which shares the queue, has just taken the last one.
+            return _END
+
+    def _shared(self) -> deque[Any]:
+        """The queue of the blackboard, or what is left of the copy of it that this run made."""
+        content = self.get_input_or('queue', None)
+        if isinstance(content, deque):
+            self._queue = content
+        elif self._queue is None:
+            self._queue = deque(self._copied(content))
+        return self._queue
+
+    def _copied(self, content: Any) -> list[Any] | tuple[Any, ...]:
+        if isinstance(content, list | tuple):
+            return content
+        if content is None:
+            raise self._port_error('queue', 'the blackboard has no such entry, or it was never written')
+        if not isinstance(content, str):
+            kind = type(content).__name__
+            raise self._port_error('queue', f'a queue is a deque, a list, a tuple or a text, not a {kind}')
+        try:
+            return self.queue.parse(content)
+        except ConversionError as error:
+            raise self._port_error('queue', str(error)) from error
+
+    def _empty(self) -> NodeStatus:
+        self._child_failed = False
+        status: NodeStatus = self.get_input('if_empty')
+        if status is not SKIPPED:
+            self.status = self.checked(status)
+        return status
+
+    def failure_cause(self) -> TreeNode | None:
+        return self.child if self._child_failed else None
+
+    def failure_reason(self) -> str:
+        if self._child_failed:
+            return super().failure_reason()
+        return f'{self.id}: the queue is empty (if_empty="{self.port_text("if_empty")}")'
+
+
+class LoopInt(Loop, element=INT):
+    __slots__ = ()
+
+
+class LoopBool(Loop, element=BOOL):
+    __slots__ = ()
+
+
+class LoopDouble(Loop, element=DOUBLE):
+    __slots__ = ()
+
+
+class LoopString(Loop, element=STRING):
+    __slots__ = ()

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parallel and ParallelAll: all children are ticked, and a number of successes or failures decides."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from operator import length_hint
+
+from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
+from flexbt_core.behavior_tree.engine.node import Execute, NodeConfig
+from flexbt_core.behavior_tree.model.port_types import INT
+from flexbt_core.behavior_tree.model.ports import input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+
+
+def _completed() -> NodeStatus:
+    """Takes the place of the tick of a child that has completed."""
+    return IDLE
+
+
+class _ParallelControl(ControlNode):
+    """A child that has completed is not ticked again until the node is done.
+
+    Thresholds are ports, and may change from tick to tick; those that cannot, because they are literals, are kept.
+    """
+
+    __slots__ = ('_counted', '_limits', '_row')
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        # How many failures there were when it failed.
+        self._counted = 0
+        self._limits: tuple[int, ...] | None = None
+
+    def fetch_ticks(self) -> None:
+        super().fetch_ticks()
+        self._strike_out()
+
+    def _strike_out(self) -> None:
+        """Makes the row of ticks, without the children that have completed."""
+        pairs = zip(self._ticks, self.children, strict=True)
+        self._row: Sequence[Execute] = [
+            _completed if child.status is SUCCESS or child.status is FAILURE else tick for tick, child in pairs
+        ]
+
+    def failure_reason(self) -> str:
+        limits = ', '.join(f'{port}="{self.port_text(port)}"' for port in self.ports)
+        if self._failed is None:
+            return f'{self.id}: no failure is one too many ({limits})'
+        return f'{self.id}: {self._counted} of {len(self.children)} children failed ({limits})'
+
+    @abstractmethod
+    def _read_limits(self) -> tuple[int, ...]:
+        """The thresholds, by the ports."""
+
+    def _current_limits(self) -> tuple[int, ...]:
+        limits = self._read_limits()
+        if all(self.port_key(port) is None for port in self.ports):
+            self._limits = limits
+        return limits
+
+    def _limit(self, port: str, what: str) -> int:
+        """A threshold, counted from no child on."""
+        total = len(self.children)
+        count: int = self.get_input(port)
+        limit = count if count >= 0 else max(total + count + 1, 0)
+        if limit > total:
+            raise self.fault(f'{port} {count} is more than its {total} children: it can never {what}')
+        return limit
+
+    def _finish(self, status: NodeStatus) -> NodeStatus:
+        self._row = self._ticks
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt()
+            child.status = IDLE
+        self.status = status
+        return status
+
+    def halt(self) -> None:
+        self._row = self._ticks
+        super().halt()
+
+
+class Parallel(_ParallelControl):
+    """SUCCESS after ``success_count`` successes; FAILURE after ``failure_count`` failures, or once it is out of reach.
+
+    Negative counts are counted from the number of children (-1: all); then skipped children count as successes too. The
+    thresholds are looked at after every child, so that later ones may not be ticked at all. A child that has completed
+    is not ticked again until the node is done; a skipped one is.
+    """
+
+    __slots__ = ('_failures', '_successes')
+
+    ports = {
+        'success_count': input_port(INT, default='-1', description='successes needed; negative: from the end'),
+        'failure_count': input_port(INT, default='1', description='failures that end it; negative: from the end'),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._successes = self._failures = 0
+
+    def execute(self) -> NodeStatus:
+        needed, too_many, tolerant = self._limits or self._current_limits()
+        if self.status is not RUNNING:
+            self.status = RUNNING
+            self._failed = None
+        row = self._row
+        passed = before = self._successes
+        failures = self._failures
+        spare = len(row) - needed
+        skipped = 0
+        # The counts are looked at after each child. Most have no need of it: only when the counts decide already, which
+        # shows after the first child, is there something to be seen after a child that has changed none.
+        due = passed >= needed or failures == too_many or failures > spare
+        enough = 0 if due else needed
+        remaining = iter(row)
+        try:
+            for tick in remaining:
+                status = tick()
+                if status is SUCCESS:
+                    passed += 1
+                    if passed < enough:
+                        continue
+                elif status is FAILURE:
+                    failures += 1
+                    self._failed = len(row) - length_hint(remaining) - 1
+                elif status is SKIPPED:
+                    skipped += 1
+                    passed += tolerant
+                elif not due:
+                    # RUNNING, or completed before.
+                    continue
+                if passed >= needed:
+                    result = SUCCESS
+                    break
+                if failures == too_many or failures > spare:
+                    result = FAILURE
+                    break
+                due = False
+                enough = needed
+            else:
+                result = SKIPPED if skipped == len(row) else RUNNING
+        except BaseException:
+            # What the others have given counts.
+            self._keep(passed - skipped if tolerant else passed, failures)
+            raise
+        if result is SUCCESS or result is FAILURE:
+            self._counted = failures
+            self._successes = self._failures = 0
+            return self._finish(result)
+        if skipped and tolerant:
+            passed -= skipped
+        if passed != before or failures != self._failures:
+            self._keep(passed, failures)
+        return result
+
+    def _keep(self, successes: int, failures: int) -> None:
+        self._successes = successes
+        self._failures = failures
+        self._strike_out()
+
+    def _read_limits(self) -> tuple[int, ...]:
+        tolerant: bool = self.get_input('success_count') < 0
+        return self._limit('success_count', 'succeed'), self._limit('failure_count', 'fail'), tolerant
+
+    def halt(self) -> None:
+        self._successes = self._failures = 0
+        super().halt()
+
+
+class ParallelAll(_ParallelControl):
+    """Ticks all children until each has completed; FAILURE when ``max_failures`` of them or more have failed.
+
+    So the default 1 fails at the first failure, in spite of its name, but not before the other children have completed.
+    A negative number is counted from the number of children (-1: all have to fail). Skipped children count as
+    completed, but are ticked again as long as others are RUNNING; SKIPPED when all are, within one tick.
+    """
+
+    __slots__ = ()
+
+    ports = {
+        'max_failures': input_port(INT, default='1', description='failures that are too many; negative: from the end'),
+    }
+
+    def execute(self) -> NodeStatus:
+        (too_many,) = self._limits or self._current_limits()
+        if self.status is not RUNNING:
+            self.status = RUNNING
+            self._failed = None
+        row = self._row
+        try:
+            results = [tick() for tick in row]
+        except BaseException:
+            self._strike_out()
+            raise
+        completed = results.count(SUCCESS)
+        failures = 0
+        if completed != len(results):
+            if FAILURE in results:
+                self._failed = len(results) - 1 - results[::-1].index(FAILURE)
+                completed += results.count(FAILURE)
+            if RUNNING in results:
+                if completed:
+                    self._strike_out()
+                return RUNNING
+            if results.count(SKIPPED) == len(results):
+                return SKIPPED
+            failures = sum(child.status is FAILURE for child in self.children)
+        self._counted = failures
+        return self._finish(FAILURE if failures >= too_many else SUCCESS)
+
+    def _read_limits(self) -> tuple[int, ...]:
+        return (self._limit('max_failures', 'fail'),)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Script, ScriptCondition and Precondition: scripts as nodes of a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode
+from flexbt_core.behavior_tree.engine.leaf import LeafNode
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.model.errors import ScriptError
+from flexbt_core.behavior_tree.model.port_types import NODE_STATUS, STRING
+from flexbt_core.behavior_tree.model.ports import input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.script.compiled_script import CONDITION, SCRIPT
+
+
+class _Runnable(Protocol):
+    @property
+    def run(self) -> Callable[[], bool | None]: ...
+
+
+class _PointedScript:
+    """A script whose text is on the blackboard. It has to be there when the tree is made, and may change later."""
+
+    __slots__ = ('_bound', '_condition', '_node', '_port', '_text')
+
+    def __init__(self, node: TreeNode, port: str, condition: bool) -> None:
+        """Raises PortError or ScriptError when there is no such text, or when it is no script."""
+        self._node = node
+        self._port = port
+        self._condition = condition
+        self._text: str | None = None
+        self._read()
+
+    def _read(self) -> None:
+        node = self._node
+        text: str = node.get_input(self._port)
+        if text != self._text:
+            self._bound = node.context.scripts.script(text).bind(node.blackboard, condition=self._condition)
+            self._text = text
+
+    def run(self) -> bool | None:
+        self._read()
+        return self._bound.run()
+
+
+def _script_of(node: TreeNode, config: NodeConfig, port: str) -> _Runnable:
+    """The script that a port holds, whose literals are of type SCRIPT or CONDITION."""
+    given = config.values[port]
+    condition = node.ports[port].literal is CONDITION
+    if given.key is not None:
+        return _PointedScript(node, port, condition)
+    bound: _Runnable = given.literal.bind(config.blackboard, condition=condition)
+    return bound
+
+
+class Script(LeafNode):
+    """Runs the script ``code``. SUCCESS; a script that fails is an error."""
+
+    __slots__ = ('_script',)
+
+    kind = NodeKind.ACTION
+    ports = {'code': input_port(STRING, literal=SCRIPT, description='the script')}
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._script = _script_of(self, config, 'code')
+
+    def execute(self) -> NodeStatus:
+        try:
+            self._script.run()
+        except ScriptError as error:
+            raise self.fault(error) from error
+        self.status = SUCCESS
+        return SUCCESS
+
+
+class ScriptCondition(LeafNode):
+    """SUCCESS when the last statement of the script ``code`` is true, FAILURE when not."""
+
+    __slots__ = ('_script',)
+
+    kind = NodeKind.CONDITION
+    ports = {'code': input_port(STRING, literal=CONDITION, description='the script')}
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._script = _script_of(self, config, 'code')
+
+    def execute(self) -> NodeStatus:
+        try:
+            status = SUCCESS if self._script.run() else FAILURE
+        except ScriptError as error:
+            raise self.fault(error) from error
+        self.status = status
+        return status
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: [{self.port_text("code")}] does not hold'
+
+
+class Precondition(DecoratorNode):
+    """Ticks the child when the script ``if`` is true; otherwise the result is ``else``.
+
+    The script is not asked again before the child has completed. As in BehaviorTree.CPP that holds also when the child
+    was skipped, or was halted: then the next run begins without asking.
+    """
+
+    __slots__ = ('_blocked', '_holds', '_script')
+
+    running_first = False
+    ports = {
+        'if': input_port(STRING, literal=CONDITION, description='the script'),
+        'else': input_port(NODE_STATUS, default='FAILURE', description='result when the script is false'),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._script = _script_of(self, config, 'if')
+        self._holds = False
+        self._blocked = False
+
+    def execute(self) -> NodeStatus:
+        otherwise: NodeStatus = self.get_input('else')
+        if not self._holds:
+            try:
+                self._holds = bool(self._script.run())
+            except ScriptError as error:
+                raise self.fault(error) from error
+        self._blocked = not self._holds
+        if self._blocked:
+            status = self.checked(otherwise)
+        else:
+            status = self._tick()
+            if status is SUCCESS or status is FAILURE:
+                self._holds = False
+                self.child.status = IDLE
+        if status is not SKIPPED:
+            self.status = status
+        return status
+
+    def failure_cause(self) -> TreeNode | None:
+        return None if self._blocked else self.child
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: [{self.port_text("if")}] does not hold' if self._blocked else super().failure_reason()

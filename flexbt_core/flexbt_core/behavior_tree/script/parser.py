@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The scripting language of BehaviorTree.CPP 4.10: text to syntax tree.
+
+A script is a list of expressions; the semicolons between them may be left out or repeated. Operators, from those that
+bind loosest to those that bind tightest::
+
+    := = += -= *= /=     assignment; the right side is any expression, so x := y := 3 assigns both
+    a ? b : c
+    ||
+    &&
+    == != < > <= >=      a < b < c means that both hold
+    | ^
+    &
+    + - ..
+    * /
+    - ~ !                before an operand
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple, TypeAlias
+
+from flexbt_core.behavior_tree.model.errors import ScriptError
+
+from .lexer import Token, TokenKind, tokenize
+
+MAX_DEPTH: Final = 200
+"""Nesting of expressions. A script is evaluated by as many nested calls."""
+
+
+class Literal(NamedTuple):
+    """A number or a text. ``true`` and ``false`` are 1.0 and 0.0."""
+
+    offset: int
+    value: int | float | str
+
+
+class Name(NamedTuple):
+    """The value of an enum constant, or else of a blackboard entry."""
+
+    offset: int
+    name: str
+
+
+class Unary(NamedTuple):
+    offset: int
+    operator: str
+    operand: Expression
+
+
+class Binary(NamedTuple):
+    offset: int
+    operator: str
+    left: Expression
+    right: Expression
+
+
+class Comparison(NamedTuple):
+    """Operands with the operators between them; ``offsets`` are those of the operators."""
+
+    offsets: tuple[int, ...]
+    operators: tuple[str, ...]
+    operands: tuple[Expression, ...]
+
+
+class Conditional(NamedTuple):
+    offset: int
+    condition: Expression
+    then: Expression
+    otherwise: Expression
+
+
+class Assignment(NamedTuple):
+    """``target`` is a blackboard key, also when an enum constant has the same name."""
+
+    offset: int
+    operator: str
+    target: str
+    value: Expression
+
+
+Expression: TypeAlias = Literal | Name | Unary | Binary | Comparison | Conditional | Assignment
+
+_ASSIGNMENT: Final = 2
+_CONDITIONAL: Final = 4
+_COMPARISON: Final = 10
+_UNARY: Final = 20
+# How tightly each operator binds, when it stands between two operands.
+_BINDING: Final = {
+    **dict.fromkeys((':=', '=', '+=', '-=', '*=', '/='), _ASSIGNMENT),
+    '?': _CONDITIONAL,
+    '||': 6,
+    '&&': 8,
+    **dict.fromkeys(('==', '!=', '<', '>', '<=', '>='), _COMPARISON),
+    **dict.fromkeys('|^', 12),
+    '&': 14,
+    **dict.fromkeys(('+', '-', '..'), 16),
+    **dict.fromkeys('*/', 18),
+}
+
+
+def parse_script(script: str) -> tuple[Expression, ...]:
+    """The statements of a script; none when it is the empty string.
+
+    Raises ScriptError at the first place that is wrong, and when there is nothing but blanks.
+    """
+    return _Parser(script).parse() if script else ()
+
+
+class _Parser:
+    def __init__(self, script: str) -> None:
+        self._script = script
+        self._tokens = tokenize(script)
+        self._position = 0
+        self._depth = 0
+
+    def parse(self) -> tuple[Expression, ...]:
+        if self._peek().kind is TokenKind.END:
+            raise self._error('the script is empty')
+        statements: list[Expression] = []
+        while self._peek().kind is not TokenKind.END:
+            statements.append(self._expression(0))
+            while self._at(';'):
+                self._position += 1
+        return tuple(statements)
+
+    # -- tokens ------------------------------------------------------------------------------------------------------
+
+    def _peek(self) -> Token:
+        return self._tokens[self._position]
+
+    def _at(self, operator: str) -> bool:
+        token = self._peek()
+        return token.kind is TokenKind.OPERATOR and token.value == operator
+
+    def _take(self) -> Token:
+        token = self._peek()
+        self._position += 1
+        return token
+
+    def _expect(self, operator: str, what: str) -> None:
+        if not self._at(operator):
+            raise self._error(f"'{operator}' is missing here, {what}; found {self._peek()}")
+        self._position += 1
+
+    def _error(self, reason: str, token: Token | None = None) -> ScriptError:
+        return ScriptError(self._script, (token or self._peek()).offset, reason)
+
+    # -- expressions -------------------------------------------------------------------------------------------------
+
+    def _expression(self, least: int) -> Expression:
+        """An expression whose operators bind at least as tightly as ``least``."""
+        outer = self._depth
+        self._deepen()
+        left = self._operand()
+        while True:
+            token = self._peek()
+            binding = _BINDING.get(str(token.value)) if token.kind is TokenKind.OPERATOR else None
+            if binding is None or binding < least:
+                break
+            # What is on the left becomes a part of what is made now, so every operator is a level.
+            self._deepen()
+            if binding == _ASSIGNMENT:
+                left = self._assignment(left)
+                break
+            if binding == _CONDITIONAL:
+                left = self._conditional(left)
+                break
+            if binding == _COMPARISON:
+                left = self._comparison(left)
+            else:
+                self._position += 1
+                left = Binary(token.offset, str(token.value), left, self._expression(binding + 1))
+        self._depth = outer
+        return left
+
+    def _deepen(self) -> None:
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise self._error(f'the script is nested more than {MAX_DEPTH} deep; use several statements')
+
+    def _operand(self) -> Expression:
+        token = self._take()
+        if token.kind is TokenKind.NAME:
+            return Name(token.offset, str(token.value))
+        if token.kind in (TokenKind.NUMBER, TokenKind.TEXT):
+            return Literal(token.offset, token.value)
+        if token.kind is TokenKind.OPERATOR:
+            if token.value == '(':
+                inner = self._expression(0)
+                self._expect(')', f'to close the parenthesis at column {token.offset + 1}')
+                return inner
+            if token.value in ('-', '~', '!'):
+                return Unary(token.offset, str(token.value), self._expression(_UNARY))
+        raise self._error(f'a value is missing here: a number, a name or a text; found {token}', token)
+
+    def _assignment(self, left: Expression) -> Expression:
+        token = self._take()
+        if not isinstance(left, Name):
+            raise self._error(f"'{token.value}' needs the name of a blackboard entry on its left; compare by ==", token)
+        return Assignment(token.offset, str(token.value), left.name, self._expression(0))
+
+    def _conditional(self, condition: Expression) -> Expression:
+        token = self._take()
+        then = self._expression(0)
+        self._expect(':', f"to go with the '?' at column {token.offset + 1}")
+        return Conditional(token.offset, condition, then, self._expression(_CONDITIONAL))
+
+    def _comparison(self, first: Expression) -> Expression:
+        offsets: list[int] = []
+        operators: list[str] = []
+        operands = [first]
+        while self._peek().kind is TokenKind.OPERATOR and _BINDING.get(str(self._peek().value)) == _COMPARISON:
+            token = self._take()
+            offsets.append(token.offset)
+            operators.append(str(token.value))
+            operands.append(self._expression(_COMPARISON + 1))
+        return Comparison(tuple(offsets), tuple(operators), tuple(operands))

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the operators of a script do with values: the rules of BehaviorTree.CPP 4.10.
+
+A value is what an entry of the blackboard holds: a number (int, float, bool), a text, another object, or EMPTY when the
+entry was declared but never written. All arithmetic is that of doubles, and its results are floats. Every function
+raises ConversionError for what the language does not allow.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Entry
+from flexbt_core.behavior_tree.model.errors import ConversionError
+from flexbt_core.behavior_tree.model.port_types import BOOL, DOUBLE, INT64, STRING, UINT64, cast, fits
+
+Value = Any
+Operation = Callable[[Value, Value], Value]
+
+_NUMBERS: Final = (float, int)
+_SMALL: Final = 2**30
+SAME_NUMBER: Final = 2.0**-23
+"""Numbers that differ by no more are equal: the resolution of a C++ float."""
+
+
+def kind_of(value: Value) -> str:
+    """The value, as an error names it."""
+    if value is EMPTY:
+        return 'an entry that was never written'
+    if isinstance(value, str):
+        return f"the text '{value[:40]}'"
+    if isinstance(value, int | float):
+        return f'the number {value}'
+    return f'a value of type {type(value).__name__}'
+
+
+def is_number(value: Value) -> bool:
+    return isinstance(value, _NUMBERS)
+
+
+def real(value: Value) -> float:
+    """A number as double. An integer that no double is equal to is an error."""
+    if value.__class__ is float:
+        return value
+    if value.__class__ is int and -_SMALL <= value <= _SMALL:
+        return float(value)
+    if not is_number(value):
+        raise ConversionError(f'{kind_of(value)} is no number')
+    number: float = cast(value, DOUBLE)
+    return number
+
+
+def integer(value: Value) -> int:
+    """A number that is a 64-bit integer. Raises ConversionError for any other."""
+    if value.__class__ is int and -_SMALL <= value <= _SMALL:
+        return int(value)
+    number: int = cast(value, INT64)
+    return number
+
+
+def truth(value: Value) -> bool:
+    """A number as condition: 0 and 1 of the integers, and every double that is not negative."""
+    if value.__class__ is float and value >= 0.0:
+        return bool(value)
+    if not is_number(value):
+        raise ConversionError(f'{kind_of(value)} is neither true nor false; compare it with something')
+    result: bool = cast(value, BOOL)
+    return result
+
+
+def number_of_text(text: str, enums: Mapping[str, int]) -> float:
+    """``true``, ``false``, the name of an enum constant, or the number that the text begins with."""
+    if text == 'true':
+        return 1.0
+    if text == 'false':
+        return 0.0
+    constant = enums.get(text)
+    return float(constant) if constant is not None else DOUBLE.parse(text)
+
+
+# -- operators on one value --------------------------------------------------------------------------------------------
+
+
+def _one_number(value: Value, symbol: str) -> float:
+    if not is_number(value):
+        raise ConversionError(f'operator [{symbol}] needs a number, not {kind_of(value)}')
+    return real(value)
+
+
+def negate(value: Value) -> float:
+    return -_one_number(value, '-')
+
+
+def complement(value: Value) -> float:
+    number = _one_number(value, '~')
+    if not -(2.0**63) <= number < 2.0**63:
+        raise ConversionError(f'operator [~] needs a number that fits into 64 bits, not {number}')
+    return float(~int(number))
+
+
+def invert(value: Value) -> float:
+    return 0.0 if _one_number(value, '!') else 1.0
+
+
+UNARY: Final[Mapping[str, Callable[[Value], Value]]] = {'-': negate, '~': complement, '!': invert}
+
+
+# -- operators on two values -------------------------------------------------------------------------------------------
+
+
+def _mismatch(left: Value, right: Value, symbol: str) -> ConversionError:
+    for side, value in (('left', left), ('right', right)):
+        if value is EMPTY:
+            return ConversionError(f'the {side} operand of [{symbol}] is an entry that was never written')
+    hint = '; join texts with numbers by ..' if symbol == '+' else ''
+    return ConversionError(f'operator [{symbol}] does not apply to {kind_of(left)} and {kind_of(right)}{hint}')
+
+
+def divide(left: float, right: float) -> float:
+    """The quotient of IEEE 754: infinite, or not a number, when the divisor is zero."""
+    if right:
+        return left / right
+    if not left or math.isnan(left):
+        return math.nan
+    return math.copysign(math.inf, left) * math.copysign(1.0, right)
+
+
+ARITHMETIC: Final[Mapping[str, Callable[[float, float], float]]] = {
+    '+': operator.add,
+    '-': operator.sub,
+    '*': operator.mul,
+    '/': divide,
+}
+
+
+def _arithmetic(symbol: str) -> Operation:
+    compute = ARITHMETIC[symbol]
+
+    def operate(left: Value, right: Value) -> Value:
+        if is_number(left) and is_number(right):
+            return compute(real(left), real(right))
+        if symbol == '+' and isinstance(left, str) and isinstance(right, str):
+            return left + right
+        raise _mismatch(left, right, symbol)
+
+    return operate
+
+
+def _bitwise(symbol: str, compute: Callable[[int, int], int]) -> Operation:
+    def operate(left: Value, right: Value) -> float:
+        if not (is_number(left) and is_number(right)):
+            raise _mismatch(left, right, symbol)
+        real(left), real(right)
+        try:
+            return float(compute(integer(left), integer(right)))
+        except ConversionError as error:
+            raise ConversionError(f'operator [{symbol}] needs integers: {error}') from None
+
+    return operate
+
+
+def _logic(symbol: str, compute: Callable[[bool, bool], bool]) -> Operation:
+    def operate(left: Value, right: Value) -> float:
+        if not (is_number(left) and is_number(right)):
+            raise _mismatch(left, right, symbol)
+        real(left), real(right)
+        try:
+            return float(compute(truth(left), truth(right)))
+        except ConversionError as error:
+            raise ConversionError(f'operator [{symbol}] needs truth values: {error}') from None
+
+    return operate
+
+
+def join(left: Value, right: Value) -> Value:
+    """Texts, or a text and a number, one after the other. Two numbers give nothing (EMPTY), as there."""
+    if is_number(left) and is_number(right):
+        real(left), real(right)
+        return EMPTY
+    if not all(is_number(value) or isinstance(value, str) for value in (left, right)):
+        raise _mismatch(left, right, '..')
+    return text_of(left) + text_of(right)
+
+
+def text_of(value: Value) -> str:
+    """A number or text as text: reals with six decimals."""
+    text: str = cast(value, STRING)
+    return text
+
+
+BINARY: Final[Mapping[str, Operation]] = {
+    **{symbol: _arithmetic(symbol) for symbol in ARITHMETIC},
+    '..': join,
+    '&': _bitwise('&', operator.and_),
+    '|': _bitwise('|', operator.or_),
+    '^': _bitwise('^', operator.xor),
+    '&&': _logic('&&', operator.and_),
+    '||': _logic('||', operator.or_),
+}
+
+
+# What holds is said by what does not, so that a comparison with "not a number" gives what it gives there.
+_COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
+    '<': lambda left, right: not left >= right,
+    '>': lambda left, right: not left <= right,
+    '<=': lambda left, right: not left > right,
+    '>=': lambda left, right: not left < right,
+}
+
+
+def compare(symbol: str, left: Value, right: Value, enums: Mapping[str, int]) -> bool:
+    """Whether ``left symbol right`` holds. A text that is compared with a number is turned into one."""
+    left_text, right_text = isinstance(left, str), isinstance(right, str)
+    if not (left_text or is_number(left)) or not (right_text or is_number(right)):
+        raise _mismatch(left, right, symbol)
+    if left_text and right_text:
+        if symbol in ('==', '!='):
+            return (left == right) is (symbol == '==')
+        return _COMPARE[symbol](left, right)
+    left = number_of_text(left, enums) if left_text else real(left)
+    right = number_of_text(right, enums) if right_text else real(right)
+    if symbol in ('==', '!='):
+        return (abs(left - right) <= SAME_NUMBER) is (symbol == '==')
+    return _COMPARE[symbol](left, right)
+
+
+def choose(value: Value) -> bool:
+    """Whether the condition of ``a ? b : c`` holds: any number but 0; a text is turned into a number."""
+    if isinstance(value, str):
+        return DOUBLE.parse(value) != 0.0
+    return real(value) != 0.0
+
+
+# -- assignment --------------------------------------------------------------------------------------------------------
+
+
+def assigned(entry: Entry, symbol: str, value: Value, enums: Mapping[str, int]) -> Value:
+    """What ``entry`` holds after ``entry symbol value``: the value, in the form that fits the entry."""
+    if value is EMPTY:
+        raise ConversionError(f'the right operand of [{symbol}] is an entry that was never written')
+    if symbol in (':=', '='):
+        return _fitted(entry, value, enums)
+    if entry.value is EMPTY:
+        raise ConversionError(f'the left operand of [{symbol}] is an entry that was never written')
+    return _copied(entry, BINARY[symbol[0]](entry.value, value))
+
+
+def _fitted(entry: Entry, value: Value, enums: Mapping[str, int]) -> Value:
+    current, kind = entry.value, entry.type
+    if current is EMPTY and kind is None:
+        return value
+    if isinstance(value, str) and not isinstance(current, str):
+        if kind is not None and kind.from_text is not None:
+            return kind.parse(value)
+        if is_number(current):
+            return number_of_text(value, enums)
+        name = kind.name if kind is not None else type(current).__name__
+        raise ConversionError(f'{kind_of(value)} cannot be converted to {name}, the type of the entry')
+    return _copied(entry, value)
+
+
+class OutOfBounds(int):
+    """An integer that a script has assigned to an entry whose type is too narrow for it, which is left to the readers
+    to find out: to those who remember that they need not convert an ``int`` it is something else."""
+
+
+def _copied(entry: Entry, value: Value) -> Value:
+    """``value`` in the kind of number that the entry holds."""
+    current, kind = entry.value, entry.type
+    if current.__class__ is value.__class__ is float:
+        return value
+    if is_number(value):
+        if current.__class__ is float:
+            return real(value)
+        if is_number(current) or (current is EMPTY and isinstance(value, int)):
+            number: int = cast(value, UINT64 if kind is UINT64 else INT64)
+            if kind is not None and kind.category == 'integer' and not fits(number, kind):
+                return OutOfBounds(number)
+            return bool(number) if current.__class__ is bool and number in (0, 1) else number
+    both_text = isinstance(current, str) and isinstance(value, str)
+    if current is EMPTY or both_text or type(current) is type(value):
+        return value
+    raise ConversionError(f'{kind_of(value)} cannot be assigned to an entry that holds {kind_of(current)}')

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node elements of a document: which node type they name, their ports and children, and what is wrong with them."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from flexbt_core.behavior_tree.engine.registry import NodeManifest, NodeRegistry, similar_names
+from flexbt_core.behavior_tree.model.definition import NO_CONDITIONS, NodeDefinition
+from flexbt_core.behavior_tree.model.errors import ConversionError, LoadError, ScriptError
+from flexbt_core.behavior_tree.model.port_types import bool_from_text, is_fixed
+from flexbt_core.behavior_tree.model.ports import (
+    NO_DEFAULT,
+    PRE_POST_ATTRIBUTES,
+    RESERVED_ATTRIBUTES,
+    Port,
+    PortValue,
+    model_name_problem,
+    pointer_key,
+    port_name_problem,
+)
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.behavior_tree.script.compiled_script import CONDITION, SCRIPT, CompiledScript
+
+from .parser import Element, Source
+
+_CONTROL_CHARACTER: Final = re.compile(r'[^\t\r\n -\U0010ffff]')
+EXPLICIT_TAGS: Final = frozenset(kind.value for kind in NodeKind)
+
+
+class NodeReader:
+    """Reads the nodes of one tree; adds what is wrong to ``errors``, and goes on."""
+
+    def __init__(self, source: Source, registry: NodeRegistry, errors: list[LoadError]) -> None:
+        self._source = source
+        self._registry = registry
+        self._errors = errors
+
+    def read(self, root: Element) -> NodeDefinition | None:
+        """The definition of ``root`` and all below; None when something is wrong with it."""
+        before = len(self._errors)
+        elements: list[tuple[Element, NodeManifest | None]] = []
+        stack = [root]
+        while stack:
+            element = stack.pop()
+            manifest = self._manifest(element)
+            if manifest is not None:
+                self._check_children(element, manifest)
+            elements.append((element, manifest))
+            stack.extend(reversed(element.children))
+        # Children are behind their parents in the list, so that from its end they are there when they are needed.
+        built: dict[int, NodeDefinition] = {}
+        ports: dict[int, NodeDefinition | None] = {}
+        for element, manifest in elements:
+            if manifest is not None:
+                ports[id(element)] = self._node(element, manifest)
+        self._errors[before:] = sorted(self._errors[before:], key=lambda error: (error.line, error.column))
+        if len(self._errors) > before:
+            return None
+        for element, _ in reversed(elements):
+            definition = ports[id(element)]
+            assert definition is not None
+            children = tuple(built.pop(id(child)) for child in element.children)
+            built[id(element)] = definition._replace(children=children) if children else definition
+        return built[id(root)]
+
+    # -- node type and structure -------------------------------------------------------------------------------------
+
+    def _manifest(self, element: Element) -> NodeManifest | None:
+        """The registered node type that the element names; None when there is none, which is reported."""
+        tag = element.tag
+        id = element.attributes.get('ID')
+        if tag == 'SubTree':
+            return self._subtree_manifest(element, id)
+        if tag in EXPLICIT_TAGS:
+            if id is None:
+                self._error(element, f"<{tag}> needs the attribute 'ID', the node type")
+                return None
+        else:
+            if id is not None:
+                self._error(element, f'attribute [ID] is not allowed in <{tag}>; the tag is the node type', 'ID')
+            id = tag
+        manifest = self._registry.get(id)
+        if manifest is None:
+            self._unknown_node(element, id)
+        return manifest
+
+    def _subtree_manifest(self, element: Element, id: str | None) -> NodeManifest | None:
+        if id is None:
+            self._error(element, "<SubTree> needs the attribute 'ID', the tree")
+            return None
+        problem = model_name_problem(id)
+        if problem:
+            self._error(element, problem, 'ID')
+        elif id in self._registry:
+            self._error(element, f'[{id}] is a node type, not a tree; use <{id}> instead of <SubTree>', 'ID')
+        return self._registry.get('SubTree')
+
+    def _unknown_node(self, element: Element, id: str) -> None:
+        if id == 'SubTreePlus':
+            message = 'SubTreePlus is of format 3; write <SubTree> with _autoremap'
+        elif id == 'SequenceStar':
+            message = 'SequenceStar is of format 3; write <SequenceWithMemory>'
+        else:
+            message = f'node type [{id}] is not registered'
+            similar = self._registry.suggestions(id)
+            message += f'; did you mean {" or ".join(similar)}?' if similar else ''
+        self._error(element, message)
+
+    def _check_children(self, element: Element, manifest: NodeManifest) -> None:
+        count = len(element.children)
+        least, most = manifest.children
+        if count < least or (most is not None and count > most):
+            if most == 0:
+                message = f'{manifest.kind.value} [{manifest.id}] has no children; {count} are given'
+            elif least == most:
+                message = f'{manifest.kind.value} [{manifest.id}] has exactly {_children(least)}, not {count}'
+            elif most is None:
+                message = f'{manifest.kind.value} [{manifest.id}] has {_children(least)} or more, not {count}'
+            else:
+                message = f'{manifest.kind.value} [{manifest.id}] has {least} to {_children(most)}, not {count}'
+            self._error(element, message)
+        if manifest.id == 'ReactiveSequence':
+            asynchronous = [
+                child for child in element.children if 'AsyncSequence' in (child.tag, child.attributes.get('ID'))
+            ]
+            if len(asynchronous) > 1:
+                self._error(asynchronous[1], 'a ReactiveSequence cannot have more than one AsyncSequence as its child')
+
+    # -- attributes --------------------------------------------------------------------------------------------------
+
+    def _node(self, element: Element, manifest: NodeManifest) -> NodeDefinition | None:
+        is_subtree = manifest.kind is NodeKind.SUBTREE
+        tree_id = element.attributes.get('ID') if is_subtree else None
+        values: dict[str, PortValue] = {}
+        extra: dict[str, str] = {}
+        conditions = NO_CONDITIONS
+        autoremap = False
+        for attribute, text in element.attributes.items():
+            if attribute in RESERVED_ATTRIBUTES:
+                if attribute in PRE_POST_ATTRIBUTES:
+                    script = self._script(element, attribute, text, may_be_empty=False)
+                    if script is not None:
+                        conditions = {**conditions, attribute: script}
+                elif attribute == '_autoremap' and is_subtree:
+                    autoremap = self._autoremap(element, text)
+            elif port_name_problem(attribute):
+                extra[attribute] = text
+            elif is_subtree:
+                values[attribute] = PortValue(text, pointer_key(text, attribute))
+            else:
+                value = self._port_value(element, manifest, attribute, text)
+                if value is not None:
+                    values[attribute] = value
+        if not is_subtree:
+            self._add_absent(element, manifest, values)
+        name = element.attributes.get('name')
+        if name is not None and _CONTROL_CHARACTER.search(name):
+            self._error(element, 'the name contains a control character', 'name')
+        if name is None:
+            name = tree_id or manifest.id
+        return NodeDefinition(
+            manifest, name, values, (), element.offset, element.offsets, extra, tree_id, autoremap, conditions
+        )
+
+    def _script(self, element: Element, attribute: str, text: str, *, may_be_empty: bool) -> CompiledScript | None:
+        try:
+            script = self._registry.scripts.script(text)
+            if script.empty and not may_be_empty:
+                raise ScriptError(text, 0, 'the script is empty')
+        except ScriptError as error:
+            place = self._source.value_offset(element.offsets[attribute], text, error.offset)
+            self._errors.append(self._source.error(place, f'script of [{attribute}]: {error.reason}', str(element)))
+            return None
+        return script
+
+    def _autoremap(self, element: Element, text: str) -> bool:
+        try:
+            return bool_from_text(text)
+        except ConversionError as error:
+            self._error(element, f'[_autoremap]: {error}', '_autoremap')
+            return False
+
+    def _port_value(self, element: Element, manifest: NodeManifest, name: str, text: str) -> PortValue | None:
+        port = manifest.ports.get(name)
+        if port is None:
+            known = ', '.join(manifest.ports) or 'none'
+            similar = similar_names(name, manifest.ports)
+            hint = f'did you mean [{similar[0]}]? ' if similar else ''
+            self._error(element, f'[{manifest.id}] has no port [{name}]; {hint}its ports are: {known}', name)
+            return None
+        key = pointer_key(text, name)
+        if key is not None:
+            return PortValue(text, key)
+        if not port.readable:
+            self._error(
+                element,
+                f'output port [{name}] has to point to the blackboard, as in {name}="{{key}}", not "{text}"',
+                name,
+            )
+            return None
+        return self._literal(element, port, name, text)
+
+    def _literal(self, element: Element, port: Port, name: str, text: str) -> PortValue | None:
+        kind = port.literal or port.type
+        if not is_fixed(kind):
+            return PortValue(text, None, text)
+        if kind in (SCRIPT, CONDITION):
+            script = self._script(element, name, text, may_be_empty=kind is SCRIPT)
+            return None if script is None else PortValue(text, None, script)
+        if kind.from_text is None:
+            self._error(
+                element,
+                f'port [{name}] of type {kind.name} cannot be written as text; write {name}="{{key}}"',
+                name,
+            )
+            return None
+        try:
+            value = kind.parse(text)
+        except ConversionError as error:
+            self._error(element, f'port [{name}] of type {kind.name}: {error}', name)
+            return None
+        return PortValue(text, None, value if kind.immutable else NO_DEFAULT)
+
+    def _add_absent(self, element: Element, manifest: NodeManifest, values: dict[str, PortValue]) -> None:
+        """Defaults of the ports that are not given; those that have none and are needed are reported."""
+        for name, port in manifest.ports.items():
+            if name in values or name in element.attributes:
+                continue
+            default = port.default
+            if default is NO_DEFAULT:
+                if port.required:
+                    kind = f' of type {port.type.name}' if port.type is not None else ''
+                    self._error(element, f'port [{name}]{kind} of [{manifest.id}] is missing; add {name}="..."')
+            elif isinstance(default, str):
+                key = pointer_key(default, name)
+                value = PortValue(default, key) if key is not None else self._literal(element, port, name, default)
+                if value is not None:
+                    values[name] = value
+            else:
+                values[name] = PortValue(str(default), None, default)
+
+    def _error(self, element: Element, message: str, attribute: str | None = None) -> None:
+        offset = element.offset if attribute is None else element.offsets.get(attribute, element.offset)
+        self._errors.append(self._source.error(offset, message, str(element)))
+
+
+def _children(count: int) -> str:
+    return f'{count} child' if count == 1 else f'{count} children'

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads behavior-tree XML, formats 4 and 3, into definitions; everything that is wrong in a file is reported at once.
+
+The rules are those of BehaviorTree.CPP 4.10 (its VerifyXML and node creation); on top of them a port that a node cannot
+do without has to be given, which there shows only when the node is ticked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, SubTreeModelPort, TreeDefinition, TreeDocument
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, LoadError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import PortDirection, model_name_problem, port_name_problem
+
+from .format3 import is_format_3, make_format_4
+from .node_elements import NodeReader
+from .parser import MAX_BYTES, MAX_DEPTH, Element, Source, decode, parse
+
+MAX_INCLUDES: Final = 100
+
+IncludeResolver = Callable[[str, 'str | None', str], 'tuple[str, str | bytes]']
+"""Gives (file name, content) for (``path``, ``ros_pkg``, file that includes); raises OSError or BehaviorTreeError."""
+
+
+def load_xml(
+    text: str | bytes,
+    file: str,
+    registry: NodeRegistry,
+    *,
+    include: IncludeResolver | None = None,
+    max_bytes: int = MAX_BYTES,
+    max_depth: int = MAX_DEPTH,
+) -> TreeDocument:
+    """Reads a document. ``file`` names it in errors.
+
+    References to sub-trees are not followed here, see TreeLibrary. Raises TreeLoadError with all errors.
+    """
+    loader = _Loader(registry, include, max_bytes, max_depth)
+    with _without_collector():
+        document = loader.load(text, file)
+    if loader.errors:
+        raise TreeLoadError(loader.errors)
+    return document
+
+
+@contextlib.contextmanager
+def _without_collector() -> Iterator[None]:
+    """Nothing of what a document becomes is garbage, and the collector would go over all of it again and again."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+class _Loader:
+    """A document with all that it includes."""
+
+    def __init__(self, registry: NodeRegistry, include: IncludeResolver | None, max_bytes: int, max_depth: int) -> None:
+        self._registry = registry
+        self._include = include
+        self._max_bytes = max_bytes
+        self._max_depth = max_depth
+        self._open_files: list[str] = []
+        self._included = 0
+        self.errors: list[LoadError] = []
+        self._warnings: list[LoadError] = []
+        self._trees: dict[str, TreeDefinition] = {}
+        self._models: dict[str, dict[str, SubTreeModelPort]] = {}
+
+    def load(self, text: str | bytes, file: str) -> TreeDocument:
+        main = self._load_one(text, file)
+        if main is None and len(self._trees) == 1:
+            main = next(iter(self._trees))
+        return TreeDocument(file, self._trees, main, self._models, tuple(self._warnings), self._registry.scripts)
+
+    def _load_one(self, text: str | bytes, file: str) -> str | None:
+        """Adds what one file defines; gives the tree that it names as the main one."""
+        self._open_files.append(file)
+        try:
+            if isinstance(text, bytes):
+                text = decode(text, file, self._max_bytes)
+            source = Source(file, text)
+            root = parse(source, max_bytes=self._max_bytes, max_depth=self._max_depth)
+        except TreeLoadError as error:
+            self.errors.extend(error.errors)
+            return None
+        else:
+            return self._read_root(source, root)
+        finally:
+            self._open_files.pop()
+
+    def _read_root(self, source: Source, root: Element) -> str | None:
+        if root.tag != 'root':
+            self._error(source, root, 'the root element has to be <root BTCPP_format="4">')
+            return None
+        if is_format_3(root):
+            make_format_4(root)
+        else:
+            self._check_format(source, root)
+        # Included trees first: those of the file itself replace them.
+        for element in root.children:
+            if element.tag == 'include':
+                self._read_include(source, element)
+        models = [element for element in root.children if element.tag == 'TreeNodesModel']
+        for element in models[1:]:
+            self._error(source, element, 'only one <TreeNodesModel> is allowed in a file')
+        for element in models[:1]:
+            self._read_models(source, element)
+        for element in root.children:
+            if element.tag == 'BehaviorTree':
+                self._read_tree(source, element, alone=len(root.children) == 1)
+            elif element.tag not in ('include', 'TreeNodesModel'):
+                self._warn(source, element, 'this element means nothing here, and is ignored')
+        main = root.attributes.get('main_tree_to_execute')
+        if main is not None and main not in self._trees and not self.errors:
+            known = ', '.join(self._trees) or 'none'
+            self._error(
+                source,
+                root,
+                f'main_tree_to_execute names [{main}], which is no tree of this file; its trees are: {known}',
+                'main_tree_to_execute',
+            )
+        if not self._trees and not self._models and not self.errors and len(self._open_files) == 1:
+            self._error(source, root, 'the document defines no <BehaviorTree>')
+        return main
+
+    def _check_format(self, source: Source, root: Element) -> None:
+        format = root.attributes.get('BTCPP_format')
+        if format is None:
+            self._warn(source, root, 'attribute [BTCPP_format] is missing; the file is read as format 4')
+        elif format.strip() != '4':
+            self._warn(source, root, f'BTCPP_format "{format}" is unknown; the file is read as format 4')
+
+    def _read_include(self, source: Source, element: Element) -> None:
+        path = element.attributes.get('path')
+        if path is None:
+            self._error(source, element, "an <include> needs the attribute 'path'")
+            return
+        if self._include is None:
+            self._error(source, element, f"'{path}' cannot be included: this document was loaded without a file system")
+            return
+        self._included += 1
+        if self._included > MAX_INCLUDES:
+            self._error(source, element, f'more than {MAX_INCLUDES} files are included')
+            return
+        try:
+            file, content = self._include(path, element.attributes.get('ros_pkg'), source.file)
+        except (OSError, BehaviorTreeError) as error:
+            self._error(source, element, f"'{path}' cannot be included: {error}", 'path')
+            return
+        if file in self._open_files:
+            self._error(source, element, f"'{path}' is included by itself, directly or indirectly", 'path')
+            return
+        self._load_one(content, file)
+
+    def _read_models(self, source: Source, models: Element) -> None:
+        for element in models.children:
+            # Models of nodes are for editors; those of trees declare ports that the engine has to know.
+            if element.tag != 'SubTree':
+                continue
+            id = element.attributes.get('ID')
+            if id is None:
+                self._error(source, element, "a <SubTree> within <TreeNodesModel> needs the attribute 'ID'")
+                continue
+            ports: dict[str, SubTreeModelPort] = {}
+            for port in element.children:
+                direction = _MODEL_PORTS.get(port.tag)
+                if direction is None:
+                    continue
+                name = port.attributes.get('name')
+                if name is None:
+                    self._error(source, port, f"a port of the model of [{id}] needs the attribute 'name'")
+                    continue
+                if name.startswith('_'):
+                    # Private: no attribute of that name is a port, so this declares nothing.
+                    continue
+                problem = port_name_problem(name)
+                if problem:
+                    self._error(source, port, problem, 'name')
+                    continue
+                ports[name] = SubTreeModelPort(direction, port.attributes.get('default'))
+            self._models[id] = ports
+
+    def _read_tree(self, source: Source, element: Element, alone: bool) -> None:
+        id = element.attributes.get('ID')
+        before = len(self.errors)
+        if id is None:
+            if not alone:
+                self._error(
+                    source, element, "a <BehaviorTree> needs the attribute 'ID' when it is not alone in its file"
+                )
+            id = f'BehaviorTree_{len(self._trees)}'
+        else:
+            problem = model_name_problem(id)
+            if problem:
+                self._error(source, element, problem, 'ID')
+            elif id in self._registry:
+                self._error(source, element, f'[{id}] is the name of a node type, and cannot name a tree', 'ID')
+        if len(element.children) != 1:
+            self._error(source, element, f'a tree has exactly 1 root node, not {len(element.children)}')
+        root: NodeDefinition | None = None
+        for child in element.children:
+            root = NodeReader(source, self._registry, self.errors).read(child)
+        if id in self._trees and self._trees[id].source is source:
+            line, _ = source.position(self._trees[id].offset)
+            self._warn(source, element, f'tree [{id}] of line {line} is replaced by this one')
+        if len(self.errors) == before and root is not None:
+            # A later definition takes the place of an earlier one, also in the order.
+            self._trees.pop(id, None)
+            self._trees[id] = TreeDefinition(id, root, source, element.offset)
+
+    def _error(self, source: Source, element: Element, message: str, attribute: str | None = None) -> None:
+        offset = element.offset if attribute is None else element.offsets.get(attribute, element.offset)
+        self.errors.append(source.error(offset, message, str(element)))
+
+    def _warn(self, source: Source, element: Element, message: str) -> None:
+        self._warnings.append(source.error(element.offset, message, str(element)))
+
+
+_MODEL_PORTS: Final = {
+    'input_port': PortDirection.INPUT,
+    'output_port': PortDirection.OUTPUT,
+    'inout_port': PortDirection.INOUT,
+}

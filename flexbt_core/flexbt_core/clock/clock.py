@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Clocks of the pure cores: time is an object that is handed in, so that a test can own it.
+
+A clock tells the time in seconds and calls back at a given time. Nothing here knows ROS; the clock of a ROS
+node (simulated time included) is in ``ros_clock``.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from .timer_queue import AlarmQueue
+
+_logger = logging.getLogger(__name__)
+
+
+class Timer(Protocol):
+    """A callback that is due at some time."""
+
+    def cancel(self) -> None:
+        """Makes sure that the callback is not started any more. Harmless when it has run or was cancelled."""
+
+
+class Clock(Protocol):
+    """Time in seconds, from an origin that is the clock's own business, and alarms on it."""
+
+    def now(self) -> float:
+        """Time in seconds."""
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
+        """Calls ``callback`` once, at or after ``when`` (also when that is past already); thread-safe.
+
+        The callback runs on the clock's own thread: it has to be short and thread-safe.
+        """
+
+    def wall_seconds(self, when: float) -> float | None:
+        """Seconds of wall time until ``when``; None where wall time is not what moves this clock. Thread-safe."""
+
+
+class ManualClock:
+    """A clock that stands still until it is told to go on: for tests and for stepping.
+
+    The callbacks run on the thread that moves the clock. Safe to use from several threads.
+    """
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+        self._alarms = AlarmQueue()
+        self._lock = threading.Lock()
+
+    def now(self) -> float:
+        return self._now
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
+        """As in :class:`Clock`; an alarm that is due already waits for the next :meth:`advance`, if by 0."""
+        with self._lock:
+            return self._alarms.add(when, callback)
+
+    def wall_seconds(self, when: float) -> float | None:
+        return None
+
+    def next_alarm(self) -> float | None:
+        """Time of the earliest callback that is waiting, or None."""
+        with self._lock:
+            return self._alarms.earliest()
+
+    def advance(self, seconds: float) -> None:
+        """Goes on by ``seconds``, calling what becomes due in the order of time, each at its own time.
+
+        Callbacks may set further alarms; those that are due within the same step are called in it.
+        """
+        if seconds < 0.0:
+            raise ValueError(f'a clock cannot go back: advance({seconds})')
+        self.set(self._now + seconds)
+
+    def set(self, now: float) -> None:
+        """Goes to the time ``now``: forth as :meth:`advance`, or back, as simulated time does at a reset."""
+        while True:
+            with self._lock:
+                due = self._alarms.take(now)
+                if due is None:
+                    self._now = now
+                    return
+                when, callback = due
+                self._now = max(self._now, when)
+            callback()
+
+
+class SteadyClock:
+    """The machine's monotonic clock. One daemon thread, started with the first alarm, calls back."""
+
+    def __init__(self) -> None:
+        self._alarms = AlarmQueue()
+        self._condition = threading.Condition()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
+        """As in :class:`Clock`. After :meth:`close` nothing is called any more."""
+        with self._condition:
+            alarm = self._alarms.add(when, callback)
+            if self._closed:
+                self._alarms.clear()
+            elif self._thread is None:
+                self._thread = threading.Thread(target=self._run, name='steady_clock', daemon=True)
+                self._thread.start()
+            elif self._alarms.is_first(alarm):
+                self._condition.notify()
+        return alarm
+
+    def wall_seconds(self, when: float) -> float | None:
+        return when - time.monotonic()
+
+    def close(self) -> None:
+        """Drops all alarms and ends the thread. May be called twice, and from a callback."""
+        with self._condition:
+            self._closed = True
+            self._alarms.clear()
+            self._condition.notify()
+            thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._condition:
+                due = None
+                while not self._closed and (due := self._alarms.take(time.monotonic())) is None:
+                    when = self._alarms.earliest()
+                    # A wait takes no more than TIMEOUT_MAX; an alarm at infinity is simply never due.
+                    self._condition.wait(
+                        None if when is None else min(max(when - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
+                    )
+                if due is None:
+                    return
+            _, callback = due
+            try:
+                callback()
+            except Exception:
+                # One faulty callback must not take everybody else's alarms away.
+                _logger.exception('a callback of the steady clock raised')

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a worker thread sleeps until there is something to do: until somebody rings, or until a time of a clock."""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+
+from .clock import Clock
+
+_NEAR: Final = 0.5
+"""Seconds for which a sleep needs no alarm: whoever waits looks at the clock again then, should that have been set."""
+
+
+class Bell:
+    """Rung from any thread, waited for by one. A ring while nobody waits is kept for the next wait."""
+
+    def __init__(self) -> None:
+        self._condition = threading.Condition()
+        self._rung = False
+
+    def ring(self) -> None:
+        """Wake the one who waits."""
+        with self._condition:
+            self._rung = True
+            self._condition.notify()
+
+    def wait(self, clock: Clock, until: float | None) -> None:
+        """Sleep until the bell is rung or ``clock`` shows ``until`` (None: no time); takes the ring."""
+        with self._condition:
+            while until is not None and not self._rung:
+                seconds = clock.wall_seconds(until)
+                if seconds is None or seconds > _NEAR:
+                    break
+                if seconds <= 0.0:
+                    return
+                self._condition.wait(seconds)  # wakes nobody else
+            if self._rung:
+                self._rung = False
+                return
+        timer = clock.call_at(until, self.ring) if until is not None else None
+        with self._condition:
+            self._condition.wait_for(lambda: self._rung)
+            self._rung = False
+        if timer is not None:
+            timer.cancel()

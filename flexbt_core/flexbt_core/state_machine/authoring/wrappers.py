@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Time-outs and further attempts for any state: states around a state, which can be put around each other.
+
+``with_timeout(state, 5.0)`` is left by ``timeout`` when the state takes longer. ``with_retry(state, 3)`` leaves the
+state and enters it again when it fails. Both have the keys of the state, and its outcomes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from flexbt_core.state_machine.engine.rest import EXIT_TIMEOUT
+from flexbt_core.state_machine.model.errors import StateError
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason
+
+if TYPE_CHECKING:
+    from flexbt_core.state_machine.engine.leaf import LeafRun
+    from flexbt_core.state_machine.model.userdata import UserData
+
+TIMEOUT: Final = 'timeout'
+
+
+def with_timeout(state: EventState, seconds: float, outcome: str = TIMEOUT) -> EventState:
+    """The state, but left by ``outcome`` when it was active for so long.
+
+    Its on_exit is called with the reason TIMED_OUT then. The time counts on the clock of the state: it stands still
+    while the state is paused. While the operator is asked for an outcome, nothing is timed out.
+
+    Raises:
+        StateError: the time is not positive, or it is no state (a machine is none).
+    """
+    return _Timeout(state, seconds, outcome)
+
+
+def with_retry(
+    state: EventState, attempts: int, on: Collection[str] = ('failed',), *, delay: float = 0.0
+) -> EventState:
+    """The state, but entered again, ``attempts`` times in all, when it wants to be left by an outcome of ``on``.
+
+    Before that its on_exit is called with the reason REPEATED, it comes to rest, and ``delay`` seconds go by. When it
+    does not come to rest, it is left by its outcome. What it raises is no failure to try again, but a fault.
+
+    Raises:
+        StateError: there are no attempts, ``on`` has something that is no outcome of the state, or it is no state.
+    """
+    return _Retry(state, attempts, on, delay)
+
+
+def innermost(state: EventState) -> EventState:
+    """The state that is in wrappers; itself when it is in none."""
+    while isinstance(state, StateWrapper):
+        state = state.inner
+    return state
+
+
+class StateWrapper(EventState):
+    """A state around another one: here it is the same in everything. What the engine says of it holds for both."""
+
+    def __init__(self, inner: EventState, extra_outcomes: Collection[str] = ()) -> None:
+        given: Any = inner
+        if not isinstance(given, EventState):
+            raise StateError(f'only a state can have a time-out or further attempts, not {given!r:.60}')
+        self.inner = inner
+        super().__init__(
+            (*inner.outcomes, *extra_outcomes), inner.input_keys, inner.output_keys, desired_rate=inner.desired_rate
+        )
+        self.exit_reason = None
+
+    @property
+    def runs_while_blocked(self) -> bool:  # type: ignore[override]
+        return self.inner.runs_while_blocked
+
+    @property
+    def type_name(self) -> str:
+        return self.inner.type_name
+
+    def on_start(self) -> None:
+        self.inner.on_start()
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._enter_inner(userdata, is_resumed=self.is_resumed)
+
+    def execute(self, userdata: UserData) -> str | None:
+        return self._execute_inner(userdata)
+
+    def on_exit(self, userdata: UserData) -> None:
+        self._leave_inner(userdata, self.exit_reason)
+
+    def on_pause(self) -> None:
+        self.inner.on_pause()
+
+    def on_resume(self, userdata: UserData) -> None:
+        self.inner.on_resume(userdata)
+
+    def on_stop(self) -> None:
+        self.inner.on_stop()
+
+    def settled(self) -> str | None:
+        return self.inner.settled()
+
+    def activity(self) -> Sequence[str]:
+        return self.inner.activity()
+
+    def _enter_inner(self, userdata: UserData, *, is_resumed: bool = False) -> None:
+        self.inner.exit_reason = None
+        self.inner.is_resumed = is_resumed
+        self.inner.on_enter(userdata)
+
+    def _execute_inner(self, userdata: UserData) -> str | None:
+        outcome = self.inner.execute(userdata)
+        if isinstance(outcome, str) and outcome not in self.inner.outcomes:
+            known = ', '.join(self.inner.outcomes)
+            raise StateError(f'{self.path}: execute returned {outcome!r}, which is none of its outcomes {known}')
+        return outcome
+
+    def _leave_inner(self, userdata: UserData, reason: ExitReason | None) -> None:
+        self.inner.exit_reason = reason
+        self.inner.on_exit(userdata)
+
+    # The place in a run is that of the innermost state: it wakes, logs and asks as if nothing were around it.
+
+    @property
+    def _leaf(self) -> LeafRun | None:
+        return self.inner._leaf
+
+    @_leaf.setter
+    def _leaf(self, leaf: LeafRun | None) -> None:
+        self.inner._leaf = leaf
+
+
+class _Timeout(StateWrapper):
+    def __init__(self, inner: EventState, seconds: float, outcome: str) -> None:
+        super().__init__(inner, [outcome])
+        if not seconds > 0.0:
+            raise StateError(f'{inner.type_name}: a time-out has to be positive, not {seconds} s')
+        self._seconds = seconds
+        self._outcome = outcome
+        self._until = 0.0
+        self._is_over = False
+
+    @property
+    def type_name(self) -> str:
+        return f'{self.inner.type_name}, at most {self._seconds:g} s'
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._is_over = False
+        self._until = self.clock.now() + self._seconds
+        self.wake_at(self._until)
+        super().on_enter(userdata)
+
+    def execute(self, userdata: UserData) -> str | None:
+        outcome = super().execute(userdata)
+        self._is_over = outcome is None and self.clock.now() >= self._until
+        return self._outcome if self._is_over else outcome
+
+    def on_exit(self, userdata: UserData) -> None:
+        is_timed_out = self._is_over and self.exit_reason in (ExitReason.OUTCOME, ExitReason.REPEATED)
+        self._leave_inner(userdata, ExitReason.TIMED_OUT if is_timed_out else self.exit_reason)
+
+
+class _Retry(StateWrapper):
+    def __init__(self, inner: EventState, attempts: int, on: Collection[str], delay: float) -> None:
+        super().__init__(inner)
+        unknown = [outcome for outcome in on if outcome not in inner.outcomes]
+        if attempts < 1 or unknown or not delay >= 0.0:
+            problem = f'{unknown[0]!r} is none of its outcomes' if unknown else f'{attempts} attempts, delay {delay} s'
+            raise StateError(f'{inner.type_name}: cannot be tried again: {problem}')
+        self._attempts = attempts
+        self._on = frozenset(on)
+        self._delay = delay
+        self._attempt = 1
+        self._failed_by: str | None = None  # between two attempts
+        self._next_at = 0.0
+        self._rest_until = 0.0
+
+    @property
+    def type_name(self) -> str:
+        return f'{self.inner.type_name}, up to {self._attempts} times'
+
+    def activity(self) -> Sequence[str]:
+        own = [f'attempt {self._attempt} of {self._attempts}'] if self._attempt > 1 else []
+        return [*own, *self.inner.activity()]
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._attempt, self._failed_by = 1, None
+        super().on_enter(userdata)
+
+    def execute(self, userdata: UserData) -> str | None:
+        if self._failed_by is not None:
+            return self._go_on(userdata, self._failed_by)
+        outcome = super().execute(userdata)
+        if outcome not in self._on or self._attempt >= self._attempts:
+            return outcome
+        assert outcome is not None  # since it is one of those to try again on
+        self._failed_by = outcome
+        self._next_at = self.clock.now() + self._delay
+        self._rest_until = self.clock.now() + EXIT_TIMEOUT
+        self._leave_inner(userdata, ExitReason.REPEATED)
+        return self._go_on(userdata, outcome)
+
+    def on_exit(self, userdata: UserData) -> None:
+        if self._failed_by is None:
+            super().on_exit(userdata)
+
+    def on_pause(self) -> None:
+        if self._failed_by is None:
+            super().on_pause()
+
+    def on_resume(self, userdata: UserData) -> None:
+        if self._failed_by is None:
+            super().on_resume(userdata)
+
+    def _go_on(self, userdata: UserData, failed_by: str) -> str | None:
+        """Begin the next attempt when it is time, and the state is at rest."""
+        now = self.clock.now()
+        unsettled = self.settled()
+        if unsettled is not None and now >= self._rest_until:
+            self.log_error(f'is not tried again, since it was not at rest in {EXIT_TIMEOUT:g} s: {unsettled}')
+            return failed_by
+        if unsettled is not None or now < self._next_at:
+            self.wake_at(self._rest_until if unsettled is not None else self._next_at)
+            return None
+        self._failed_by = None
+        self._attempt += 1
+        self.log_info(f'left by {failed_by!r}; attempt {self._attempt} of {self._attempts}')
+        self._enter_inner(userdata)
+        self.wake()
+        return None

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A run of a machine: regions, containers, leaves, commands."""

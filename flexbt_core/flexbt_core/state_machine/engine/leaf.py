@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A state in a run: its callbacks in their order, each guarded."""
+
+from __future__ import annotations
+
+import heapq
+import traceback
+from collections.abc import Callable
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+
+from flexbt_core.state_machine.model.definition import StateDefinition
+from flexbt_core.state_machine.model.errors import StateError
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason, Severity, set_called_state
+from flexbt_core.state_machine.model.state_clock import StateClock
+from flexbt_core.state_machine.model.userdata import Scope, UserData
+
+if TYPE_CHECKING:
+    from .run import MachineRun
+
+FAILED: Final = 'failed'
+"""Outcome by which a state that raised is left, when it declares it."""
+
+_Result = TypeVar('_Result')
+
+
+class _Raised(Enum):
+    """What a guarded callback gives when it raised."""
+
+    RAISED = 'raised'
+
+
+class LeafRun:
+    """One state for the length of a run; entered and left any number of times.
+
+    ``outcome`` is what the state wants to be left by, ``question`` what it asks the operator: prompt and suggestion.
+    ``is_entered`` says whether ``on_exit`` is owed to it. All methods but :meth:`wake` are for the thread of the run.
+    """
+
+    def __init__(self, engine: MachineRun, definition: StateDefinition) -> None:
+        self._engine = engine
+        self.definition = definition
+        self.path = definition.path
+        self.state: EventState = definition.state
+        self.outcome: str | None = None
+        self.exit_reason = ExitReason.OUTCOME
+        self.entered_at = 0.0
+        """When it was entered, on the clock of the run."""
+        self.is_entered = False
+        self.is_paused = False
+        self.clock = StateClock(engine.clock)
+        self.question: tuple[str, str | None] | None = None
+        self._input_keys = frozenset(self.state.input_keys)
+        self._output_keys = frozenset(self.state.output_keys)
+        self._userdata: UserData | None = None
+        self._woken = False
+        self._wake_times: list[float] = []
+        self._next_poll: float | None = None
+        self._successor: EventState | None = None  # takes the place of the state when it is entered next
+        self._never_settled: str | None = None
+
+    # -- what the state uses -----------------------------------------------------------------------------------------
+
+    @property
+    def services(self) -> Any:
+        """What the host provides."""
+        return self._engine.services
+
+    def wake(self) -> None:
+        """Execute the state soon; from any thread."""
+        self._woken = True
+        self._engine.ring()
+
+    def wake_at(self, time: float) -> None:
+        """Execute the state at a time, too."""
+        if time not in self._wake_times:
+            heapq.heappush(self._wake_times, time)
+
+    def ask(self, prompt: str, suggestion: str | None) -> None:
+        """Let the operator choose."""
+        self.question = (prompt, suggestion)
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Tell the operator something."""
+        self._engine.observer.log(severity, self.path, text)
+
+    # -- the life of the state ---------------------------------------------------------------------------------------
+
+    def check_free(self) -> None:
+        """Whether the state can be taken for this run.
+
+        Raises:
+            StateError: another run has it.
+        """
+        if self.state._leaf is not None:
+            raise StateError(
+                f'{self.path}: the state is part of a run that has not ended; define a machine for each run'
+            )
+
+    def bind(self) -> None:
+        """Take the state for this run."""
+        self.state._leaf = self
+
+    def start(self) -> bool:
+        """Before the run; whether the state raised."""
+        return self.call('on_start', self.state.on_start) is _Raised.RAISED
+
+    def stop(self) -> None:
+        """After the run, once for each state that was started here."""
+        for state in (self.state, self._successor):
+            if state is not None:
+                self._retire(state)
+
+    def stay(self, definition: StateDefinition) -> None:
+        """Become part of another machine. ``definition.state``, started already, takes over when this visit is over."""
+        if self._successor is not None:
+            self._retire(self._successor)
+        self.definition = definition
+        self._successor = definition.state
+        self._successor._leaf = self
+
+    def move(self, scope: Scope) -> None:
+        """Have the userdata of another machine."""
+        self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self.path)
+
+    def restore(self, scope: Scope, outcome: str) -> None:
+        """Wait to be left by an outcome, as it did in the run that was interrupted. It is not entered for that."""
+        self.move(scope)
+        self._begin()
+        self.outcome = outcome
+
+    def enter(self, scope: Scope, *, is_resumed: bool = False) -> None:
+        """The state becomes active."""
+        if self._successor is not None:
+            self._retire(self.state)
+            self.state, self._successor = self._successor, None
+        self.move(scope)
+        self._begin()
+        self._woken = True  # executed at once after it was entered
+        self.is_entered = True
+        self.state.exit_reason = None
+        self.state.is_resumed = is_resumed
+        self._engine.changed()  # already now, since on_enter may take long
+        if self.call('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
+            self._fail()
+
+    def advance(self) -> bool:
+        """Execute the state if there is a reason to; whether it wants something now."""
+        if not self._is_running or not self._is_due():
+            return False
+        outcome = self.call('execute', self._execute)
+        if outcome is _Raised.RAISED:
+            self._fail()
+        else:
+            self.outcome = outcome
+        return self.outcome is not None or self.question is not None
+
+    def leave(self, reason: ExitReason) -> None:
+        """Call on_exit, once for each time the state was entered.
+
+        A state that raises here fails if it is left by an outcome of its own; what others decided stands.
+        """
+        if not self.is_entered:
+            return
+        self.is_entered = False
+        if self.is_paused:
+            self.is_paused = False
+            self.clock.go_on()  # what it finishes now may take its time
+            self._engine.changed()
+        self.state.exit_reason = reason
+        raised = self.call('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
+        if raised and reason is ExitReason.OUTCOME:
+            self._fail()
+
+    def pause(self) -> None:
+        """The state is not executed until it is resumed, and its time stands still."""
+        self.is_paused = True
+        self.clock.stop()
+        if self.call('on_pause', self.state.on_pause) is _Raised.RAISED:
+            self._fail()
+
+    def resume(self) -> None:
+        """The state goes on."""
+        self.is_paused = False
+        self.clock.go_on()
+        self._woken = True
+        if self.call('on_resume', self.state.on_resume, self._userdata) is _Raised.RAISED:
+            self._fail()
+
+    def unsettled(self) -> str | None:
+        """What the state that was left has not finished yet. One that raised is not asked again: nobody knows."""
+        if self._never_settled is not None:
+            return self._never_settled
+        unsettled = self.call('settled', self.state.settled)
+        if unsettled is _Raised.RAISED:
+            unsettled = self._never_settled = 'settled() raised'
+        return unsettled
+
+    def activity(self) -> list[str] | None:
+        """What the state says that it is doing; None when it raised."""
+        lines = self.call('activity', self._activity)
+        return None if lines is _Raised.RAISED else lines
+
+    def next_wake(self) -> float | None:
+        """When it is to be executed next, apart from wake-ups, on the clock of the run."""
+        due = self._due()
+        return None if due is None or self.is_paused or not self._is_running else self.clock.on_base(due)
+
+    @property
+    def _is_running(self) -> bool:
+        """Whether it is executed, and not frozen until the operator has decided."""
+        return self.question is None and (self.outcome is None or self.goes_on)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it is executed although it wants an outcome."""
+        return self.state.runs_while_blocked and self.exit_reason is ExitReason.OUTCOME and self.is_entered
+
+    def _begin(self) -> None:
+        self.outcome = None
+        self.exit_reason = ExitReason.OUTCOME
+        self.question = None
+        self.entered_at = self._engine.clock.now()
+        self.is_paused = False
+        if self.clock.is_behind:
+            self.clock.catch_up()
+        self._wake_times.clear()
+        self._never_settled = None
+
+    def _due(self) -> float | None:
+        due = self._wake_times[0] if self._wake_times else None
+        if due is None or (self._next_poll is not None and self._next_poll < due):
+            return self._next_poll
+        return due
+
+    def _is_due(self) -> bool:
+        """Whether there is a reason to execute the state, which is taken by that."""
+        if not self._woken:
+            due = self._due()
+            if due is None or due > self.clock.now():
+                return False
+        self._woken = False
+        rate = self.state.desired_rate
+        if rate is not None or self._wake_times:
+            now = self.clock.now()
+            self._next_poll = None if rate is None else now + 1.0 / rate
+            while self._wake_times and self._wake_times[0] <= now:
+                heapq.heappop(self._wake_times)
+        else:
+            self._next_poll = None
+        return True
+
+    def _execute(self) -> str | None:
+        state = self.state
+        assert self._userdata is not None  # made by enter
+        outcome = state.execute(self._userdata)
+        if outcome is not None and (not isinstance(outcome, str) or outcome not in state.outcomes):
+            raise StateError(
+                f'{self.path}: execute returned {outcome!r}, which is none of its outcomes {", ".join(state.outcomes)}'
+            )
+        return outcome
+
+    def _activity(self) -> list[str]:
+        return [str(line) for line in self.state.activity()]
+
+    def _fail(self) -> None:
+        self.exit_reason = ExitReason.FAULT
+        self.question = None
+        self.outcome = FAILED if FAILED in self.state.outcomes else None
+        if self.outcome is None:
+            self._engine.abort(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')
+
+    def _retire(self, state: EventState) -> None:
+        """Nothing follows for this state."""
+        if state._leaf is self:
+            try:
+                self.call('on_stop', state.on_stop)
+            finally:
+                state._leaf = None
+
+    def call(
+        self, what: str, callback: Callable[..., _Result], *arguments: object
+    ) -> _Result | Literal[_Raised.RAISED]:
+        """What a callback of the state gives. All of them are called here, where it can be seen from outside."""
+        set_called_state(self.state)
+        try:
+            return callback(*arguments)
+        except Exception:  # code of the state: its trace goes to the operator
+            self._engine.fault(self.path, f'{what} raised:\n{traceback.format_exc()}')
+            return _Raised.RAISED

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who watches a run."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from flexbt_core.state_machine.model.event_state import ExitReason, Severity
+
+
+class RunObserver(Protocol):
+    """Hears of a run, on the thread of the run; lines of states may come from any thread."""
+
+    def changed(self) -> None:
+        """Something that the operator is shown has changed."""
+
+    def log(self, severity: Severity, path: str, text: str) -> None:
+        """A line for the operator."""
+
+    def fault(self, path: str, text: str) -> None:
+        """A state raised, or did not come to rest."""
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+        """A state or machine was left.
+
+        ``target`` is the path of what follows, ``=OUTCOME`` of the machine around it, or '' for a child of a
+        concurrency container which goes on without it. One that is repeated has no outcome, and follows itself.
+        """

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the operator's commands do to a run, on its thread. Each method gives why it refuses, or None.
+
+A command that would change nothing is refused as well, so that each has exactly one effect or a reason.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from flexbt_core.state_machine.model.autonomy import NAMES
+from flexbt_core.state_machine.model.definition import ROOT_PATH
+
+from .container import Node
+from .region import Region
+
+if TYPE_CHECKING:
+    from .run import MachineRun
+
+
+def confirm(run: MachineRun, decision_id: str) -> str | None:
+    """Let what a decision asks for happen."""
+    region = _deciding(run, decision_id)
+    if region is None or region.decision is None:
+        return _no_decision(run, decision_id)
+    decision = region.decision
+    if not decision.outcome:
+        return f'decision {decision_id} suggests nothing: force one of {", ".join(decision.outcomes)}'
+    refusal = _held(run, decision.path)
+    if refusal is None:
+        region.approve()
+    return refusal
+
+
+def force(run: MachineRun, path: str, outcome: str, decision_id: str) -> str | None:
+    """Leave a state or machine by an outcome."""
+    found = _active(run, path)
+    if isinstance(found, str):
+        return found
+    region, child = found
+    if decision_id and (region.decision is None or region.decision.id != decision_id):
+        deciding = _deciding(run, decision_id)
+        if deciding is None or deciding.decision is None:
+            return _no_decision(run, decision_id)
+        return f'decision {decision_id!r} is about {deciding.decision.path}, not about {path}'
+    outcomes = child.definition.outcomes
+    if outcome not in outcomes:
+        return f'{path} has no outcome {outcome!r}; its outcomes are {", ".join(outcomes)}'
+    refusal = _left_already(region, path) or _held(run, path)
+    if refusal is None:
+        region.force(outcome)
+    return refusal
+
+
+def repeat(run: MachineRun, path: str) -> str | None:
+    """Leave a state or machine and enter it again."""
+    found = _active(run, path)
+    if isinstance(found, str):
+        return found
+    region, _ = found
+    refusal = _left_already(region, path) or _held(run, path)
+    if refusal is None:
+        locked = [one for one in run.locked_inside(path) if one != path]
+        if locked:
+            return f'{path} cannot be left, since {locked[0]} is locked; unlock it first'
+        region.repeat()
+    return refusal
+
+
+def set_autonomy(run: MachineRun, level: int, path: str) -> str | None:
+    """Set the level of a sub-tree, '' for all."""
+    top = path or ROOT_PATH
+    if level not in NAMES:
+        return no_level(level)
+    if top not in run.controls:
+        return f'there is no state {path!r}'
+    run.controls.set_level(level, top)
+    run.changed()
+    return None
+
+
+def mark(run: MachineRun, marked: set[str], path: str, what: str) -> str | None:
+    """Put a state or machine among the ``marked`` ones, which is ``what`` it has then."""
+    if path not in run.controls:
+        return f'there is no state {path!r}'
+    if path in marked:
+        return f'{path} {what} already'
+    marked.add(path)
+    run.changed()
+    return None
+
+
+def unmark(run: MachineRun, marked: set[str], path: str, what: str) -> str | None:
+    """Take a state or machine from the marked ones."""
+    if path not in marked:
+        return f'{path!r} is not one that {what} ({", ".join(sorted(marked)) or "none"})'
+    marked.remove(path)
+    run.changed()
+    return None
+
+
+def no_level(level: int) -> str:
+    """Why a number is refused."""
+    return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
+
+
+def _active(run: MachineRun, path: str) -> tuple[Region, Node] | str:
+    """Where something is active, and what it is; or why nothing can be done with it."""
+    for region in run.regions():
+        if region.child is not None and region.child.path == path:
+            return region, region.child
+    if path not in run.controls or path == ROOT_PATH:
+        return f'there is no state {path!r}' if path not in run.controls else 'the root cannot be left: stop the run'
+    active = ', '.join(leaf.path for leaf in run.active_states()) or 'none'
+    return f'{path} is not active (active: {active})'
+
+
+def _left_already(region: Region, path: str) -> str | None:
+    is_left = region.is_leaving or not region.container.is_active or region.container.ending is not None
+    return f'{path} is being left already' if is_left else None
+
+
+def _held(run: MachineRun, path: str) -> str | None:
+    if run.holds.is_paused:
+        return 'the run is paused; resume it first'
+    return f'{path} is paused while {run.holds.focus} has priority' if run.holds.is_held(path) else None
+
+
+def _no_decision(run: MachineRun, decision_id: str) -> str:
+    pending = ', '.join(decision.id for decision in run.decisions) or 'none'
+    return f'decision {decision_id!r} is not pending any more (pending: {pending})'
+
+
+def _deciding(run: MachineRun, decision_id: str) -> Region | None:
+    return next((one for one in run.regions() if one.decision and one.decision.id == decision_id), None)

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A region of a container: the child that is active there, and the transitions from one to the next.
+
+A machine is a container with one region, through which all of its children go. A concurrency container has a region for
+each of its children, so that any number of them is active at once.
+
+A transition has three steps: the outcome is wanted (and perhaps waits for the operator, or for a lock), the child is
+left (and perhaps has to come to rest), what follows is entered. A container that ends wants an outcome of its own, and
+the region that it is in takes the same three steps with it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from flexbt_core.state_machine.model.autonomy import UNDECLARED
+from flexbt_core.state_machine.model.decision import Decision, DecisionKind
+from flexbt_core.state_machine.model.event_state import ExitReason
+
+if TYPE_CHECKING:
+    from .container import ContainerRun, Node
+    from .run import MachineRun
+
+
+class HeldBack(NamedTuple):
+    """A state or machine that is not left by an outcome that it wants, since that would leave what is ``locked``."""
+
+    path: str
+    outcome: str
+    locked: tuple[str, ...]
+
+
+class Region:
+    """One region for the length of a run. ``path`` is that of its only child, or of the machine that it is all of.
+
+    ``child`` is what is active here, ``coming`` what is entered as soon as nothing keeps it from that.
+    """
+
+    def __init__(self, engine: MachineRun, container: ContainerRun, path: str) -> None:
+        self.container = container
+        self.path = path
+        self.child: Node | None = None
+        self.coming: Node | None = None
+        self.is_resumed = False
+        """Whether what is coming goes on where an interrupted run was."""
+        self.decision: Decision | None = None
+        self.held_back: HeldBack | None = None
+        self.is_leaving = False
+        """Whether the child was left, and comes to rest: by the outcome that it wants, or to be entered again."""
+        self.is_approved = False
+        """Whether the operator wants what the child wants."""
+        self._engine = engine
+        self._rest = engine.new_rest_wait()
+
+    def enter(self, child: Node) -> None:
+        """A child becomes active."""
+        self.child = child
+        child.enter(self.container.scope)
+
+    def await_entry(self, child: Node, *, is_resumed: bool = False) -> None:
+        """Have a child entered in a step of its own, which what has priority, a pause and a stop come before."""
+        self.child, self.coming, self.is_resumed = None, child, is_resumed
+
+    def leave(self, reason: ExitReason) -> None:
+        """Leave the child; whoever does that waits for it to come to rest."""
+        self.is_leaving = self.is_approved = False
+        self.coming = None
+        self._rest.cancel()
+        self._wait_for(None, None)
+        if self.child is not None:
+            self.child.leave(reason)
+
+    def unsettled(self) -> str | None:
+        """What is not at rest yet in here."""
+        return self.child.unsettled() if self.child is not None else None
+
+    def next_wake(self) -> float | None:
+        """When something in here is due next. What comes to rest rings by itself."""
+        if self.child is None or self.is_leaving or self.is_approved:
+            return None
+        return self.child.next_wake()
+
+    def advance(self) -> bool:
+        """Take one step if there is one to take; whether there was."""
+        child = self.child
+        if child is None:
+            return self._enter_what_is_coming()
+        if self.is_leaving:
+            return self._pass_on(child)
+        if child.outcome is None:
+            if child.advance():
+                return True
+        elif child.goes_on and not self.is_approved:
+            # What it wants already comes first: a state that takes long may be due again all the time.
+            if self._consider(child):
+                return True
+            child.advance()
+        return self._consider(child)
+
+    # -- what the operator wants -------------------------------------------------------------------------------------
+
+    def approve(self) -> None:
+        """The operator has confirmed what the child wants."""
+        assert self.decision is not None  # checked by the caller
+        self._settle_on(self.decision.outcome)
+
+    def force(self, outcome: str) -> None:
+        """The operator wants the child to be left by ``outcome``, whatever it is doing."""
+        assert self.child is not None  # checked by the caller
+        self.child.exit_reason = ExitReason.FORCED
+        self._settle_on(outcome)
+
+    def repeat(self) -> None:
+        """The operator wants the child to be left and entered again."""
+        assert self.child is not None  # checked by the caller
+        self.child.exit_reason = ExitReason.REPEATED
+        self._leave_child(self.child, None)
+
+    def _settle_on(self, outcome: str) -> None:
+        assert self.child is not None  # checked by the caller
+        self.child.outcome = outcome
+        self.is_approved = True
+        self._wait_for(None, None)
+
+    # -- transitions -------------------------------------------------------------------------------------------------
+
+    def _enter_what_is_coming(self) -> bool:
+        child = self.coming
+        if child is None:
+            return False
+        self.child, self.coming = child, None
+        child.enter(self.container.scope, is_resumed=self.is_resumed)
+        return True
+
+    def _consider(self, child: Node) -> bool:
+        """Leave the child when it wants to be left and may; otherwise ask the operator."""
+        kind, wanted, prompt = DecisionKind.TRANSITION, child.outcome, ''
+        if wanted is None:
+            if child.question is None:
+                self._wait_for(None, None)
+                return False
+            kind = DecisionKind.CHOICE
+            prompt, wanted = child.question
+        engine, required = self._engine, UNDECLARED
+        if wanted is not None:
+            locked = engine.locked_inside(self._left_by(child, wanted)) if engine.controls.locked else ()
+            if locked:
+                self._wait_for(None, HeldBack(child.path, wanted, tuple(locked)))
+                return False
+            required = child.definition.transitions[wanted].autonomy
+            if self.is_approved or engine.controls.may_pass(child.path, required):
+                self._leave_child(child, wanted)
+                return True
+        self._ask(kind, child, wanted or '', required, prompt)
+        return False
+
+    def _ask(self, kind: DecisionKind, child: Node, outcome: str, required: int, prompt: str) -> None:
+        """Put something to the operator, unless that was done."""
+        asked = self.decision
+        if asked is None or (asked.kind, asked.outcome) != (kind, outcome):
+            decision = self._engine.new_decision(kind, child.path, outcome, child.definition.outcomes, required, prompt)
+            self._wait_for(decision, None)
+
+    def _wait_for(self, decision: Decision | None, held_back: HeldBack | None) -> None:
+        """The child cannot be left before the operator decides or unlocks something; or nothing keeps it."""
+        if decision is not self.decision or held_back != self.held_back:
+            self.decision, self.held_back = decision, held_back
+            self._engine.changed()
+
+    def _left_by(self, child: Node, outcome: str) -> str:
+        """Path of the outermost thing that is left when the child is left by an outcome."""
+        path, container = child.path, self.container
+        after = container.outcome_after(child, outcome)
+        while after is not None:
+            path = container.path
+            if container.region is None:
+                break
+            outer = container.region.container
+            container, after = outer, outer.outcome_after(container, after)
+        return path
+
+    def _leave_child(self, child: Node, outcome: str | None) -> None:
+        """Leave it by an outcome, or by none to enter it again."""
+        self._engine.count_transition(child.path)
+        self._wait_for(None, None)
+        self.is_approved = False
+        child.outcome = outcome
+        child.leave(child.exit_reason)
+        # A state that raised in on_exit wants another outcome by now, which has to be considered in its turn.
+        self.is_leaving = child.outcome == outcome
+
+    def _pass_on(self, child: Node) -> bool:
+        """Go on to what follows when the child has come to rest, or its time for that is over."""
+        unsettled = child.unsettled()
+        if not self._rest.is_over(unsettled):
+            return False
+        engine, container, outcome = self._engine, self.container, child.outcome
+        if unsettled is not None:
+            engine.fault(child.path, f'was not at rest {self._rest.timeout:g} s after it was left: {unsettled}')
+        following: Node | None = child
+        ends = None
+        if outcome is not None:
+            label = child.definition.transitions[outcome].state
+            following = container.children[label] if label is not None else None
+            ends = container.outcome_after(child, outcome) if following is None else None
+        shown = following.path if following is not None else f'={ends}' if ends is not None else ''
+        engine.observer.transition(child.path, outcome or '', shown, child.exit_reason)
+        self.is_leaving = False
+        self.child = None
+        if engine.holds.focus is not None:
+            engine.holds.release(child.path)
+        if following is not None:
+            self.enter(following)
+        else:
+            assert outcome is not None  # otherwise the child follows itself
+            container.child_has_ended(child, outcome, ends)
+        return True

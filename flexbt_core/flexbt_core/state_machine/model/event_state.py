@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The base of all states.
+
+A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
+once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
+
+What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
+in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
+such outcome, the run ends by ``error``, as it does when on_start raises. Where somebody else decided that the state be
+left, that stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
+from enum import Enum
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+from flexbt_core.clock.clock import Clock
+
+from .errors import StateError
+
+if TYPE_CHECKING:
+    from flexbt_core.state_machine.engine.leaf import LeafRun
+
+    from .userdata import UserData
+
+DEFAULT_RATE: Final = 10.0
+"""Rate at which a state is executed while nothing wakes it, Hz (as in FlexBE)."""
+
+
+class ExitReason(Enum):
+    """Why a state is being left."""
+
+    OUTCOME = 'the state returned an outcome'
+    FORCED = 'the operator forced an outcome'
+    PARENT_LEFT = 'a machine around the state was left'
+    PREEMPTED = 'the run was stopped'
+    FAULT = 'the state, or another one, raised an exception'
+    REPEATED = 'the state is entered again'
+    TIMED_OUT = 'the time of the state was over'
+
+    @property
+    def is_of_the_run(self) -> bool:
+        """Whether it holds for all states that are left at that moment: the whole run ends."""
+        return self in (ExitReason.PREEMPTED, ExitReason.FAULT)
+
+
+class Severity(Enum):
+    """Weight of a line for the operator; the values are the constants of ExecutiveLog."""
+
+    DEBUG = 1
+    INFO = 2
+    HINT = 3
+    WARN = 4
+    ERROR = 5
+
+
+class EventState:
+    """A state of one's own derives from this, declares outcomes and keys, and implements callbacks.
+
+    ``outcomes`` are the labels by which the state can be left. ``input_keys`` are read from userdata, ``output_keys``
+    written, ``io_keys`` both. ``desired_rate`` is the rate in Hz at which ``execute`` is called while nothing wakes the
+    state; None for a state that calls :meth:`wake` when it has news, and costs nothing meanwhile.
+    """
+
+    is_instant: ClassVar[bool] = False
+    """Whether it always leaves when it is first executed, so that a loop of such states does not wait for anything."""
+
+    runs_while_blocked: ClassVar[bool] = False
+    """Whether it is executed on while its outcome waits for the operator, or is locked in.
+
+    By default a state is frozen then. One that is not may change its mind: what it gives last counts, and None takes
+    the outcome back.
+    """
+
+    def __init__(
+        self,
+        outcomes: Iterable[str] = (),
+        input_keys: Iterable[str] = (),
+        output_keys: Iterable[str] = (),
+        io_keys: Iterable[str] = (),
+        desired_rate: float | None = DEFAULT_RATE,
+    ) -> None:
+        both = tuple(io_keys)
+        self.outcomes: tuple[str, ...] = tuple(dict.fromkeys(outcomes))
+        self.input_keys: tuple[str, ...] = tuple(dict.fromkeys((*input_keys, *both)))
+        self.output_keys: tuple[str, ...] = tuple(dict.fromkeys((*output_keys, *both)))
+        if desired_rate is not None and not desired_rate > 0:
+            raise StateError(f'{type(self).__name__}: desired_rate has to be positive, or None, not {desired_rate}')
+        self.desired_rate = desired_rate
+        self.exit_reason: ExitReason | None = None
+        self.is_resumed = False
+        """In on_enter and after it: whether a run goes on here that was interrupted, and not the state is reached."""
+        self._leaf: LeafRun | None = None
+
+    # -- callbacks ---------------------------------------------------------------------------------------------------
+
+    def on_start(self) -> None:
+        """Once, before the run begins, for every state."""
+
+    def on_enter(self, userdata: UserData) -> None:
+        """The state becomes active."""
+
+    def execute(self, userdata: UserData) -> str | None:
+        """The outcome by which to leave, or None to stay. Must not block."""
+        return None
+
+    def on_exit(self, userdata: UserData) -> None:
+        """The state is left; ``self.exit_reason`` says why."""
+
+    def on_pause(self) -> None:
+        """The state is paused: the run is, or something else has priority. It is not executed until it is resumed.
+
+        Its ``clock`` stands still meanwhile, so that its timeouts do. A state may be left while it is paused, and is
+        not resumed then.
+        """
+
+    def on_resume(self, userdata: UserData) -> None:
+        """The state goes on, and is executed soon."""
+
+    def on_stop(self) -> None:
+        """Once, after the run has ended, for every state."""
+
+    def settled(self) -> str | None:
+        """After ``on_exit``: what is not at rest yet, such as a goal that is being canceled; None when everything is.
+
+        The engine waits for it before it goes on. Call :meth:`wake` when it changes.
+        """
+        return None
+
+    def activity(self) -> Sequence[str]:
+        """What the state is doing, one line each, for the operator.
+
+        Called between the other callbacks, with each status of the run: it must not block. When the host's services
+        tell changes (``changed`` of :class:`flexbt_onboard.runs.state_services.StateServices`), it is shown at once.
+        """
+        return ()
+
+    # -- services of the engine --------------------------------------------------------------------------------------
+
+    @property
+    def type_name(self) -> str:
+        """What people call this kind of state."""
+        return type(self).__name__
+
+    @property
+    def name(self) -> str:
+        """Label of the state in its machine."""
+        return self.path.rpartition('/')[2]
+
+    @property
+    def path(self) -> str:
+        """Path of the state in its run, as in ``/Outer/Inner``."""
+        leaf = self._leaf
+        return leaf.path if leaf is not None else type(self).__name__
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the run, which stands still while the state is paused."""
+        return self._bound().clock
+
+    @property
+    def services(self) -> Any:
+        """What the host of the run provides to its states."""
+        return self._bound().services
+
+    def wake(self) -> None:
+        """Have the state executed, or asked whether it is settled, as soon as possible. From any thread."""
+        leaf = self._leaf  # the run may end on its thread meanwhile
+        if leaf is not None:
+            leaf.wake()
+
+    def wake_at(self, time: float) -> None:
+        """Have the state executed at a time of the clock, too: each time that was asked for holds until it has come.
+
+        Call it in on_enter or execute.
+        """
+        self._bound().wake_at(time)
+
+    def ask(self, prompt: str, suggestion: str | None = None) -> None:
+        """Let the operator choose the outcome; the state is not executed meanwhile. Call it in on_enter or execute.
+
+        A ``suggestion`` is taken without asking when the autonomy allows that outcome.
+        """
+        if suggestion is not None and suggestion not in self.outcomes:
+            raise StateError(f'{self.path}: suggests {suggestion!r}, which is none of {", ".join(self.outcomes)}')
+        self._bound().ask(prompt, suggestion)
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Tell the operator something."""
+        self._bound().log(severity, text)
+
+    def log_info(self, text: str) -> None:
+        """Tell the operator something."""
+        self.log(Severity.INFO, text)
+
+    def log_hint(self, text: str) -> None:
+        """Advise the operator."""
+        self.log(Severity.HINT, text)
+
+    def log_warn(self, text: str) -> None:
+        """Warn the operator."""
+        self.log(Severity.WARN, text)
+
+    def log_error(self, text: str) -> None:
+        """Tell the operator that something went wrong."""
+        self.log(Severity.ERROR, text)
+
+    def _bound(self) -> LeafRun:
+        leaf = self._leaf
+        if leaf is None:
+            raise StateError(f'{type(self).__name__}: is not part of a run; this works only in its callbacks')
+        return leaf
+
+
+_called: ContextVar[EventState | None] = ContextVar('called_state', default=None)
+
+
+def called_state() -> EventState | None:
+    """The state whose callback is being called on this thread, or was called last; None before the first one."""
+    return _called.get()
+
+
+set_called_state = _called.set

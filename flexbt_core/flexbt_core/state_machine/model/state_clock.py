@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The clock that a state sees: that of the run, but it stands still while the state is paused."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+
+from flexbt_core.clock.clock import Clock, Timer
+
+
+class StateClock:
+    """Time in seconds. It is behind the clock of the run by what the state was paused since it was entered.
+
+    ``stop``, ``go_on`` and ``catch_up`` are for the thread of the run, the rest for any.
+    """
+
+    def __init__(self, base: Clock) -> None:
+        self.base = base
+        self.behind = 0.0
+        self._stopped_at: float | None = None
+        self._alarms: list[_Alarm] = []  # that were due while it stood still
+        self._lock = threading.Lock()
+
+    def now(self) -> float:
+        """Time in seconds."""
+        stopped_at = self._stopped_at
+        return self.base.now() - self.behind if stopped_at is None else stopped_at
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
+        """As in :class:`flexbt_core.clock.clock.Clock`; what is due while the state is paused is called afterwards."""
+        alarm = _Alarm(self, when, callback)
+        alarm.set()
+        return alarm
+
+    def wall_seconds(self, when: float) -> float | None:
+        """None: nobody knows how long it will stand still."""
+        return None
+
+    def on_base(self, when: float) -> float:
+        """The time of the run's clock at which it will be ``when`` here, or just after it, when nothing is paused."""
+        time = when + self.behind
+        while time - self.behind < when:  # rounded down; it would not be time yet, and never become so
+            time = math.nextafter(time, math.inf)
+        return time
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether it shows another time than the run, or stands still."""
+        return self.behind != 0.0 or self._stopped_at is not None
+
+    def stop(self) -> None:
+        """Stand still."""
+        self._stopped_at = self.now()
+
+    def go_on(self) -> None:
+        """Go on where it stood still."""
+        if self._stopped_at is None:
+            return
+        self.behind = self.base.now() - self._stopped_at
+        with self._lock:
+            self._stopped_at = None
+            alarms, self._alarms = self._alarms, []
+        for alarm in alarms:
+            alarm.set()
+
+    def catch_up(self) -> None:
+        """Show the time of the run again."""
+        self.go_on()
+        self.behind = 0.0
+
+    def keep(self, alarm: _Alarm) -> bool:
+        """Keep an alarm that is due until the clock goes on; False when it goes."""
+        with self._lock:
+            if self._stopped_at is None:
+                return False
+            self._alarms.append(alarm)
+            return True
+
+
+class _Alarm:
+    def __init__(self, clock: StateClock, when: float, callback: Callable[[], None]) -> None:
+        self._clock = clock
+        self._when = when
+        self._callback = callback
+        self._behind = 0.0
+        self._timer: Timer | None = None
+        self._is_cancelled = False
+
+    def set(self) -> None:
+        """Have it ring when it is due, unless the clock stands still in between."""
+        self._behind = self._clock.behind
+        self._timer = self._clock.base.call_at(self._clock.on_base(self._when), self._ring)
+
+    def cancel(self) -> None:
+        self._is_cancelled = True
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _ring(self) -> None:
+        if self._is_cancelled or self._clock.keep(self):
+            return
+        if self._clock.behind > self._behind:
+            self.set()
+        else:
+            self._callback()

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: BSD-3-Clause
+from setuptools import find_packages, setup
+
+package_name = 'flexbt_core'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
+    package_data={package_name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
+        ('share/' + package_name, ['package.xml']),
+    ],
+    install_requires=['setuptools', 'pyyaml'],
+    extras_require={'test': ['pytest']},  # colcon test looks for it
+    zip_safe=True,
+    maintainer='The FlexBT developers',
+    maintainer_email='maintainers@flexbt.invalid',
+    description='The engines without ROS: behavior trees, hierarchical state machines, clocks and bounded values.',
+    license='BSD-3-Clause',
+    entry_points={
+        'console_scripts': [],
+    },
+)

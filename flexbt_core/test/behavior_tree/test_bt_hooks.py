@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hooks of nodes: no trace of them without an opinion, replaced results, order, halting, and what they cost unused."""
+
+from __future__ import annotations
+
+import random
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    BehaviorTreeError,
+    Blackboard,
+    NodeDefinition,
+    NodeExecutionError,
+    NodeStatus,
+    TickAbandoned,
+    Tree,
+    TreeLibrary,
+    TreeNode,
+    load_xml,
+)
+from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
+from flexbt_core.clock.clock import ManualClock
+from flexbt_testing.behavior_trees.random_trees import make_case
+from flexbt_testing.behavior_trees.scripted_nodes import Act, Cond, Deco, Run, Script, Sync, registry
+
+S, F, R, K, I = (  # noqa: E741
+    NodeStatus.SUCCESS,
+    NodeStatus.FAILURE,
+    NodeStatus.RUNNING,
+    NodeStatus.SKIPPED,
+    NodeStatus.IDLE,
+)
+Events = list[Any]
+
+
+def build(body: str, events: Events | None = None, more: str = '') -> Tree:
+    """A tree of scripted leaves."""
+    told: Events = [] if events is None else events
+    xml = f'<root BTCPP_format="4" main_tree_to_execute="T"><BehaviorTree ID="T">{body}</BehaviorTree>{more}</root>'
+    tree = Tree(TreeLibrary([load_xml(xml, 'hooks.xml', registry())]), 'T', clock=ManualClock())
+    for node, definition in zip(tree.nodes, tree.definitions, strict=True):
+        if isinstance(node, Act | Sync | Cond | Deco):
+            node.script = Script(node, definition.extra, told)
+    return tree
+
+
+def named(tree: Tree, name: str) -> TreeNode:
+    return next(node for node in tree.nodes if node.name == name)
+
+
+class HookedRun(Run):
+    """Sets hooks before, and removes them between, steps of a scripted case."""
+
+    def __init__(self, case: Mapping[str, Any], hooking: Callable[[Tree], None], *, observed: bool) -> None:
+        super().__init__(case, observed=observed)
+        self._hooking = hooking
+
+    def _step(self, tree: Tree, op: list[Any]) -> dict[str, Any]:
+        self._hooking(tree)
+        return super()._step(tree, op)
+
+
+@pytest.mark.parametrize('observed', [True, False])
+def test_hooks_without_an_opinion_change_nothing(observed: bool) -> None:
+    """Whenever they come and go, on whatever nodes: the trace is the same. And each sees every tick of its node."""
+    seen = 0
+    for seed in range(400):
+        chance = random.Random(seed)
+        case = make_case(seed)
+
+        def come_and_go(tree: Tree, chance: random.Random = chance) -> None:
+            nonlocal seen
+            for node in tree.nodes:
+                choice = chance.random()
+                if choice < 0.3:
+                    tree.hooks.set_before(node, before)
+                    tree.hooks.set_after(node, after)
+                elif choice < 0.6:
+                    tree.hooks.set_before(node, None)
+                    tree.hooks.set_after(node, None)
+            if chance.random() < 0.2:
+                tree.hooks.clear()
+
+        def before(node: TreeNode) -> NodeStatus:
+            nonlocal seen
+            seen += 1
+            assert node.status in (I, R)
+            return K
+
+        def after(node: TreeNode, status: NodeStatus) -> NodeStatus:
+            nonlocal seen
+            seen += 1
+            assert status is K or node.status is status
+            return status
+
+        plain = Run(case, observed=observed).trace()
+        assert HookedRun(case, come_and_go, observed=observed).trace() == plain, case['xml']
+    assert seen > 5_000
+
+
+def test_a_replaced_node_is_as_one_of_the_engine_in_its_place() -> None:
+    """Everybody else in the tree sees what they would see of an AlwaysSuccess or AlwaysFailure with its conditions."""
+    compared = 0
+    for seed in range(400):
+        case = make_case(seed)
+        chance = random.Random(seed)
+        result, stand_in = chance.choice([(S, 'AlwaysSuccess'), (F, 'AlwaysFailure')])
+        choice = chance.random()
+        hooked = ticks(case, hook=(choice, result))
+        if hooked is not None:
+            assert hooked == ticks(case, stand_in=(choice, stand_in)), case['xml']
+            compared += 1
+    assert compared > 200
+
+
+def ticks(
+    case: Mapping[str, Any], *, hook: tuple[float, NodeStatus] | None = None, stand_in: tuple[float, str] | None = None
+) -> list[Any] | None:
+    """The results, and what the other leaves did, in some ticks of a tree in which one node is replaced.
+
+    None when the case cannot tell: it is refused, or the node is a sub-tree, whose scope is not that of the stand-in.
+    """
+    nodes = registry()
+    told: Events = []
+    try:
+        document = load_xml(case['xml'], 'case.xml', nodes)
+        library = TreeLibrary([document])
+        tree = Tree(library, document.main or '')
+    except BehaviorTreeError:
+        return None
+    index = int((hook or stand_in or (0.0,))[0] * len(tree.nodes))
+    if tree.definitions[index].tree_id is not None:
+        return None
+    count = -1
+
+    def substitute(definition: NodeDefinition, path: str) -> NodeDefinition:
+        nonlocal count
+        count += 1
+        made = None if stand_in is None or count != index else nodes.get(stand_in[1])
+        return definition if made is None else definition._replace(manifest=made, values={}, children=())
+
+    board = Blackboard()
+    for key, value in case.get('bb', {}).items():
+        board.set(key, value)
+    tree = Tree(library, document.main or '', blackboard=board, clock=ManualClock(), substitute=substitute)
+    for node, definition in zip(tree.nodes, tree.definitions, strict=True):
+        if isinstance(node, Act | Sync | Cond | Deco):
+            node.script = Script(node, definition.extra, told)
+    if hook is not None:
+        result = hook[1]
+        tree.hooks.set_before(tree.nodes[index], lambda node: result)
+    results: list[Any] = []
+    for _ in range(6):
+        try:
+            results.append(tree.tick_exactly_once())
+        except NodeExecutionError as error:
+            results.append(error.node_path.split('::')[0])
+            break
+    # Paths have the uid of nodes without a name, and those that follow have other ones.
+    return [*results, *([event[0], event[1].rpartition('/')[2].split('::')[0], *event[2:]] for event in told)]
+
+
+def test_a_result_that_is_replaced_afterwards_is_what_the_parent_gets() -> None:
+    events: Events = []
+    tree = build('<Fallback><Cond name="a" _script="F"/><Cond name="b"/></Fallback>', events)
+    seen = []
+
+    def turn(node: TreeNode, status: NodeStatus) -> NodeStatus:
+        seen.append((node.name, status))
+        return S if status is F else F
+
+    tree.hooks.set_after(named(tree, 'a'), turn)
+    assert tree.tick_once() is S
+    assert seen == [('a', F)]
+    assert [event[1] for event in events] == ['a']
+
+
+def test_hooks_come_after_pre_conditions_and_post_conditions() -> None:
+    order: list[str] = []
+    tree = build('<Sequence><Sync name="a" _skipIf="skip" _onSuccess="x := x + 1"/></Sequence>')
+    tree.blackboard.set('skip', False)
+    tree.blackboard.set('x', 0)
+
+    def before(node: TreeNode) -> NodeStatus:
+        order.append(f'before {tree.blackboard.get("x")}')
+        return S
+
+    def after(node: TreeNode, status: NodeStatus) -> NodeStatus:
+        order.append(f'after {status.name} {tree.blackboard.get("x")}')
+        return status
+
+    node = named(tree, 'a')
+    tree.hooks.set_before(node, before)
+    tree.hooks.set_after(node, after)
+    assert tree.tick_once() is S
+    assert order == ['before 0', 'after SUCCESS 1']
+    order.clear()
+    tree.blackboard.set('skip', True)
+    tree.tick_once()
+    assert order == ['after SKIPPED 1']
+
+
+@pytest.mark.parametrize('place', ['before', 'after'])
+def test_a_running_node_is_halted_before_its_result_is_replaced(place: str) -> None:
+    events: Events = []
+    tree = build('<Sequence><Sequence name="inner"><Act name="a" _script="R"/></Sequence></Sequence>', events)
+    assert tree.tick_once() is R
+    inner = named(tree, 'inner')
+    if place == 'before':
+        tree.hooks.set_before(inner, lambda node: S)
+    else:
+        tree.hooks.set_after(inner, lambda node, status: S)
+    events.clear()
+    assert tree.tick_once() is S
+    assert ['halt', 'a'] in events
+    assert named(tree, 'a').status is I
+
+
+def test_a_hook_may_set_others_for_the_rest_of_its_tick() -> None:
+    tree = build('<Sequence><Cond name="a"/><Cond name="b"/><Cond name="c"/></Sequence>')
+    reached: list[str] = []
+
+    def step(node: TreeNode) -> NodeStatus:
+        reached.append(node.name)
+        tree.hooks.set_before(node, None)
+        following = tree.nodes.index(node) + 1
+        if following < len(tree.nodes):
+            tree.hooks.set_before(tree.nodes[following], step)
+        return K
+
+    tree.hooks.set_before(named(tree, 'a'), step)
+    assert tree.tick_once() is S
+    assert reached == ['a', 'b', 'c']
+
+
+def test_the_tick_that_a_hook_abandons_begins_nothing_more() -> None:
+    events: Events = []
+    tree = build('<Parallel><Act name="a" _script="R"/><Deco><Cond name="b"/></Deco><Act name="c"/></Parallel>', events)
+    arrived = threading.Event()
+    released = threading.Event()
+    tree.hooks.on_release = released.set
+
+    def wait(node: TreeNode) -> NodeStatus:
+        arrived.set()
+        assert released.wait(20.0)
+        assert tree.hooks.released
+        raise TickAbandoned(node.path, node.id, 'stopped')
+
+    tree.hooks.set_before(named(tree, 'b'), wait)
+    raised: list[BaseException] = []
+
+    def tick() -> None:
+        try:
+            tree.tick_once()
+        except TickAbandoned as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    assert arrived.wait(20.0)
+    tree.hooks.release()
+    thread.join(20.0)
+    assert len(raised) == 1
+    assert [event[1] for event in events if event[0] == 'call'] == ['a']
+    tree.halt()
+    assert ['halt', 'a'] in events
+    assert {node.status for node in tree.nodes} == {I}
+
+
+def test_what_a_hook_raises_is_an_error_of_its_node() -> None:
+    tree = build('<Sequence><Cond name="a"/></Sequence>')
+    tree.hooks.set_before(named(tree, 'a'), lambda node: NodeStatus(1 // 0))
+    with pytest.raises(NodeExecutionError, match=r'\[a\].*ZeroDivisionError') as caught:
+        tree.tick_once()
+    assert caught.value.node_path == 'a'
+
+
+def test_a_tree_without_hooks_is_ticked_as_if_there_were_none() -> None:
+    """Also after there were some: parents have the plain callables again."""
+    tree = build('<Sequence><Cond name="a"/><Sync name="b" _skipIf="false"/></Sequence>')
+    root = tree.root
+    assert isinstance(root, ControlNode)
+    tree.tick_once()
+    plain = root._ticks[0]
+    tree.hooks.set_before(root, lambda node: K)
+    tree.tick_once()
+    assert root._ticks[0] != plain
+    tree.hooks.set_before(root, None)
+    tree.tick_once()
+    assert root._ticks[0] == plain == root.children[0].execute
+    assert 'ask_and_execute' not in repr(root._ticks)
+
+
+def test_a_deep_tree_has_room_for_hooks() -> None:
+    depth, trees = 200, 25
+    more = ''
+    for number in range(trees):
+        inner = f'<SubTree ID="D{number + 1}"/>' if number + 1 < trees else '<AlwaysSuccess/>'
+        more += f'<BehaviorTree ID="D{number}">{"<Inverter>" * depth}{inner}{"</Inverter>" * depth}</BehaviorTree>'
+    tree = build('<SubTree ID="D0"/>', more=more)
+    count = 0
+
+    def before(node: TreeNode) -> NodeStatus:
+        nonlocal count
+        count += 1
+        return K
+
+    for node in tree.nodes:
+        tree.hooks.set_before(node, before)
+        tree.hooks.set_after(node, lambda node, status: status)
+    assert tree.tick_once() is S
+    assert count == len(tree.nodes) == depth * trees + trees + 1

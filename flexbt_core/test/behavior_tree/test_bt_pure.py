@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The engine is pure Python: it needs neither ROS nor anything that is not in the standard library or in it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+PROGRAM = """
+import sys
+
+class Guard:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition('.')[0]
+        if top not in sys.stdlib_module_names and not name.startswith('flexbt_core'):
+            raise ImportError(f'{name} must not be imported by the engine')
+
+sys.meta_path.insert(0, Guard())
+import importlib, pkgutil
+import flexbt_core.behavior_tree as engine
+for module in pkgutil.walk_packages(engine.__path__, engine.__name__ + '.'):
+    importlib.import_module(module.name)
+imported = {name for name in sys.modules if name.startswith('flexbt_')}
+others = {name for name in imported if not name.startswith('flexbt_core.behavior_tree')}
+others -= {'flexbt_core', 'flexbt_core.clock', 'flexbt_core.clock.clock', 'flexbt_core.clock.timer_queue'}
+assert not others, others
+registry = engine.builtin_registry()
+text = '<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
+tree = engine.Tree(engine.TreeLibrary([engine.load_xml(text, 'f', registry)]), 'M')
+print(tree.tick_once().name)
+"""
+
+
+def test_the_engine_imports_no_ros_and_starts_no_thread() -> None:
+    result = subprocess.run([sys.executable, '-c', PROGRAM], capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == 'SUCCESS'

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pause, resume, step: any commands in any order, from any thread, against a model of what they mean."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree import (
+    NodeExecutionError,
+    NodeStatus,
+    StatefulAction,
+    SyncAction,
+    TickCommand,
+    TickControl,
+    Tree,
+    TreeLibrary,
+    builtin_registry,
+    load_xml,
+)
+from flexbt_core.clock.clock import ManualClock, SteadyClock
+from flexbt_core.clock.wake_event import Bell
+
+PAUSE, RESUME, STEP = TickCommand.PAUSE, TickCommand.RESUME, TickCommand.STEP
+
+
+class Runs(StatefulAction):
+    """Counts its ticks in ``services``, and ends when they say so."""
+
+    def on_start(self) -> NodeStatus:
+        return self.on_running()
+
+    def on_running(self) -> NodeStatus:
+        self.services['ticks'] += 1
+        return self.services.get('gives', NodeStatus.RUNNING)
+
+    def on_halted(self) -> None:
+        pass
+
+
+class Raises(SyncAction):
+    def tick(self) -> NodeStatus:
+        raise RuntimeError('scripted fault')
+
+
+def tree(body: str, **options: Any) -> Tree:
+    registry = builtin_registry()
+    registry.register('Runs', Runs)
+    registry.register('Raises', Raises)
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
+    return Tree(TreeLibrary([load_xml(text, 't.xml', registry)]), 'T', **options)
+
+
+@given(st.lists(st.sampled_from([*TickCommand, 'tick']), max_size=30), st.booleans())
+def test_every_command_has_its_effect_once_and_in_order(deeds: list[Any], close: bool) -> None:
+    services = {'ticks': 0}
+    running = tree('<Runs/>', services=services)
+    changes: list[bool] = []
+    rings: list[None] = []
+    control = TickControl(lambda: rings.append(None), changes.append)
+    given_answers: dict[int, list[str]] = {}
+    open_commands: list[tuple[int, TickCommand]] = []
+    paused, ticks, expected_changes = False, 0, []
+    expected: dict[int, bool] = {}
+    for number, deed in enumerate(deeds):
+        if deed != 'tick':
+            given_answers[number] = []
+            control.command(deed, given_answers[number].append)
+            open_commands.append((number, deed))
+            continue
+        stepped = False
+        while open_commands and not stepped:
+            asked, command = open_commands.pop(0)
+            expected[asked] = paused or command is not STEP
+            stepped = command is STEP and paused
+            if command is not STEP and paused is not (command is PAUSE):
+                paused = command is PAUSE
+                expected_changes.append(paused)
+        ticks += stepped or not paused
+        assert control.tick(running) is (NodeStatus.RUNNING if stepped or not paused else None)
+        assert (services['ticks'], control.paused, control.pending) == (ticks, paused, bool(open_commands))
+    assert len(rings) == len(given_answers)
+    if close:
+        control.close('it is over')
+        expected |= {asked: False for asked, _ in open_commands}
+        control.close('it is over again')
+        late: list[str] = []
+        control.command(RESUME, late.append)
+        assert late == ['it is over']
+    assert changes == expected_changes
+    assert {number: len(answers) for number, answers in given_answers.items() if answers} == dict.fromkeys(expected, 1)
+    assert {number: answers == [''] for number, answers in given_answers.items() if answers} == expected
+
+
+def test_a_step_is_one_tick_and_what_yields_goes_on_at_the_next() -> None:
+    running = tree('<AsyncSequence><AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/></AsyncSequence>')
+    control = TickControl(lambda: None, lambda paused: None)
+    control.command(PAUSE, lambda reason: None)
+    statuses = []
+    for _ in range(3):
+        control.command(STEP, lambda reason: None)
+        statuses.append(control.tick(running))
+        assert control.tick(running) is None
+    assert statuses == [NodeStatus.RUNNING, NodeStatus.RUNNING, NodeStatus.SUCCESS]
+
+
+def test_time_goes_on_while_a_tree_is_paused() -> None:
+    clock = ManualClock()
+    running = tree('<Timeout msec="1000" name="limit"><Runs/></Timeout>', services={'ticks': 0}, clock=clock)
+    control = TickControl(lambda: None, lambda paused: None)
+    assert control.tick(running) is NodeStatus.RUNNING
+    control.command(PAUSE, lambda reason: None)
+    assert control.tick(running) is None
+    clock.advance(2.0)
+    assert control.tick(running) is None
+    control.command(RESUME, lambda reason: None)
+    assert control.tick(running) is NodeStatus.FAILURE
+    assert running.failure is not None
+    assert running.failure.path == 'limit'
+
+
+def test_a_step_whose_tick_raises_is_answered_and_the_error_goes_on() -> None:
+    running = tree('<Raises/>')
+    control = TickControl(lambda: None, lambda paused: None)
+    answers: list[str] = []
+    control.command(PAUSE, answers.append)
+    control.command(STEP, answers.append)
+    with pytest.raises(NodeExecutionError):
+        control.tick(running)
+    assert answers[0] == ''
+    assert 'scripted fault' in answers[1]
+
+
+def test_many_threads_step_a_tree_and_each_step_is_one_tick() -> None:
+    services: dict[str, Any] = {'ticks': 0}
+    running = tree('<Runs/>', services=services)
+    bell = Bell()
+    control = TickControl(bell.ring, lambda paused: None)
+    clock = SteadyClock()
+
+    def host() -> None:
+        while control.tick(running) in (None, NodeStatus.RUNNING):
+            if not control.pending:
+                bell.wait(clock, None if control.paused else clock.now())
+        control.close('the tree has ended')
+
+    def ask(command: TickCommand) -> str:
+        answered = threading.Event()
+        answers: list[str] = []
+
+        def answer(reason: str) -> None:
+            answers.append(reason)
+            answered.set()
+
+        control.command(command, answer)
+        assert answered.wait(20.0)
+        assert len(answers) == 1
+        return answers[0]
+
+    def step() -> None:
+        refusals.extend(ask(STEP) for _ in range(50))
+
+    thread = threading.Thread(target=host)
+    thread.start()
+    assert ask(PAUSE) == ''
+    before = services['ticks']
+    refusals: list[str] = []
+    steppers = [threading.Thread(target=step) for _ in range(4)]
+    for stepper in steppers:
+        stepper.start()
+    for stepper in steppers:
+        stepper.join(20.0)
+    assert refusals == [''] * 200
+    assert services['ticks'] == before + 200
+    services['gives'] = NodeStatus.SUCCESS
+    assert ask(STEP) == ''
+    thread.join(20.0)
+    assert not thread.is_alive()
+    assert ask(RESUME) == 'the tree has ended'
+    clock.close()

@@ -1,0 +1,578 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The running tree: ticking, waking, halting, failures, errors, observation, depth; and the library it comes from."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    Blackboard,
+    Condition,
+    Control,
+    Decorator,
+    NodeConfig,
+    NodeExecutionError,
+    NodeStatus,
+    StatefulAction,
+    SyncAction,
+    Tree,
+    TreeLibrary,
+    TreeLoadError,
+    TreeNode,
+    UnfinishedWork,
+    builtin_registry,
+    input_port,
+    load_xml,
+)
+from flexbt_core.behavior_tree.model.port_types import STRING
+from flexbt_core.clock.clock import ManualClock
+
+IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
+DEADLINE = 10.0
+
+
+class Work(StatefulAction):
+    """Gives the results of the list that the host provides under the name of the node; RUNNING when there is none."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.halts = 0
+
+    def result(self) -> NodeStatus:
+        results = self.services.get(self.name, [])
+        result = results.pop(0) if results else RUNNING
+        if isinstance(result, Exception):
+            raise result
+        return self.fail(result) if isinstance(result, str) else result
+
+    def on_start(self) -> NodeStatus:
+        return self.result()
+
+    def on_running(self) -> NodeStatus:
+        return self.result()
+
+    def on_halted(self) -> None:
+        self.halts += 1
+        if self.services.get('halt error') == self.name:
+            raise RuntimeError(f'{self.name} cannot stop')
+
+
+class Returns(SyncAction):
+    """Returns whatever the host provides."""
+
+    def tick(self) -> NodeStatus:
+        return self.services['return']
+
+
+class Check(Condition):
+    def tick(self) -> NodeStatus:
+        return SUCCESS if self.services.get(self.name) else self.fail(f'{self.name} does not hold')
+
+
+class Pass(Decorator):
+    """A decorator of one's own."""
+
+    ports = {'mood': input_port(STRING, default='fine')}
+
+    def tick(self) -> NodeStatus:
+        status = self.tick_child()
+        return FAILURE if status is SKIPPED else status
+
+
+class All(Control):
+    """A control of one's own."""
+
+    def tick(self) -> NodeStatus:
+        results = [self.tick_child(index) for index in range(len(self.children))]
+        if RUNNING in results:
+            return RUNNING
+        self.reset_children()
+        return FAILURE if FAILURE in results else SUCCESS
+
+
+class Stubborn(Decorator):
+    def tick(self) -> NodeStatus:
+        return self.tick_child()
+
+    def on_halt(self) -> None:
+        raise ValueError('no')
+
+
+NODES = (Stubborn, Work, Returns, Check, Pass, All)
+
+
+def library(*bodies: str, **trees: str) -> TreeLibrary:
+    registry = builtin_registry()
+    for node_class in NODES:
+        registry.register(node_class.__name__, node_class)
+    named = {**{f'T{index}' if index else 'Main': body for index, body in enumerate(bodies)}, **trees}
+    xml = ''.join(f'<BehaviorTree ID="{id}">{body}</BehaviorTree>' for id, body in named.items())
+    return TreeLibrary([load_xml(f'<root BTCPP_format="4">{xml}</root>', 'file.xml', registry)])
+
+
+def tree(*bodies: str, services: dict[str, Any] | None = None, **options: Any) -> Tree:
+    options.setdefault('clock', ManualClock())
+    return Tree(library(*bodies), 'Main', services=services if services is not None else {}, **options)
+
+
+# -- waking ----------------------------------------------------------------------------------------------
+
+
+def test_tick_once_completes_a_chain_of_nodes_that_yield() -> None:
+    body = '<SequenceWithMemory>' + '<AlwaysSuccess/>' * 5 + '</SequenceWithMemory>'
+    assert tree(body).tick_once() is SUCCESS
+    slow = tree(body)
+    assert [slow.tick_exactly_once() for _ in range(5)] == [RUNNING] * 4 + [SUCCESS]
+
+
+def test_a_wake_up_stays_pending_until_it_is_taken() -> None:
+    running = tree('<Work name="w"/>')
+    running.wake()
+    assert running.wake_pending
+    assert running.take_wake()
+    assert not running.take_wake()
+
+
+def test_a_tree_that_wakes_itself_for_ever_gives_control_back(caplog: pytest.LogCaptureFixture) -> None:
+    running = tree('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>', max_rounds=50)
+    assert running.tick_once() is RUNNING
+    assert running.wake_pending
+    assert 'woke itself 50 times' in caplog.text
+    running.halt()
+    assert running.status is IDLE
+
+
+def test_wake_from_another_thread_reaches_the_host() -> None:
+    event = threading.Event()
+    services: dict[str, Any] = {}
+    running = tree('<Work name="w"/>', services=services, on_wake=event.set)
+    assert running.tick_once() is RUNNING
+    node = running.root
+
+    def finish() -> None:
+        services['w'] = [SUCCESS]
+        node.wake()
+
+    thread = threading.Thread(target=finish)
+    thread.start()
+    assert event.wait(DEADLINE)
+    thread.join()
+    assert running.take_wake()
+    assert running.tick_once() is SUCCESS
+
+
+def test_next_wake_is_the_earliest_deadline_and_goes_with_its_node() -> None:
+    clock = ManualClock(100.0)
+    running = tree(
+        '<Parallel failure_count="3"><Timeout msec="500"><Work name="a"/></Timeout><Sleep msec="200"/>'
+        '<Delay delay_msec="300"><AlwaysSuccess/></Delay></Parallel>',
+        clock=clock,
+    )
+    assert running.next_wake is None
+    running.tick_once()
+    assert running.next_wake == pytest.approx(100.2)
+    clock.advance(0.1)
+    running.tick_once()
+    assert running.next_wake == pytest.approx(100.2)
+    clock.set(100.25)
+    assert running.tick_once() is RUNNING
+    assert running.next_wake == pytest.approx(100.3)
+    clock.set(100.3)
+    assert running.tick_once() is RUNNING
+    assert running.next_wake == pytest.approx(100.5)
+    clock.set(100.5)
+    assert running.tick_once() is FAILURE
+    assert running.next_wake is None
+    running.tick_once()
+    running.halt()
+    assert running.next_wake is None
+
+
+def test_tick_while_running_waits_for_what_the_tree_needs() -> None:
+    clock = ManualClock()
+    waits: list[float | None] = []
+
+    def wait(until: float | None) -> None:
+        waits.append(until)
+        assert until is not None
+        clock.set(until)
+
+    running = tree(
+        '<Sequence><Sleep msec="200"/><Delay delay_msec="300"><AlwaysSuccess/></Delay></Sequence>', clock=clock
+    )
+    assert running.tick_while_running(wait) is SUCCESS
+    assert waits == [pytest.approx(0.2), pytest.approx(0.5)]
+
+
+# -- halting ---------------------------------------------------------------------------------------------
+
+
+def test_halt_stops_what_runs_and_only_that() -> None:
+    running = tree(
+        '<Parallel failure_count="3"><Work name="a"/><Work name="b"/><Sequence><Work name="c"/></Sequence></Parallel>'
+    )
+    running.halt()
+    running.tick_once()
+    assert running.active_nodes() == ['Parallel::1', 'a', 'b', 'Sequence::4', 'c']
+    assert running.active_nodes(leaves_only=True) == ['a', 'b', 'c']
+    running.halt()
+    running.halt()
+    assert [node.halts for node in running.nodes if isinstance(node, Work)] == [1, 1, 1]
+    assert all(node.status is IDLE for node in running.nodes)
+
+
+def test_a_leaf_that_cannot_be_halted_does_not_keep_the_others_from_it() -> None:
+    running = tree(
+        '<Parallel failure_count="2"><Work name="a"/><Work name="b"/></Parallel>', services={'halt error': 'a'}
+    )
+    running.tick_once()
+    with pytest.raises(NodeExecutionError, match=r'\[a\] \(Work\): RuntimeError: a cannot stop'):
+        running.halt()
+    assert [node.halts for node in running.nodes if isinstance(node, Work)] == [1, 1]
+    assert running.active_nodes() == []
+    running.halt()
+
+
+def test_a_decorator_that_raises_while_halting_does_not_keep_its_child_from_it() -> None:
+    running = tree('<Stubborn name="s"><Work name="a"/></Stubborn>')
+    running.tick_once()
+    with pytest.raises(NodeExecutionError, match=r'\[s\] \(Stubborn\): ValueError: no'):
+        running.halt()
+    assert [node.halts for node in running.nodes if isinstance(node, Work)] == [1]
+    assert running.active_nodes() == []
+
+
+def test_an_error_while_halting_within_a_tick_is_raised_by_the_tick() -> None:
+    services = {'halt error': 'a', 'b': [FAILURE]}
+    running = tree('<Parallel><Work name="a"/><Work name="b"/></Parallel>', services=services)
+    with pytest.raises(NodeExecutionError, match='cannot stop'):
+        running.tick_once()
+    assert running.active_nodes() == []
+
+
+def test_unfinished_work_outlives_the_halt() -> None:
+    wakes: list[int] = []
+    running = tree('<Work name="a"/>', on_wake=lambda: wakes.append(1))
+    first = running.root.context.add_unfinished('canceling goal of spin')
+    second = running.root.context.add_unfinished('canceling goal of spin')
+    running.halt()
+    assert list(running.unfinished) == ['canceling goal of spin'] * 2
+    thread = threading.Thread(target=first.done)
+    thread.start()
+    thread.join()
+    assert list(running.unfinished) == ['canceling goal of spin']
+    assert len(wakes) == 1
+    first.done()
+    assert len(wakes) == 1
+    second.done()
+    assert list(running.unfinished) == []
+    assert isinstance(second, UnfinishedWork)
+
+
+# -- failures and errors ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('body', 'services', 'path', 'reason'),
+    [
+        ('<Work name="a"/>', {'a': ['no way']}, 'a', 'no way'),
+        (
+            '<Sequence name="s"><AlwaysSuccess/><AlwaysFailure name="f"/></Sequence>',
+            {},
+            'f',
+            'AlwaysFailure returned FAILURE',
+        ),
+        ('<Fallback><Check name="x"/><Work name="a"/></Fallback>', {'a': ['blocked']}, 'a', 'blocked'),
+        # What was recovered from does not count.
+        (
+            '<Sequence><ForceSuccess><Work name="a"/></ForceSuccess>'
+            '<Fallback><Check name="x"/><AlwaysSuccess/></Fallback><Work name="b"/></Sequence>',
+            {'a': ['recovered'], 'b': ['final']},
+            'b',
+            'final',
+        ),
+        ('<Inverter name="i"><Check name="x"/></Inverter>', {'x': True}, 'i', 'the child [x] succeeded'),
+        ('<ForceFailure name="f"><AlwaysSuccess name="x"/></ForceFailure>', {}, 'f', 'the child [x] completed'),
+        ('<ReactiveSequence><AlwaysSuccess/><Check name="x"/></ReactiveSequence>', {}, 'x', 'x does not hold'),
+        ('<ReactiveFallback><Check name="x"/><Check name="y"/></ReactiveFallback>', {}, 'y', 'y does not hold'),
+        (
+            '<Parallel success_count="2" failure_count="3"><Work name="a"/><AlwaysSuccess/><Work name="b"/></Parallel>',
+            {'a': ['first'], 'b': ['second']},
+            'b',
+            'second',
+        ),
+        (
+            '<RetryUntilSuccessful num_attempts="2"><Work name="a"/></RetryUntilSuccessful>',
+            {'a': ['1st', '2nd']},
+            'a',
+            '2nd',
+        ),
+        (
+            '<RetryUntilSuccessful name="r" num_attempts="0"><Work name="a"/></RetryUntilSuccessful>',
+            {},
+            'r',
+            'no attempt',
+        ),
+        ('<Timeout msec="50"><Work name="a"/></Timeout>', {'a': ['quick']}, 'a', 'quick'),
+        ('<SubTree ID="T1" name="sub"/>', {'a': ['inside']}, 'sub/a', 'inside'),
+        ('<Pass><Work name="a"/></Pass>', {'a': ['own decorator']}, 'a', 'own decorator'),
+        ('<All><Work name="a"/><AlwaysSuccess/></All>', {'a': ['own control']}, 'a', 'own control'),
+    ],
+)
+def test_the_failure_names_the_node_responsible(body: str, services: dict[str, Any], path: str, reason: str) -> None:
+    running = tree(body, '<KeepRunningUntilFailure><Work name="a"/></KeepRunningUntilFailure>', services=services)
+    assert running.tick_once() is FAILURE
+    failure = running.failure
+    assert failure is not None
+    assert failure.path == path
+    assert reason in failure.reason
+    assert failure.chain[-1] == path
+    assert failure.chain[0] == running.root.path
+
+
+def test_the_failure_of_a_timeout_is_its_own() -> None:
+    clock = ManualClock()
+    services: dict[str, Any] = {}
+    running = tree('<Timeout name="t" msec="1000"><Work name="a"/></Timeout>', services=services, clock=clock)
+    running.tick_once()
+    clock.advance(1.0)
+    assert running.tick_once() is FAILURE
+    assert running.failure is not None
+    assert (running.failure.path, running.failure.chain) == ('t', ('t',))
+    assert 'the time is up' in running.failure.reason
+    services['a'] = [SUCCESS]
+    assert running.tick_once() is SUCCESS
+    assert running.failure is None
+
+
+def test_a_reason_is_not_kept_for_the_next_failure() -> None:
+    services: dict[str, Any] = {'a': ['one', FAILURE]}
+    running = tree('<Work name="a"/>', services=services)
+    running.tick_once()
+    assert running.failure is not None
+    assert running.failure.reason == 'one'
+    running.tick_once()
+    assert running.failure.reason == 'Work returned FAILURE'
+
+
+def test_exceptions_name_the_innermost_node_and_leave_the_tree_to_be_halted() -> None:
+    services: dict[str, Any] = {'a': [ZeroDivisionError('oops'), SUCCESS]}
+    running = tree(
+        '<Sequence name="s"><AlwaysSuccess name="f"/><Pass><SubTree ID="T1" name="sub"/></Pass></Sequence>',
+        '<All name="all"><Inverter><Work name="a"/></Inverter></All>',
+        services=services,
+    )
+    with pytest.raises(NodeExecutionError, match=r'in node \[sub/a\] \(Work\): ZeroDivisionError: oops') as caught:
+        running.tick_once()
+    assert (caught.value.node_path, caught.value.node_id) == ('sub/a', 'Work')
+    assert isinstance(caught.value.cause, ZeroDivisionError)
+    assert caught.value.__cause__ is caught.value.cause
+    # As in BehaviorTree.CPP: nothing is halted, and the next tick goes on where it was.
+    assert running.root.status is RUNNING
+    assert running.nodes[1].status is SUCCESS
+    assert running.tick_once() is FAILURE
+    services['a'] = [ZeroDivisionError('again')]
+    with pytest.raises(NodeExecutionError):
+        running.tick_once()
+    running.halt()
+    assert running.active_nodes() == []
+
+
+@pytest.mark.parametrize('value', [None, True, 2, 'SUCCESS', IDLE, RUNNING])
+def test_nonsense_from_a_leaf_is_an_error_of_the_leaf(value: Any) -> None:
+    running = tree('<Sequence><Returns name="r"/></Sequence>', services={'return': value})
+    with pytest.raises(NodeExecutionError, match=r'\[r\] \(Returns\)'):
+        running.tick_once()
+
+
+def test_ports_that_fail_within_a_node_of_the_engine_name_it() -> None:
+    running = tree('<Sequence><Repeat name="r" num_cycles="{n}"><AlwaysSuccess/></Repeat></Sequence>')
+    with pytest.raises(NodeExecutionError, match=r'\[r\] \(Repeat\).*\[num_cycles\].*never written'):
+        running.tick_once()
+    running.blackboard.set('n', 2)
+    assert running.tick_once() is SUCCESS
+
+
+def test_skipped_is_given_but_not_stored() -> None:
+    running = tree('<Sequence><Returns name="r"/></Sequence>', services={'return': SKIPPED})
+    assert running.tick_once() is SKIPPED
+    assert running.status is SKIPPED
+    assert running.root.status is RUNNING
+    assert running.nodes[1].status is IDLE
+
+
+# -- observation -----------------------------------------------------------------------------------------
+
+
+def test_an_observer_hears_every_transition_and_can_come_and_go() -> None:
+    heard: list[tuple[str, str, str]] = []
+
+    def hear(node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        heard.append((node.path, before.name, after.name))
+
+    running = tree(
+        '<Sequence name="s"><Check name="c"/><Work name="a"/></Sequence>', services={'c': True, 'a': [RUNNING]}
+    )
+    running.observe(hear)
+    running.tick_once()
+    assert heard == [('s', 'IDLE', 'RUNNING'), ('c', 'IDLE', 'SUCCESS'), ('a', 'IDLE', 'RUNNING')]
+    assert isinstance(running.nodes[2], Work)
+    assert 'Work' in repr(running.nodes[2])
+    running.observe(None)
+    running.tick_once()
+    assert len(heard) == 3
+    assert type(running.nodes[2]) is Work
+    running.observe(hear)
+    running.observe(hear)
+    running.halt()
+    assert heard[3:] == [('c', 'SUCCESS', 'IDLE'), ('a', 'RUNNING', 'IDLE'), ('s', 'RUNNING', 'IDLE')]
+
+
+def test_two_trees_of_one_library_are_apart() -> None:
+    shared = library('<Work name="a"/>')
+    heard: list[TreeNode] = []
+    first = Tree(shared, 'Main', services={}, on_transition=lambda node, before, after: heard.append(node))
+    second = Tree(shared, 'Main', services={'a': [SUCCESS]})
+    assert second.tick_once() is SUCCESS
+    assert heard == []
+    assert first.tick_once() is RUNNING
+    assert heard == [first.root]
+    assert second.status is SUCCESS
+
+
+def test_a_tree_is_freed_when_nobody_uses_it() -> None:
+    running = tree('<Sequence><SubTree ID="T1"/></Sequence>', '<Work name="a"/>')
+    running.tick_once()
+    reference = weakref.ref(running.nodes[2])
+    del running
+    gc.collect()
+    assert reference() is None
+
+
+# -- depth -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('wrap', ['Inverter', 'Pass', 'All', 'ReactiveFallback'])
+def test_depth_is_no_limit(wrap: str) -> None:
+    levels, nested = 20, 250
+    trees = [
+        f'<{wrap}>' * nested
+        + (f'<SubTree ID="T{level + 1}"/>' if level < levels else '<Work name="leaf"/>')
+        + f'</{wrap}>' * nested
+        for level in range(levels + 1)
+    ]
+    services: dict[str, Any] = {}
+    running = tree(*trees, services=services)
+    for observer in (None, lambda *event: None):
+        running.observe(observer)
+        services['leaf'] = [RUNNING, 'deep']
+        assert running.tick_once() is RUNNING
+        running.halt()
+        services['leaf'] = ['deep']
+        assert running.tick_once() in (SUCCESS, FAILURE)
+    if wrap != 'Inverter':
+        assert running.failure is not None
+        assert running.failure.reason == 'deep'
+
+
+# -- the library -----------------------------------------------------------------------------------------
+
+
+def document(id: str, body: str, file: str) -> Any:
+    return load_xml(
+        f'<root BTCPP_format="4"><BehaviorTree ID="{id}">{body}</BehaviorTree></root>', file, builtin_registry()
+    )
+
+
+def test_staging_is_all_or_nothing() -> None:
+    first = TreeLibrary().stage([document('A', '<SubTree ID="B"/>', 'a'), document('B', '<AlwaysSuccess/>', 'b')])
+    with pytest.raises(TreeLoadError) as caught:
+        first.stage([document('C', '<AlwaysSuccess/>', 'c'), document('D', '<SubTree ID="X"/>', 'd')])
+    assert [error.file for error in caught.value.errors] == ['d']
+    with pytest.raises(TreeLoadError, match='recursion'):
+        first.stage([document('B', '<SubTree ID="A"/>', 'b')])
+    with pytest.raises(TreeLoadError, match=r'a:1.*no tree \[B\]'):
+        first.stage([document('Other', '<AlwaysSuccess/>', 'b')])
+    assert first.tree_ids() == ['A', 'B']
+    assert Tree(first, 'A').tick_once() is SUCCESS
+    second = first.stage([document('B', '<AlwaysFailure/>', 'b')])
+    assert Tree(second, 'A').tick_once() is FAILURE
+    assert Tree(first, 'A').tick_once() is SUCCESS
+
+
+def test_files_with_trees_of_the_same_name_do_not_disturb_each_other() -> None:
+    def pair(file: str, leaf: str) -> Any:
+        text = (
+            '<root BTCPP_format="4" main_tree_to_execute="MainTree"><BehaviorTree ID="MainTree"><SubTree ID="Sub"/>'
+            f'</BehaviorTree><BehaviorTree ID="Sub"><{leaf}/></BehaviorTree></root>'
+        )
+        return load_xml(text, file, builtin_registry())
+
+    both = TreeLibrary([pair('one', 'AlwaysSuccess'), pair('two', 'AlwaysFailure')])
+    assert Tree(both, 'MainTree', file='one').tick_once() is SUCCESS
+    assert Tree(both, 'MainTree', file='two').tick_once() is FAILURE
+    # Without a file: the one that was staged last.
+    assert Tree(both, 'MainTree').tick_once() is FAILURE
+    assert Tree(both.stage([pair('one', 'AlwaysSuccess')]), 'MainTree').tick_once() is SUCCESS
+
+
+def test_an_unknown_tree_is_named_with_those_that_are_known() -> None:
+    with pytest.raises(LookupError, match=r'no tree \[Nope\]; known trees: Main'):
+        Tree(library('<AlwaysSuccess/>'), 'Nope')
+
+
+def test_two_sub_trees_with_one_path_are_refused() -> None:
+    with pytest.raises(TreeLoadError, match=r'two sub-trees have the path \[s\]'):
+        tree('<Sequence><SubTree ID="T1" name="s"/><SubTree ID="T1" name="s"/></Sequence>', '<AlwaysSuccess/>')
+
+
+def test_paths_and_uids_are_those_of_btcpp() -> None:
+    running = tree(
+        '<Sequence><SubTree ID="T1"/><SubTree ID="T1" name="s"/><Work name="w"/></Sequence>',
+        '<Inverter><Work name="a"/></Inverter>',
+    )
+    assert [(node.uid, node.path) for node in running.nodes] == [
+        (1, 'Sequence::1'),
+        (2, 'T1::2'),
+        (3, 'T1::2/Inverter::3'),
+        (4, 'T1::2/a'),
+        (5, 's'),
+        (6, 's/Inverter::6'),
+        (7, 's/a'),
+        (8, 'w'),
+    ]
+
+
+def test_trees_share_a_blackboard_that_the_host_gives() -> None:
+    shared = Blackboard()
+    trees = library(
+        Write='<SetBlackboard value="route" output_key="path"/>',
+        Read='<SetBlackboard value="{path}" output_key="copy"/>',
+    )
+    Tree(trees, 'Write', blackboard=shared).tick_once()
+    Tree(trees, 'Read', blackboard=shared).tick_once()
+    assert shared.get('copy') == 'route'
+
+
+def test_halting_and_ticking_from_different_threads_in_turn_is_fine() -> None:
+    running = tree('<Sequence><Work name="a"/></Sequence>')
+    problems: list[BaseException] = []
+
+    def run(action: Callable[[], object]) -> None:
+        try:
+            action()
+        except BaseException as error:
+            problems.append(error)
+
+    for action in (running.tick_once, running.halt, running.tick_once, running.halt):
+        thread = threading.Thread(target=run, args=(action,))
+        thread.start()
+        thread.join()
+    assert problems == []
+    assert running.status is IDLE

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The manual and the steady clock."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_core.clock.clock import Clock, ManualClock, SteadyClock
+from flexbt_core.clock.timer_queue import AlarmQueue
+from flexbt_core.clock.wake_event import Bell
+
+DEADLINE = 10.0
+
+
+def test_manual_clock_calls_in_order_of_time_each_at_its_time() -> None:
+    clock = ManualClock(100.0)
+    seen: list[tuple[str, float]] = []
+    clock.call_at(102.0, lambda: seen.append(('b', clock.now())))
+    clock.call_at(101.0, lambda: seen.append(('a', clock.now())))
+    clock.call_at(102.0, lambda: seen.append(('c', clock.now())))
+    clock.call_at(110.0, lambda: seen.append(('late', clock.now())))
+    clock.advance(0.5)
+    assert seen == []
+    assert clock.next_alarm() == 101.0
+    clock.advance(4.5)
+    assert seen == [('a', 101.0), ('b', 102.0), ('c', 102.0)]
+    assert clock.now() == 105.0
+
+
+def test_manual_clock_callback_may_set_and_cancel_alarms() -> None:
+    clock = ManualClock()
+    seen: list[str] = []
+    other = clock.call_at(2.0, lambda: seen.append('cancelled'))
+
+    def first() -> None:
+        other.cancel()
+        clock.call_at(1.5, lambda: seen.append('nested'))
+
+    clock.call_at(1.0, first)
+    clock.advance(3.0)
+    assert seen == ['nested']
+    assert clock.next_alarm() is None
+
+
+def test_manual_clock_alarm_in_the_past_waits_for_the_next_step() -> None:
+    clock = ManualClock(5.0)
+    seen: list[float] = []
+    clock.call_at(1.0, lambda: seen.append(clock.now()))
+    assert seen == []
+    clock.advance(0.0)
+    assert seen == [5.0]
+
+
+def test_manual_clock_may_be_set_back_but_not_advanced_back() -> None:
+    clock = ManualClock(5.0)
+    seen: list[float] = []
+    clock.call_at(3.5, lambda: seen.append(clock.now()))
+    with pytest.raises(ValueError, match='cannot go back'):
+        clock.advance(-1.0)
+    clock.set(3.0)
+    assert clock.now() == 3.0
+    assert seen == []
+    clock.set(4.0)
+    assert seen == [3.5]
+
+
+@pytest.mark.parametrize('clock', [ManualClock(), SteadyClock()])
+def test_nan_is_refused(clock: Clock) -> None:
+    with pytest.raises(ValueError, match='NaN'):
+        clock.call_at(math.nan, lambda: None)
+
+
+@given(st.lists(st.floats(0.0, 10.0), max_size=20), st.lists(st.floats(0.0, 3.0), max_size=10))
+def test_manual_clock_calls_exactly_what_is_due(alarms: list[float], steps: list[float]) -> None:
+    clock = ManualClock()
+    called: list[float] = []
+    for when in alarms:
+        clock.call_at(when, lambda when=when: called.append(when))  # type: ignore[misc]
+    for step in steps:
+        clock.advance(step)
+    clock.advance(0.0)
+    assert called == sorted(when for when in alarms if when <= clock.now())
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.booleans()), max_size=400), st.integers(0, 9))
+def test_cancelled_alarms_go_and_no_other(alarms: list[tuple[int, bool]], now: int) -> None:
+    """Against a list: some alarms are cancelled as soon as they are set, while others wait."""
+    queue, waiting, called = AlarmQueue(), list[tuple[int, int]](), list[tuple[int, int]]()
+    for number, (when, is_cancelled) in enumerate(alarms):
+        alarm = queue.add(when, lambda entry=(when, number): called.append(entry))  # type: ignore[misc]
+        if is_cancelled:
+            alarm.cancel()
+        else:
+            waiting.append((when, number))
+        assert len(queue) <= max(64, 2 * len(waiting) + 1)
+    assert queue.earliest() == (min(waiting)[0] if waiting else None)
+    while (due := queue.take(now)) is not None:
+        due[1]()
+    assert called == sorted(entry for entry in waiting if entry[0] <= now)
+
+
+def test_a_sleep_that_ends_early_leaves_nothing_with_the_clock() -> None:
+    clock, bell = SteadyClock(), Bell()
+    try:
+        for _ in range(1000):
+            clock.call_at(clock.now(), bell.ring)
+            bell.wait(clock, clock.now() + 3600.0)
+        assert len(clock._alarms) < 100
+    finally:
+        clock.close()
+
+
+def test_steady_clock_calls_on_time_and_in_order() -> None:
+    clock = SteadyClock()
+    try:
+        done = threading.Event()
+        seen: list[tuple[str, float]] = []
+        start = clock.now()
+
+        def last() -> None:
+            seen.append(('late', clock.now()))
+            done.set()
+
+        clock.call_at(math.inf, done.set)
+        clock.call_at(start + 0.06, last)
+        clock.call_at(start + 0.02, lambda: seen.append(('early', clock.now())))
+        assert done.wait(DEADLINE)
+        assert [name for name, _ in seen] == ['early', 'late']
+        assert seen[0][1] >= start + 0.02
+        assert seen[1][1] >= start + 0.06
+    finally:
+        clock.close()
+
+
+def test_steady_clock_earlier_alarm_interrupts_the_wait_for_a_later_one() -> None:
+    clock = SteadyClock()
+    try:
+        done = threading.Event()
+        clock.call_at(clock.now() + 3600.0, lambda: None)
+        clock.call_at(clock.now() + 0.01, done.set)
+        assert done.wait(DEADLINE)
+    finally:
+        clock.close()
+
+
+def test_steady_clock_survives_a_callback_that_raises(caplog: pytest.LogCaptureFixture) -> None:
+    clock = SteadyClock()
+    try:
+        done = threading.Event()
+
+        def faulty() -> None:
+            raise RuntimeError('deliberate')
+
+        with caplog.at_level(logging.ERROR):
+            clock.call_at(clock.now(), faulty)
+            clock.call_at(clock.now(), done.set)
+            assert done.wait(DEADLINE)
+        assert 'deliberate' in caplog.text
+    finally:
+        clock.close()
+
+
+def test_steady_clock_calls_nothing_after_cancel_or_close() -> None:
+    clock = SteadyClock()
+    seen: list[str] = []
+    done = threading.Event()
+    timer = clock.call_at(clock.now() + 0.02, lambda: seen.append('cancelled'))
+    timer.cancel()
+    clock.call_at(clock.now() + 0.03, done.set)
+    assert done.wait(DEADLINE)
+    clock.call_at(clock.now() + 0.02, lambda: seen.append('closed'))
+    clock.close()
+    clock.close()
+    clock.call_at(clock.now(), lambda: seen.append('after close'))
+    assert not any(thread.name == 'steady_clock' and thread.is_alive() for thread in threading.enumerate())
+    assert seen == []
+
+
+def test_steady_clock_may_be_closed_from_a_callback() -> None:
+    clock = SteadyClock()
+    done = threading.Event()
+
+    def end() -> None:
+        clock.close()
+        done.set()
+
+    clock.call_at(clock.now(), end)
+    assert done.wait(DEADLINE)
+
+
+def test_steady_clock_needs_no_thread_before_the_first_alarm() -> None:
+    before = threading.active_count()
+    clock = SteadyClock()
+    assert abs(clock.now() - time.monotonic()) < 1.0
+    assert threading.active_count() == before
+    clock.close()

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""When the callbacks of a state are called, in which order across the levels, and what they are told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from flexbt_core.state_machine import Autonomy, ExitReason, OperatableStateMachine, Severity, StateError
+from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+
+
+def two_levels(first: Scripted, inner: Scripted, last: Scripted) -> OperatableStateMachine:
+    """First, then Middle with Inner, then Last, which may also go back to Middle."""
+    middle = machine(Place('Inner', inner, {'done': 'left'}), outcomes=['left'])
+    return machine(
+        Place('First', first, {'done': 'Middle'}),
+        Place('Middle', middle, {'left': 'Last'}),
+        Place('Last', last, {'done': 'ended', 'again': 'Middle'}),
+    )
+
+
+def test_all_states_are_started_first_and_stopped_last_and_each_is_left_before_the_next_is_entered() -> None:
+    bench = Bench(two_levels(passing(), passing(), Scripted('done', 'again', outcome='done')))
+    assert bench.outcome == 'ended'
+    assert bench.trace == [
+        *('on_start /First', 'on_start /Middle/Inner', 'on_start /Last'),
+        *('on_enter /First', 'execute /First', 'on_exit /First OUTCOME'),
+        *('on_enter /Middle/Inner', 'execute /Middle/Inner', 'on_exit /Middle/Inner OUTCOME'),
+        *('on_enter /Last', 'execute /Last', 'on_exit /Last OUTCOME'),
+        *('on_stop /First', 'on_stop /Middle/Inner', 'on_stop /Last'),
+    ]
+    assert bench.transitions == [
+        ('/First', 'done', '/Middle', ExitReason.OUTCOME),
+        ('/Middle/Inner', 'done', '=left', ExitReason.OUTCOME),
+        ('/Middle', 'left', '/Last', ExitReason.OUTCOME),
+        ('/Last', 'done', '=ended', ExitReason.OUTCOME),
+    ]
+
+
+def test_a_state_that_is_visited_again_is_entered_and_left_again_but_started_once() -> None:
+    answers = iter(['again', 'again', 'done'])
+    inner, last = passing(), Scripted('done', 'again', do={'execute': lambda state, _: next(answers)})
+    bench = Bench(two_levels(passing(), inner, last))
+    assert bench.outcome == 'ended'
+    for state in (inner, last):
+        assert [state.calls(name) for name in ('on_start', 'on_enter', 'on_exit', 'on_stop')] == [1, 3, 3, 1]
+
+
+def test_states_that_are_never_visited_are_started_and_stopped_too() -> None:
+    never = Scripted()
+    bench = Bench(
+        machine(
+            Place('One', passing(outcomes=['done', 'other']), {'done': 'ended', 'other': 'Never'}),
+            Place('Never', never, {'done': 'ended'}),
+        )
+    )
+    assert bench.outcome == 'ended'
+    assert never.trace == ['on_start', 'on_stop']
+
+
+def test_a_state_that_waits_is_executed_once_and_nothing_is_called_meanwhile() -> None:
+    state = Scripted()
+    bench = Bench(nested(state, 'A/B/C'))
+    bench.pass_time(1000.0)
+    assert state.trace == ['on_start', 'on_enter', 'execute']
+    state.end('done')
+    bench.settle()
+    assert state.trace == ['on_start', 'on_enter', 'execute', 'execute', 'on_exit OUTCOME', 'on_stop']
+    assert bench.outcome == 'done'
+
+
+def stop(bench: Bench) -> None:
+    bench.stop()
+
+
+def force_it(bench: Bench) -> None:
+    assert bench.force('/A/B/C', 'done') is None
+
+
+def force_what_is_around(bench: Bench) -> None:
+    assert bench.force('/A', 'failed') is None
+
+
+def raise_in_it(bench: Bench) -> None:
+    bench.run.active_states()[0].state.wake()
+    bench.settle()
+
+
+def end_it(bench: Bench) -> None:
+    state = bench.run.active_states()[0].state
+    assert isinstance(state, Scripted)
+    state.do.clear()
+    state.end('failed')
+    bench.settle()
+
+
+@pytest.mark.parametrize(
+    ('leave', 'reason', 'outcome'),
+    [
+        (end_it, ExitReason.OUTCOME, 'failed'),
+        (raise_in_it, ExitReason.FAULT, 'failed'),
+        (force_it, ExitReason.FORCED, 'done'),
+        (force_what_is_around, ExitReason.PARENT_LEFT, 'failed'),
+        (stop, ExitReason.PREEMPTED, 'preempted'),
+    ],
+)
+def test_a_state_is_told_why_it_is_left(leave: Any, reason: ExitReason, outcome: str) -> None:
+    def execute(state: Scripted, _: Any) -> None:
+        if state.calls('execute') > 1:
+            raise ArithmeticError
+
+    state = Scripted('done', 'failed', do={'execute': execute})
+    bench = Bench(nested(state, 'A/B/C'))
+    assert state.exit_reason is None
+    leave(bench)
+    assert state.trace[-2:] == [f'on_exit {reason.name}', 'on_stop']
+    assert bench.outcome == outcome
+
+
+@pytest.mark.parametrize(
+    ('leave', 'reason'),
+    [(stop, ExitReason.PREEMPTED), (force_what_is_around, ExitReason.PARENT_LEFT), (force_it, ExitReason.FORCED)],
+)
+def test_the_reason_is_that_of_leaving_not_of_what_the_state_had_wanted_before(leave: Any, reason: ExitReason) -> None:
+    """The state raised, and 'failed' waits for the operator, who decides something else."""
+
+    def execute(state: Scripted, _: Any) -> None:
+        raise ArithmeticError
+
+    state = Scripted('done', 'failed', do={'execute': execute})
+    bench = Bench(nested(state, 'A/B/C', {'failed': Autonomy.Full}))
+    assert bench.decision.outcome == 'failed'
+    leave(bench)
+    assert state.trace[-2:] == [f'on_exit {reason.name}', 'on_stop']
+
+
+def test_an_old_reason_is_forgotten_when_the_state_is_entered_again() -> None:
+    seen: list[Any] = []
+    state = Scripted('done', 'again', do={'on_enter': lambda state, _: seen.append(state.exit_reason)})
+    bench = Bench(machine(Place('One', state, {'done': 'ended', 'again': 'One'})))
+    assert bench.force('/One', 'again') is None
+    assert seen == [None, None]
+    state.end('done')
+    bench.settle()
+    assert state.trace[-2:] == ['on_exit OUTCOME', 'on_stop']
+
+
+def test_the_operator_sees_a_state_before_its_on_enter_which_may_take_long() -> None:
+    def look(state: Scripted, _: Any) -> None:
+        shown.append(bench[0].pictures[-1].active if bench else ())
+
+    shown: list[Any] = []
+    bench: list[Bench] = []
+    second = Scripted(do={'on_enter': look})
+    inner = machine(Place('Second', second, {'done': 'ended'}))
+    first = Scripted()
+    bench.append(Bench(machine(Place('First', first, {'done': 'Inner'}), Place('Inner', inner, {'ended': 'ended'}))))
+    first.end('done')
+    bench[0].settle()
+    assert shown == [('/Inner/Second',)]
+
+
+def test_what_a_state_may_use_in_its_callbacks() -> None:
+    def use(state: Scripted, _: Any) -> None:
+        seen.append((state.name, state.path, state.clock.now(), state.services))
+        state.log_warn('hot')
+
+    seen: list[Any] = []
+    state = Scripted(outcome='done', do=dict.fromkeys(('on_start', 'on_enter', 'execute', 'on_exit', 'on_stop'), use))
+    bench = Bench(nested(state, 'A/B'))
+    assert bench.outcome == 'done'
+    assert seen == [('B', '/A/B', 0.0, bench)] * 5
+    assert bench.lines == [(Severity.WARN, '/A/B', 'hot')] * 5
+
+
+def test_outside_of_a_run_there_is_nothing_to_use_and_waking_is_harmless() -> None:
+    state = passing()
+    for _ in range(2):
+        state.wake()
+        assert state.path == 'Scripted'
+        for use in (lambda: state.clock, lambda: state.services, lambda: state.ask('?'), lambda: state.wake_at(1.0)):
+            with pytest.raises(StateError, match='Scripted: is not part of a run'):
+                use()
+        assert Bench(nested(state, 'A')).outcome == 'done'
+
+
+def test_a_state_can_be_in_one_run_at_a_time() -> None:
+    state = Scripted()
+    made = nested(state, 'A')
+    first = Bench(made)
+    second = Bench(made, start=False)
+    with pytest.raises(StateError, match='/A: the state is part of a run that has not ended'):
+        second.run.start()
+    second.run.abort('it could not be started')
+    second.settle()
+    second.run.step()
+    assert second.outcome == 'error'
+    assert (first.active, state.calls('on_stop')) == (('/A',), 0)
+    first.stop()
+    assert Bench(made).active == ('/A',)

@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the operator does to a run besides confirming and forcing: pause, lock, breakpoints, repeat."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from flexbt_core.state_machine import Autonomy, DecisionKind, ExitReason
+from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+
+
+class Stubborn(Scripted):
+    """Goes on while it is blocked."""
+
+    runs_while_blocked = True
+
+
+def subject() -> tuple[Scripted, Bench]:
+    """FlexBE's fixture, in a machine of its own."""
+    state = Scripted('done', 'failed')
+    levels = {'done': Autonomy.Low, 'failed': Autonomy.High}
+    ways = {'done': 'done', 'failed': 'failed'}
+    inner = machine(Place('subject', state, ways, levels), outcomes=['done', 'failed'])
+    return state, Bench(machine(Place('M', inner, ways), outcomes=['done', 'failed']))
+
+
+# -- pause -----------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_returned_or_due_during_a_pause_counts_after_it() -> None:
+    state, bench = subject()
+    assert bench.resume() == 'the run is not paused'
+    assert bench.pause() is None
+    assert (state.trace[-1], bench.run.is_paused) == ('on_pause', True)
+    assert bench.pause() == 'the run is paused already'
+    state.end('done')
+    bench.settle()
+    bench.pass_time(10.0)
+    assert state.trace[-1] == 'on_pause'
+    for refusal in (bench.force('/M/subject', 'done'), bench.repeat('/M')):
+        assert refusal == 'the run is paused; resume it first'
+    assert bench.resume() is None
+    assert bench.outcome == 'done'
+    assert state.trace[-4:] == ['on_resume', 'execute', 'on_exit OUTCOME', 'on_stop']
+
+
+def test_a_decision_is_kept_during_a_pause_but_not_answered() -> None:
+    state, bench = subject()
+    bench.set_autonomy(Autonomy.Off)
+    state.end('done')
+    bench.settle()
+    decision = bench.decision
+    bench.pause()
+    assert (bench.decision, bench.confirm()) == (decision, 'the run is paused; resume it first')
+    assert bench.set_autonomy(Autonomy.Full) is None, 'it counts afterwards'
+    bench.resume()
+    assert bench.outcome == 'done'
+
+
+@pytest.mark.parametrize('pauses', [(3.0, 3.0), (0.1, 0.2), (1e9, 1e-9), (1 / 3, 7.7)])
+def test_the_time_of_a_state_stands_still_while_it_is_paused(pauses: tuple[float, ...]) -> None:
+    rung: list[float] = []
+
+    def enter(state: Scripted, _: Any) -> None:
+        state.wake_at(state.clock.now() + 1.3)
+        state.clock.call_at(state.clock.now() + 1.2, lambda: rung.append(state.clock.now()))
+
+    def execute(state: Scripted, _: Any) -> str | None:
+        if state.clock.now() >= began + 1.3:
+            return 'done'
+        state.wake_at(began + 1.3)
+        return None
+
+    state = Scripted(do={'on_enter': enter, 'execute': execute})
+    bench = Bench(machine(Place('A', state, {'done': 'ended'})), start=False)
+    bench.clock.set(1234.5)
+    began = 1234.5
+    bench.run.start()
+    bench.settle()
+    for pause in pauses:
+        bench.pass_time(0.4)
+        bench.pause()
+        stands = state.clock.now()
+        bench.pass_time(pause)
+        assert state.clock.now() == stands
+        bench.resume()
+    bench.pass_time(0.49)
+    assert (bench.outcome, len(rung)) == (None, 1)
+    bench.pass_time(0.02)
+    assert bench.outcome == 'ended'
+    assert rung == [pytest.approx(began + 1.2, abs=1e-6)]
+
+
+def test_an_alarm_that_is_due_in_a_pause_rings_after_it_unless_it_was_cancelled() -> None:
+    rung: list[str] = []
+    state, bench = subject()
+    for name in ('one', 'two'):
+        timer = state.clock.call_at(state.clock.now() + 1.0, lambda name=name: rung.append(name))  # type: ignore[misc]
+    bench.pause()
+    bench.pass_time(5.0)
+    timer.cancel()
+    bench.resume()
+    assert rung == []
+    bench.pass_time(1.5)
+    assert rung == ['one']
+
+
+def test_what_comes_to_rest_in_a_pause_is_followed_after_it() -> None:
+    busy = ['braking']
+    first, then = Scripted(do={'settled': lambda *_: busy[0] if busy else None}, outcome='done'), Scripted()
+    bench = Bench(machine(Place('A', first, {'done': 'B'}), Place('B', then, {'done': 'ended'})))
+    bench.pause()
+    assert 'on_pause' not in first.trace, 'it was left already'
+    busy.clear()
+    first.wake()
+    bench.settle()
+    assert then.trace == ['on_start']
+    bench.resume()
+    assert bench.active == ('/B',)
+
+
+def test_stop_works_during_a_pause() -> None:
+    state, bench = subject()
+    bench.pause()
+    bench.stop()
+    assert (bench.outcome, state.trace[-2:]) == ('preempted', ['on_exit PREEMPTED', 'on_stop'])
+
+
+# -- lock: FlexBE's tests, where a request is a decision -------------------------------------------------------------
+
+
+@pytest.mark.parametrize('path', ['/M/subject', '/M', '/'])
+def test_a_lock_holds_back_what_would_leave_it(path: str) -> None:
+    state, bench = subject()
+    assert bench.lock(path) is None
+    assert bench.lock(path) == f'{path} is locked already'
+    state.end('done')
+    bench.settle()
+    assert (bench.active, bench.run.decisions, bench.run.locked) == (('/M/subject',), [], [path])
+    state.end('failed')
+    bench.pass_time(10.0)
+    assert state.trace[-1] == 'execute', 'it is frozen'
+    assert bench.unlock(path) is None
+    assert bench.outcome == 'done'
+    assert bench.unlock('/nowhere') == 'the run has ended'
+
+
+def test_what_is_inside_a_locked_machine_goes_on() -> None:
+    first, last = Scripted(), Scripted()
+    inner = machine(Place('A', first, {'done': 'B'}), Place('B', last, {'done': 'ended'}))
+    bench = Bench(machine(Place('M', inner, {'ended': 'ended'})))
+    bench.lock('/M')
+    first.end('done')
+    last.do['on_enter'] = lambda state, _: setattr(state, 'outcome', 'done')
+    bench.settle()
+    assert (bench.active, last.calls('on_exit')) == (('/M/B',), 0)
+    bench.unlock('/M')
+    assert bench.outcome == 'ended'
+
+
+def test_a_lock_on_a_level_holds_back_what_would_leave_it_from_around_it() -> None:
+    state, bench = subject()
+    bench.lock('/M/subject')
+    assert bench.force('/M', 'failed') is None
+    assert bench.active == ('/M/subject',)
+    bench.unlock('/M/subject')
+    assert (bench.outcome, state.trace[-2]) == ('failed', 'on_exit PARENT_LEFT')
+
+
+def test_a_forced_outcome_is_held_back_and_a_stop_is_not() -> None:
+    state, bench = subject()
+    bench.set_autonomy(Autonomy.Off)
+    bench.lock('/M/subject')
+    assert bench.force('/M/subject', 'failed') is None
+    assert bench.active == ('/M/subject',)
+    bench.unlock('/M/subject')
+    assert (bench.outcome, state.trace[-2]) == ('failed', 'on_exit FORCED')
+    state, bench = subject()
+    bench.lock('/M')
+    state.end('done')
+    bench.settle()
+    bench.stop()
+    assert bench.outcome == 'preempted'
+
+
+def test_a_child_whose_end_would_end_a_concurrency_container_is_held_back_by_a_lock_on_another() -> None:
+    one, other = Scripted(), Scripted()
+    both = machine(Place('A', one), Place('B', other), conditions=[('ended', [('A', 'done')])])
+    bench = Bench(both)
+    bench.lock('/B')
+    one.end('done')
+    bench.settle()
+    assert bench.active == ('/A', '/B')
+    bench.unlock('/B')
+    assert bench.outcome == 'ended'
+
+
+def test_locks_and_breakpoints_of_what_there_is_not_are_refused() -> None:
+    _, bench = subject()
+    for command in (bench.lock, bench.set_breakpoint):
+        assert command('/M/none') == "there is no state '/M/none'"
+    assert bench.unlock('/M') == "'/M' is not one that is locked (none)"
+    bench.set_breakpoint('/M/subject')
+    assert bench.clear_breakpoint('/M') == "'/M' is not one that has a breakpoint (/M/subject)"
+
+
+# -- breakpoints -----------------------------------------------------------------------------------------------------
+
+
+def test_a_breakpoint_makes_each_transition_wait_whatever_the_autonomy() -> None:
+    state, bench = subject()
+    bench.set_breakpoint('/M/subject')
+    state.end('done')
+    bench.settle()
+    decision = bench.decision
+    assert (decision.kind, decision.path, decision.outcome) == (DecisionKind.TRANSITION, '/M/subject', 'done')
+    assert bench.set_autonomy(Autonomy.Full) is None
+    assert bench.decision == decision
+    assert bench.confirm() is None
+    assert bench.outcome == 'done'
+
+
+def test_without_the_breakpoint_the_autonomy_decides_again() -> None:
+    state, bench = subject()
+    bench.set_breakpoint('/M')
+    state.end('done')
+    bench.settle()
+    assert bench.decision.path == '/M'
+    assert bench.clear_breakpoint('/M') is None
+    assert bench.outcome == 'done'
+
+
+# -- repeat ----------------------------------------------------------------------------------------------------------
+
+
+def test_repeat_leaves_and_enters() -> None:
+    state, bench = subject()
+    for path in ('/M/subject', '/M'):
+        state.trace.clear()
+        assert bench.repeat(path) is None
+        reason = ExitReason.REPEATED if path == '/M/subject' else ExitReason.PARENT_LEFT
+        assert state.trace == [f'on_exit {reason.name}', 'on_enter', 'execute']
+        assert bench.transitions[-1] == (path, '', path, ExitReason.REPEATED)
+    assert bench.repeat('/') == 'the root cannot be left: stop the run'
+    assert bench.repeat('/x') == "there is no state '/x'"
+
+
+def test_since_when_a_state_is_active_is_told_on_the_clock_of_the_run() -> None:
+    _, bench = subject()
+    bench.pause()
+    bench.pass_time(2.0)
+    bench.resume()
+    assert [leaf.entered_at for leaf in bench.run.active_states()] == [0.0]
+    bench.repeat('/M/subject')
+    assert [leaf.entered_at for leaf in bench.run.active_states()] == [2.0]
+
+
+def test_repeat_waits_for_rest_and_forgets_what_was_wanted() -> None:
+    busy: list[str] = []
+    state = Scripted('done', outcome='done', do={'settled': lambda *_: busy[0] if busy else None})
+    bench = Bench(nested(state, 'A', {'done': Autonomy.Full}))
+    decision = bench.decision
+    state.outcome = None
+    busy.append('braking')
+    assert bench.repeat('/A') is None
+    assert (bench.run.decisions, state.calls('on_enter')) == ([], 1)
+    assert bench.repeat('/A') == '/A is being left already'
+    busy.clear()
+    state.wake()
+    bench.settle()
+    assert (bench.run.decisions, state.calls('on_enter')) == ([], 2)
+    assert bench.confirm(decision.id) is not None
+
+
+def test_repeat_of_what_is_around_something_locked_is_refused() -> None:
+    _, bench = subject()
+    bench.lock('/M/subject')
+    assert bench.repeat('/M') == '/M cannot be left, since /M/subject is locked; unlock it first'
+    assert bench.repeat('/M/subject') is None
+
+
+# -- states that go on while they are blocked ------------------------------------------------------------------------
+
+
+def test_a_state_that_goes_on_may_change_its_mind() -> None:
+    state = Stubborn('done', 'failed', outcome='done', rate=1.0)
+    bench = Bench(nested(state, 'A', {'done': Autonomy.Full, 'failed': Autonomy.Full}))
+    first = bench.decision
+    bench.pass_time(3.0)
+    assert (bench.decision, state.calls('execute')) == (first, 4)
+    state.outcome = None
+    bench.pass_time(1.0)
+    assert bench.run.decisions == []
+    state.outcome = 'failed'
+    bench.pass_time(1.0)
+    assert (bench.decision.outcome, bench.decision.id != first.id) == ('failed', True)
+    assert bench.confirm(first.id) is not None
+    assert bench.confirm() is None
+    assert bench.outcome == 'failed'
+
+
+def test_what_such_a_state_was_forced_to_or_failed_by_stands() -> None:
+    def boom(*_: Any) -> Any:
+        raise ArithmeticError
+
+    state = Stubborn('done', 'failed', outcome='done', rate=1.0)
+    bench = Bench(nested(state, 'A', {'done': Autonomy.Full, 'failed': Autonomy.Full}))
+    bench.lock('/A')
+    bench.force('/A', 'done')
+    bench.pass_time(3.0)
+    assert state.calls('execute') == 1
+    bench.unlock('/A')
+    assert bench.outcome == 'done'
+    state = Stubborn('done', 'failed', do={'execute': boom}, rate=1.0)
+    bench = Bench(nested(state, 'A', {'done': Autonomy.Full, 'failed': Autonomy.Full}))
+    bench.pass_time(3.0)
+    assert (state.calls('execute'), bench.decision.outcome) == (1, 'failed')
+
+
+def test_levels_of_sub_trees_are_told_where_they_differ() -> None:
+    bench = Bench(
+        machine(Place('M', nested(Scripted(), 'A/B'), {'done': 'N'}), Place('N', passing(), {'done': 'ended'}))
+    )
+    bench.set_autonomy(Autonomy.Low, '/M')
+    bench.set_autonomy(Autonomy.Full, '/M/A/B')
+    assert bench.run.autonomy_levels == {'/': 3, '/M': 1, '/M/A/B': 3}
+
+
+def test_a_state_that_takes_longer_than_its_period_is_left_all_the_same() -> None:
+    """It is due again as soon as it was executed; what it wants comes first."""
+
+    def take_long(state: Scripted, _: Any) -> str:
+        clock: Any = state._bound()._engine.clock
+        clock.set(clock.now() + 0.5)
+        return 'done'
+
+    slow = Stubborn(do={'execute': take_long}, rate=10.0)
+    bench = Bench(machine(Place('Slow', slow, {'done': 'ended'})))
+    assert (bench.outcome, slow.calls('execute')) == ('ended', 1)

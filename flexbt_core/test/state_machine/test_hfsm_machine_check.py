@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The check of a machine when it is built: all of its problems in one report, each with its place and a remedy."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+
+from flexbt_core.state_machine import (
+    Autonomy,
+    MachineError,
+    OperatableStateMachine,
+    StateKind,
+    StateMachineError,
+    define,
+)
+from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+
+END = {'done': 'ended'}
+
+
+def problems(made: OperatableStateMachine) -> tuple[str, ...]:
+    with pytest.raises(MachineError) as caught:
+        define(made)
+    assert str(caught.value) == '; '.join(caught.value.problems)
+    return caught.value.problems
+
+
+def keyed(inputs: str = '', outputs: str = '') -> Scripted:
+    return Scripted(input_keys=inputs.split(), output_keys=outputs.split())
+
+
+@pytest.mark.parametrize(
+    ('places', 'options', 'problem'),
+    [
+        ([], {}, '/: the machine has no states'),
+        ([Place('A', Scripted(), {'done': 'A'})], {'outcomes': []}, '/: the machine has no outcomes'),
+        ([Place('A', Scripted(), {})], {}, "/A: the outcome 'done' leads nowhere; add it to transitions"),
+        (
+            [Place('A', Scripted(), {'done': 'endet'})],
+            {},
+            "/A: the outcome 'done' leads to 'endet', which is neither a state nor an outcome of the machine; "
+            "did you mean 'ended'?",
+        ),
+        (
+            [Place('A', Scripted(), END | {'dome': 'ended'})],
+            {},
+            "/A: transition of 'dome', which is no outcome of it; did you mean 'done'?",
+        ),
+        ([Place('A', Scripted(), END, {'x': 1})], {}, "/A: autonomy of 'x', which is no outcome of it (done)"),
+        (
+            [Place('A', Scripted(), END, {'done': 4})],
+            {},
+            "/A: autonomy 4 of 'done' is none of the levels Off 0, Low 1, High 2, Full 3",
+        ),
+        (
+            [Place('A', keyed('goal'), END, {}, {'gaol': 'x'})],
+            {'input_keys': ['goal']},
+            "/A: remaps 'gaol', which is none of its keys; did you mean 'goal'?",
+        ),
+        ([Place('A', Scripted(), {'done': 'A'}), Place('A', Scripted(), END)], {}, "/A: the label 'A' is used twice"),
+        (
+            [Place('ended', Scripted(), {'done': 'ended'})],
+            {},
+            "/ended: 'ended' is both a state and an outcome of its machine, so that a transition to it is ambiguous",
+        ),
+        (
+            [Place('A', Scripted(), END), Place('B', Scripted(), END)],
+            {},
+            '/B: no transition leads to it from the initial state',
+        ),
+        (
+            [Place('A', Scripted(), {'done': 'preempted'})],
+            {'outcomes': ['preempted']},
+            "/: the outcome 'preempted' is reserved for runs that were stopped or failed; rename it",
+        ),
+        (
+            [Place('A', Scripted(), {'done': 'error'})],
+            {'outcomes': ['error']},
+            "/: the outcome 'error' is reserved for runs that were stopped or failed; rename it",
+        ),
+        (
+            [Place('A', keyed('_x'), END)],
+            {'input_keys': ['_x']},
+            "/: '_x' cannot be a userdata key: it is empty or begins with an underscore",
+        ),
+        (
+            [Place('A', keyed('', '_x'), END)],
+            {},
+            "/A: '_x' cannot be a userdata key: it is empty or begins with an underscore",
+        ),
+        (
+            [Place('A', Scripted(), END)],
+            {'output_keys': ['result']},
+            "/: the output key 'result' of the machine is written by none of its states",
+        ),
+    ],
+)
+def test_a_problem_is_named_with_its_place(places: list[Place], options: dict[str, Any], problem: str) -> None:
+    assert problem in problems(machine(*places, **options))
+
+
+@pytest.mark.parametrize('label', ['', 'A/B', ' A', 'A ', '/'])
+def test_a_label_that_cannot_be_part_of_a_path_is_refused(label: str) -> None:
+    assert any(f"'{label}' cannot be a label" in one for one in problems(machine(Place(label, Scripted(), END))))
+
+
+def test_a_key_that_nobody_can_have_written_is_named_with_both_ends() -> None:
+    inner = machine(Place('Use', keyed('pose'), END), input_keys=['pose'])
+    made = machine(
+        Place('Find', keyed('', 'place'), {'done': 'Go'}),
+        Place('Go', inner, {'ended': 'ended'}, {}, {'pose': 'plaza'}),
+    )
+    assert problems(made) == (
+        "/Go: reads userdata key 'pose' (remapped to 'plaza'); no state of / writes it, and it is neither an input nor "
+        "a default of the machine; did you mean 'place'?",
+    )
+
+
+@pytest.mark.parametrize('source', ['input', 'default', 'sibling', 'own default'])
+def test_a_key_may_come_from_an_input_a_default_a_sibling_or_a_default_of_its_own(source: str) -> None:
+    seen: list[Any] = []
+    use = Scripted(outcome='done', do={'execute': lambda _, userdata: seen.append(userdata.key)}, input_keys=['key'])
+    own = {'key': 1} if source == 'own default' else {}
+    inner = machine(Place('Use', use, END), input_keys=['key'], defaults=own)
+    give = Scripted(
+        outcome='done',
+        do={'execute': lambda _, userdata: userdata.__setitem__('key', 1)} if source == 'sibling' else {},
+        output_keys=['key'] if source == 'sibling' else [],
+    )
+    made = machine(
+        Place('Give', give, {'done': 'Inner'}),
+        Place('Inner', inner, {'ended': 'ended'}),
+        input_keys=['key'] if source == 'input' else [],
+        defaults={'key': 1} if source == 'default' else {},
+    )
+    bench = Bench(made, userdata={'key': 1} if source == 'input' else {})
+    assert (bench.outcome, seen, bench.faults) == ('ended', [1], [])
+
+
+def test_all_problems_of_all_levels_are_in_one_report() -> None:
+    inner = machine(
+        Place('One', Scripted(), {'done': 'Two'}),
+        Place('Lost', keyed('x'), {'done': 'ended'}),
+    )
+    made = machine(
+        Place('First', Scripted('error'), {'error': 'Inner'}, {'nope': 9}),
+        Place('Inner', inner, {'ended': 'nowhere'}),
+        output_keys=['y'],
+    )
+    expected = [
+        ('/First', "autonomy of 'nope'"),
+        ('/First', "autonomy 9 of 'nope'"),
+        ('/Inner', "leads to 'nowhere'"),
+        ('/', "output key 'y'"),
+        ('/Inner/One', "leads to 'Two'"),
+        ('/Inner/Lost', 'no transition leads to it'),
+        ('/Inner/Lost', "reads userdata key 'x'"),
+    ]
+    for problem, (path, words) in zip(problems(made), expected, strict=True):
+        assert problem.startswith(f'{path}: ')
+        assert words in problem
+
+
+def test_one_object_in_two_places_is_refused() -> None:
+    state = Scripted()
+    inner = machine(Place('C', state, END))
+    made = machine(Place('A', state, {'done': 'B'}), Place('B', inner, {'ended': 'ended'}))
+    assert problems(made) == ('/B/C: the same state object is also /A; make one for each place',)
+
+
+def test_a_machine_in_itself_is_refused_once() -> None:
+    made = machine(Place('A', Scripted(), {'done': 'B'}))
+    with made:
+        OperatableStateMachine.add('B', made, {'ended': 'ended'})
+    assert problems(made) == ('/B: the same state object is also /; make one for each place',)
+
+
+def test_a_default_that_cannot_be_copied_is_refused() -> None:
+    made = nested(passing(), 'A')
+    made.userdata['lock'] = threading.Lock()
+    (problem,) = problems(made)
+    assert problem.startswith("/: the default of userdata key 'lock', a lock, cannot be copied: ")
+
+
+@pytest.mark.parametrize('state', [Scripted, None, 'Scripted', object()])
+def test_what_is_no_state_cannot_be_added(state: Any) -> None:
+    made = OperatableStateMachine(outcomes=['ended'])
+    with made, pytest.raises(StateMachineError, match=r"cannot add 'A': .* is neither a state object nor a machine"):
+        OperatableStateMachine.add('A', state, END)
+
+
+def test_without_an_open_machine_nothing_can_be_added() -> None:
+    made = OperatableStateMachine(outcomes=['ended'])
+    with pytest.raises(ArithmeticError), made:
+        raise ArithmeticError
+    with pytest.raises(StateMachineError, match="cannot add 'A': no machine is open"):
+        OperatableStateMachine.add('A', Scripted(), END)
+
+
+def test_machines_are_built_in_threads_at_the_same_time() -> None:
+    def build(number: int) -> None:
+        with made[number]:
+            barrier.wait(10.0)
+            OperatableStateMachine.add(f'S{number}', Scripted(), END)
+            barrier.wait(10.0)
+
+    made = [OperatableStateMachine(outcomes=['ended']) for _ in range(2)]
+    barrier = threading.Barrier(2)
+    threads = [threading.Thread(target=build, args=(number,)) for number in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10.0)
+    assert [[child.label for child in one.children] for one in made] == [['S0'], ['S1']]
+
+
+def test_a_definition_does_not_change_with_what_it_was_made_of() -> None:
+    transitions, autonomy = {'done': 'ended'}, {'done': Autonomy.High}
+    made = machine(Place('A', Scripted(), transitions, autonomy), defaults={'x': 1})
+    definition = define(made)
+    before = definition.structure()
+    transitions['done'] = 'A'
+    autonomy['done'] = Autonomy.Off
+    made.userdata['x'] = 2
+    with made:
+        OperatableStateMachine.add('B', Scripted(), END)
+    assert definition.structure() == before
+    assert definition.defaults == {'x': 1}
+
+
+def test_the_structure_says_where_each_outcome_leads_and_what_it_requires() -> None:
+    inner = machine(Place('C', Scripted('x', 'y'), {'x': 'C', 'y': 'out'}, {'y': Autonomy.Full}), outcomes=['out'])
+    made = machine(Place('A', Scripted(), {'done': 'B'}), Place('B', inner, {'out': 'ended'}, {'out': Autonomy.Off}))
+    shown = [
+        (one.path, one.kind, one.children, one.outcomes, one.targets, one.autonomy) for one in define(made).structure()
+    ]
+    assert shown == [
+        ('/', StateKind.MACHINE, ('A', 'B'), ('ended',), ('',), (-1,)),
+        ('/A', StateKind.STATE, (), ('done',), ('/B',), (-1,)),
+        ('/B', StateKind.MACHINE, ('C',), ('out',), ('=ended',), (0,)),
+        ('/B/C', StateKind.STATE, (), ('x', 'y'), ('/B/C', '=out'), (-1, 3)),
+    ]
+
+
+def test_a_state_or_an_inner_machine_may_use_the_names_of_the_ends_of_runs() -> None:
+    """In FlexBE an outcome 'preempted' of any state ends the whole behavior, whatever it is connected to."""
+    inner = machine(Place('One', Scripted('error', outcome='error'), {'error': 'preempted'}), outcomes=['preempted'])
+    bench = Bench(machine(Place('Inner', inner, {'preempted': 'Last'}), Place('Last', Scripted(), END)))
+    assert (bench.outcome, bench.active) == (None, ('/Last',))

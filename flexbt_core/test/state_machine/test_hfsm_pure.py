@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The core is pure Python: a fresh interpreter that has no ROS imports all of it, and runs a machine."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+PROGRAM = """
+import sys, threading
+
+class Guard:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition('.')[0]
+        if top not in sys.stdlib_module_names and not name.startswith('flexbt_core'):
+            raise ImportError(f'{name} must not be imported by the state machine')
+
+sys.meta_path.insert(0, Guard())
+import importlib, pkgutil
+import flexbt_core.state_machine as engine
+for module in pkgutil.walk_packages(engine.__path__, engine.__name__ + '.'):
+    importlib.import_module(module.name)
+imported = {name for name in sys.modules if name.startswith('flexbt_')}
+others = {name for name in imported if not name.startswith('flexbt_core.state_machine')}
+others -= {'flexbt_core', 'flexbt_core.clock', 'flexbt_core.clock.clock', 'flexbt_core.clock.timer_queue'}
+assert not others, others
+
+from flexbt_core.clock.clock import ManualClock
+
+class Pass(engine.EventState):
+    def execute(self, userdata):
+        return 'done'
+
+class Quiet:
+    def __getattr__(self, name):
+        return lambda *arguments: None
+
+machine = engine.OperatableStateMachine(outcomes=['ended'])
+with machine:
+    engine.OperatableStateMachine.add('Pass', Pass(outcomes=['done']), {'done': 'ended'})
+run = engine.MachineRun(engine.define(machine), ManualClock(), Quiet())
+run.start()
+assert not run.step()
+assert threading.active_count() == 1
+print(run.outcome)
+"""
+
+
+def test_the_core_imports_no_ros_and_starts_no_thread() -> None:
+    result = subprocess.run([sys.executable, '-c', PROGRAM], capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == 'ended'

@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Random machines under random operations: the engine does what a model does, and keeps its promises at each moment.
+
+By hand, with more and larger machines: HFSM_EXAMPLES=1700 HFSM_STATES=200 python -m pytest test/test_hfsm_random.py
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from random import Random
+
+import hypothesis.strategies as st
+from hypothesis import HealthCheck, settings
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from flexbt_core.state_machine import ExitReason, OperatableStateMachine, Position
+from flexbt_testing.state_machines.bench import Bench
+from flexbt_testing.state_machines.random_machines import Node, Puppet, build, random_machine
+from flexbt_testing.state_machines.reference_model import LIVELOCK, Model
+
+KINDS = {'TRANSITION': 'transition', 'CHOICE': 'choice'}
+CALLBACKS = ('on_enter', 'on_exit', 'on_pause', 'on_resume')
+NUMBERS = st.integers(0, 200)
+
+
+class Watched(Bench):
+    """Checks each transition: that the operator has approved it, or need not."""
+
+    def __init__(self, root: Node, made: OperatableStateMachine, autonomy: int, at: Position | None = None) -> None:
+        self.nodes = {node.path: node for node in root.all()}
+        self.approved: set[tuple[str, str]] = set()
+        self.under_way: set[str] = set()
+        if at is not None:
+            self.approved |= {(path, at.wanted[path]) for path in at.approved}
+            self.under_way |= set(at.leaving)
+        super().__init__(made, autonomy=autonomy, max_transitions=LIVELOCK, at=at)
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+        super().transition(path, outcome, target, reason)
+        if outcome and path not in self.under_way and not self.may_pass(path, outcome):
+            assert (path, outcome) in self.approved, f'{path} was left by {outcome} without approval'
+        assert outcome or target == path
+        self.under_way = {one for one in self.under_way if not f'{one}/'.startswith(f'{path}/')}
+        self.approved = {one for one in self.approved if not f'{one[0]}/'.startswith(f'{path}/')}
+
+    def may_pass(self, path: str, outcome: str) -> bool:
+        """Whether it may be left without the operator."""
+        return self.nodes[path].required[outcome] < self.run.autonomy_of(path) and path not in self.run.breakpoints
+
+    def note_what_is_under_way(self) -> None:
+        """What was left while that was allowed goes on when it is not allowed any more."""
+        for region in self.run.regions():
+            if region.child is not None and region.is_leaving:
+                self.under_way.add(region.child.path)
+
+    def approving(self, path: str, outcome: str, command: Callable[[], str | None]) -> str | None:
+        """Give a command that approves of an outcome, unless it is refused."""
+        before = set(self.approved)
+        self.approved.add((path, outcome))
+        refusal = command()
+        if refusal is not None:
+            self.approved = before
+        return refusal
+
+
+def running(run: RandomRun) -> bool:
+    """Whether the run goes on."""
+    return run.model.outcome is None
+
+
+class RandomRun(RuleBasedStateMachine):
+    """The operations are those of the world (news, rest, time) and of the operator; after the end it begins again."""
+
+    @initialize(seed=st.integers(0, 2**32), level=st.integers(0, 3))
+    def build(self, seed: int, level: int) -> None:
+        self.root = random_machine(Random(seed))
+        self.nodes = list(self.root.all())
+        self._begin(level)
+
+    def _begin(self, level: int, at: Position | None = None) -> None:
+        machine, puppets = build(self.root)
+        self.puppets = puppets
+        self.bench = Watched(self.root, machine, level, at)
+        if at is None:
+            self.model = Model(self.root, level)
+
+    @precondition(lambda self: not running(self))
+    @rule(level=st.integers(0, 3))
+    def begin_again(self, level: int) -> None:
+        self.teardown()
+        self._begin(level)
+
+    # -- the world ---------------------------------------------------------------------------------------------------
+
+    @precondition(running)
+    @rule(number=NUMBERS, here=st.integers(0, 4), choice=st.sampled_from([0, 0, 1, 1, 2, 2, None]))
+    def news(self, number: int, here: int, choice: int | None) -> None:
+        puppet = self._puppet(number, here)
+        outcome = None if choice is None else puppet.node.outcomes[choice % len(puppet.node.outcomes)]
+        puppet.outcome = outcome
+        puppet.wake()
+        self.bench.settle()
+        self.model.news(puppet.node, outcome)
+
+    @precondition(lambda self: running(self) and self.model.active)
+    @rule(number=NUMBERS)
+    def rest(self, number: int) -> None:
+        puppet = self._puppet(number, 1)
+        puppet.rest()
+        self.bench.settle()
+        self.model.rest(puppet.node)
+
+    @precondition(running)
+    @rule(seconds=st.sampled_from([1.0, 2.0, 3.0]))
+    def pass_time(self, seconds: float) -> None:
+        self.bench.pass_time(seconds)
+        self.model.pass_time(seconds)
+
+    # -- the operator ------------------------------------------------------------------------------------------------
+
+    @precondition(running)
+    @rule(level=st.sampled_from([0, 1, 2, 3, 3]), number=NUMBERS)
+    def autonomy(self, level: int, number: int) -> None:
+        path = self.nodes[number % len(self.nodes)].path if number % 3 else '/'
+        self.bench.note_what_is_under_way()
+        refusal = self.bench.set_autonomy(level, path)
+        assert (refusal is None) is self.model.set_autonomy(level, path), refusal
+
+    @precondition(lambda self: self.model.pending)
+    @rule(number=NUMBERS)
+    def confirm(self, number: int) -> None:
+        pending = self.model.pending
+        self._confirm(pending[number % len(pending)][0])
+
+    @precondition(lambda self: self.model.decisions > 0)
+    @rule(back=st.integers(0, 3))
+    def confirm_late(self, back: int) -> None:
+        self._confirm(self.model.decisions - back)
+
+    def _confirm(self, number: int) -> None:
+        _, path, outcome = dict(self.model.pending).get(number, ('', '', ''))
+        refusal = self.bench.approving(path, outcome, lambda: self.bench.confirm(str(number)))
+        assert (refusal is None) is self.model.confirm(number), refusal
+
+    @rule(
+        number=NUMBERS,
+        here=st.integers(0, 3),
+        outcome=st.sampled_from([0, 0, 1, 1, 2, 'x']),
+        back=st.sampled_from([None, None, None, 0, 1]),
+    )
+    def force(self, number: int, here: int, outcome: int | str, back: int | None) -> None:
+        node = self._node(number, here)
+        wanted = outcome if isinstance(outcome, str) else node.outcomes[outcome % len(node.outcomes)]
+        decision = None if back is None else self.model.decisions - back
+        number_text = '' if decision is None else str(decision)
+        refusal = self.bench.approving(node.path, wanted, lambda: self.bench.force(node.path, wanted, number_text))
+        accepted = self.model.force(node.path, wanted, decision) if node.parent is not None else False
+        assert (refusal is None) is accepted, refusal
+
+    @rule(number=NUMBERS, here=st.integers(0, 3))
+    def repeat(self, number: int, here: int) -> None:
+        path = self._node(number, here).path
+        refusal = self.bench.repeat(path)
+        assert (refusal is None) is self.model.repeat(path), refusal
+
+    @rule(number=NUMBERS, here=st.integers(0, 3))
+    def lock(self, number: int, here: int) -> None:
+        path = self._node(number, here).path
+        refusal = self.bench.lock(path)
+        assert (refusal is None) is self.model.mark(self.model.locked, path), refusal
+
+    @rule(number=NUMBERS, at_random=st.booleans())
+    def unlock(self, number: int, at_random: bool) -> None:
+        path = self._marked(self.model.locked, number, at_random)
+        refusal = self.bench.unlock(path)
+        assert (refusal is None) is self.model.unmark(self.model.locked, path), refusal
+
+    @rule(number=NUMBERS, here=st.integers(0, 3))
+    def set_breakpoint(self, number: int, here: int) -> None:
+        path = self._node(number, here).path
+        self.bench.note_what_is_under_way()
+        refusal = self.bench.set_breakpoint(path)
+        assert (refusal is None) is self.model.mark(self.model.breakpoints, path), refusal
+
+    @rule(number=NUMBERS)
+    def clear_breakpoint(self, number: int) -> None:
+        path = self._marked(self.model.breakpoints, number, False)
+        refusal = self.bench.clear_breakpoint(path)
+        assert (refusal is None) is self.model.unmark(self.model.breakpoints, path), refusal
+
+    @rule(wants_it=st.integers(0, 3))
+    def pause_or_resume(self, wants_it: int) -> None:
+        is_paused = self.model.is_paused if wants_it == 0 else not self.model.is_paused
+        if is_paused and wants_it == 1:
+            return  # it would stand still most of the time
+        refusal = self.bench.pause() if is_paused else self.bench.resume()
+        assert (refusal is None) is self.model.pause(is_paused), refusal
+
+    @precondition(running)
+    @rule(number=st.integers(0, 9))
+    def stop(self, number: int) -> None:
+        if number == 0:
+            self.bench.stop()
+            self.model.stop()
+
+    @precondition(lambda self: not self.model.stands)
+    @rule()
+    def switch(self) -> None:
+        machine, puppets = build(self.root)
+        refusal = self.bench.switch(machine)
+        assert (refusal is None) is self.model.switch(), refusal
+        if refusal is None:
+            active = [leaf.state for leaf in self.bench.run.active_states()]
+            assert all(puppet.calls('on_stop') == (puppet not in active) for puppet in self.puppets)
+            self.puppets += puppets
+
+    @precondition(lambda self: not self.model.stands)
+    @rule()
+    def go_on_after_a_crash(self) -> None:
+        """What was written down is enough for another run, in another process, to go on there."""
+        position = Position.from_plain(json.loads(json.dumps(self.bench.run.position().to_plain())))
+        assert position == self.bench.run.position()
+        self._begin(0, position)
+        self.model.resume()
+
+    # -- what they are about -----------------------------------------------------------------------------------------
+
+    def _puppet(self, number: int, here: int) -> Puppet:
+        """One of the run: an active one if there is one and ``here`` is not 0."""
+        active = self.bench.run.active_states() if here else []
+        chosen = active or list(self.bench.run._root.leaves())
+        puppet = chosen[number % len(chosen)].state
+        assert isinstance(puppet, Puppet)
+        return puppet
+
+    def _node(self, number: int, here: int) -> Node:
+        active = [seat.occupant for seat in self.model.seats()] if here else []
+        chosen = active or self.nodes
+        return chosen[number % len(chosen)]
+
+    def _marked(self, marked: set[str], number: int, at_random: bool) -> str:
+        chosen = sorted(marked)
+        return self._node(number, 0).path if at_random or not chosen else chosen[number % len(chosen)]
+
+    # -- what has to hold --------------------------------------------------------------------------------------------
+
+    @invariant()
+    def agree(self) -> None:
+        bench, model = self.bench, self.model
+        assert bench.outcome == model.outcome
+        assert bench.active == tuple(node.path for node in model.active)
+        assert [leaf.path for leaf in bench.run.active_states() if leaf.is_paused] == model.paused
+        shown = [(int(one.id), (KINDS[one.kind.name], one.path, one.outcome)) for one in bench.run.decisions]
+        assert shown == model.pending
+        assert (bench.run.locked, bench.run.breakpoints) == (sorted(model.locked), sorted(model.breakpoints))
+        visits = [event for event in bench.trace if event.startswith(CALLBACKS)]
+        assert visits == model.events
+        assert [(path, outcome, reason.name) for path, outcome, _, reason in bench.transitions] == model.transitions
+
+    @invariant()
+    def each_visit_has_one_beginning_and_one_end(self) -> None:
+        inside: set[str] = set()
+        paused: set[str] = set()
+        for event in self.bench.trace:
+            callback, _, rest = event.partition(' ')
+            path = rest.partition(' ')[0]
+            if callback == 'on_enter':
+                assert path not in inside, event
+                inside.add(path)
+            elif callback in ('on_exit', 'execute', 'on_pause', 'on_resume'):
+                assert path in inside, event
+                assert callback not in ('execute', 'on_pause') or path not in paused, event
+                assert callback != 'on_resume' or path in paused, event
+            if callback == 'on_pause':
+                paused.add(path)
+            elif callback in ('on_resume', 'on_exit'):
+                paused.discard(path)
+                inside -= {path} if callback == 'on_exit' else set()
+
+    @invariant()
+    def the_operator_was_shown_what_is(self) -> None:
+        before = self.bench.pictures[-1]
+        self.bench.changed()
+        assert self.bench.pictures.pop() == before
+
+    @invariant()
+    def another_step_would_change_nothing(self) -> None:
+        """Nothing is left that somebody would have to ring for."""
+        events, pictures = len(self.bench.trace), len(self.bench.pictures)
+        self.bench.run.step()
+        assert (len(self.bench.trace), len(self.bench.pictures)) == (events, pictures)
+
+    def teardown(self) -> None:
+        if not hasattr(self, 'bench'):
+            return
+        self.bench.stop()
+        self.bench.pass_time(4.0)
+        assert self.bench.outcome is not None
+        for puppet in self.puppets:
+            assert puppet.calls('on_enter') == puppet.calls('on_exit')
+            assert (puppet.calls('on_start'), puppet.calls('on_stop')) == (1, 1)
+        assert self.bench.clock.next_alarm() is None
+
+
+TestRandomRuns = RandomRun.TestCase
+TestRandomRuns.settings = settings(
+    max_examples=int(os.environ.get('HFSM_EXAMPLES', '50')),
+    stateful_step_count=60,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+)

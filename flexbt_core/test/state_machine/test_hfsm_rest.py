@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What was left comes to rest before anything else begins; and when it does not, that is known after a while."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine import ExitReason, OperatableStateMachine
+from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested
+
+
+class Braking(Scripted):
+    """Is at rest when it is told."""
+
+    def __init__(self, *outcomes: str, outcome: str | None = None) -> None:
+        super().__init__(*outcomes, outcome=outcome)
+        self.at_rest = False
+        self.asked = 0
+
+    def settled(self) -> str | None:
+        self.asked += 1
+        return None if self.at_rest else 'braking'
+
+    def rest(self) -> None:
+        self.at_rest = True
+        self.wake()
+
+
+def before_next(state: Scripted, next_state: Scripted | None = None) -> OperatableStateMachine:
+    """The state in machines that it ends, and another one after them."""
+    ways = dict.fromkeys(state.outcomes, 'Next')
+    return machine(
+        Place('Inner', nested(state, 'A/B'), ways), Place('Next', next_state or Scripted(), {'done': 'ended'})
+    )
+
+
+def test_the_next_state_is_entered_when_the_last_one_is_at_rest() -> None:
+    state, after = Braking(), Scripted()
+    bench = Bench(before_next(state, after))
+    state.end('done')
+    bench.settle()
+    assert state.trace[-1] == 'on_exit OUTCOME'
+    assert bench.active == ('/Inner/A/B',), 'it is still at work'
+    bench.pass_time(2.9)
+    assert after.trace == ['on_start']
+    assert (bench.faults, bench.transitions) == ([], [])
+    state.rest()
+    bench.settle()
+    assert bench.active == ('/Next',)
+    bench.pass_time(100.0)
+    assert bench.faults == []
+
+
+def test_a_state_that_comes_to_rest_is_not_asked_all_the_time() -> None:
+    state = Braking(outcome='done')
+    bench = Bench(before_next(state))
+    asked = state.asked
+    bench.pass_time(2.5)
+    assert state.asked == asked
+    assert bench.run.next_wake is None
+
+
+def test_after_its_time_it_is_reported_and_the_machine_goes_on() -> None:
+    state = Braking(outcome='done')
+    bench = Bench(before_next(state))
+    bench.pass_time(3.0)
+    assert bench.faults == [('/Inner/A/B', 'was not at rest 3 s after it was left: braking')]
+    assert bench.active == ('/Next',)
+    assert state.calls('on_exit') == 1
+
+
+def test_the_time_is_wall_time_not_that_of_the_run() -> None:
+    steady = ManualClock()
+    bench = Bench(before_next(Braking(outcome='done')), steady=steady)
+    bench.pass_time(1000.0)
+    assert bench.active == ('/Inner/A/B',)
+    steady.advance(3.0)
+    bench.settle()
+    assert bench.active == ('/Next',)
+
+
+def test_a_stop_waits_for_rest_and_says_when_it_is_not_confirmed() -> None:
+    state = Braking()
+    bench = Bench(before_next(state))
+    bench.stop('lunch')
+    assert state.trace[-1] == 'on_exit PREEMPTED'
+    assert bench.run.outcome is None
+    assert bench.active == ('/Inner/A/B',)
+    assert state.calls('on_stop') == 0
+    bench.pass_time(3.0)
+    text = 'not confirmed to be at rest 3 s after the stop: braking'
+    assert bench.faults == [('/Inner/A/B', text)]
+    assert (bench.outcome, bench.run.message) == ('preempted', f'lunch; /Inner/A/B is {text}')
+    assert (state.calls('on_exit'), state.calls('on_stop')) == (1, 1)
+
+
+def test_a_stop_while_a_state_comes_to_rest_gives_it_its_full_time() -> None:
+    state, after = Braking(outcome='done'), Scripted()
+    bench = Bench(before_next(state, after))
+    bench.pass_time(2.0)
+    bench.stop()
+    bench.pass_time(2.0)
+    assert bench.run.outcome is None
+    state.rest()
+    bench.settle()
+    assert (bench.outcome, bench.run.message, bench.faults) == ('preempted', 'test', [])
+    assert after.trace == ['on_start', 'on_stop']
+    assert state.calls('on_exit') == 1
+    assert bench.clock.next_alarm() is None
+
+
+@pytest.mark.parametrize('path', ['/Inner/A/B', '/Inner/A', '/Inner'])
+def test_a_force_while_a_state_comes_to_rest(path: str) -> None:
+    """The state is being left, which cannot be undone; what is around it may be left as well, when it is at rest."""
+    state = Braking('done', 'other', outcome='done')
+    bench = Bench(before_next(state))
+    refusal = bench.force(path, 'other')
+    state.rest()
+    bench.settle()
+    assert bench.active == ('/Next',)
+    assert state.calls('on_exit') == 1
+    taken = [(where, outcome, reason) for where, outcome, _, reason in bench.transitions]
+    if path == '/Inner/A/B':
+        assert refusal == '/Inner/A/B is being left already'
+        assert taken[0] == ('/Inner/A/B', 'done', ExitReason.OUTCOME)
+    else:
+        assert refusal is None
+        assert taken[0] == (path, 'other', ExitReason.FORCED)
+
+
+@pytest.mark.parametrize('path', ['/Inner/A/B', '/Inner/A', '/Inner'])
+def test_nothing_in_a_machine_that_is_being_left_can_be_forced(path: str) -> None:
+    state = Braking('done', 'other')
+    bench = Bench(before_next(state))
+    assert bench.force('/Inner', 'done') is None
+    assert state.trace[-1] == 'on_exit PARENT_LEFT'
+    assert bench.force(path, 'other') == f'{path} is being left already'
+    state.rest()
+    bench.settle()
+    assert [taken[:2] for taken in bench.transitions] == [('/Inner', 'done')]
+
+
+def test_a_machine_that_was_forced_while_it_came_to_rest_is_as_new_when_it_is_entered_again() -> None:
+    state = Braking('done', 'again', outcome='done')
+    inner = machine(
+        Place('B', state, {'done': 'C', 'again': 'again'}),
+        Place('C', Scripted(), {'done': 'again'}),
+        outcomes=['again'],
+    )
+    bench = Bench(machine(Place('A', inner, {'again': 'A'})))
+    assert bench.force('/A', 'again') is None
+    state.outcome = None
+    state.rest()
+    bench.settle()
+    assert bench.active == ('/A/B',)
+    assert (state.calls('on_enter'), state.calls('on_exit'), state.calls('execute')) == (2, 1, 2)
+    bench.pass_time(10.0)
+    assert (bench.active, bench.faults) == (('/A/B',), [])
+    state.end('done')
+    bench.settle()
+    assert bench.active == ('/A/C',)
+
+
+def test_the_time_for_rest_is_not_that_of_an_earlier_visit() -> None:
+    state = Braking('done', outcome='done')
+    inner = machine(Place('B', state, {'done': 'out'}), outcomes=['out'])
+    bench = Bench(machine(Place('A', inner, {'out': 'A'})))
+    bench.pass_time(1.0)
+    assert bench.force('/A', 'out') is None
+    state.outcome = None
+    state.rest()
+    bench.settle()
+    assert state.calls('on_enter') == 2
+    state.at_rest = False
+    state.end('done')
+    bench.settle()
+    assert bench.clock.next_alarm() == 4.0
+    bench.pass_time(2.9)
+    assert bench.faults == []
+    bench.pass_time(0.2)
+    assert len(bench.faults) == 1
+
+
+def test_each_visit_has_the_full_time_again() -> None:
+    state = Braking('again', outcome='again')
+    bench = Bench(machine(Place('A', state, {'again': 'A'})))
+    for number in range(1, 4):
+        bench.pass_time(3.0)
+        assert len(bench.faults) == number
+    assert state.calls('on_exit') == 4
+
+
+def test_a_state_may_say_that_it_is_at_rest_already_in_on_exit() -> None:
+    def rest(state: Any, _: Any) -> None:
+        state.rest()
+
+    state = Braking(outcome='done')
+    state.do['on_exit'] = rest
+    bench = Bench(before_next(state))
+    assert bench.active == ('/Next',)

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stopping a run at each point of it, and commands that come when it ends or has ended."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from flexbt_core.state_machine import Autonomy, OperatableStateMachine, StateMachineError
+from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+
+CALLBACKS = ('on_start', 'on_enter', 'execute', 'on_exit', 'on_stop')
+
+
+def stop_run(state: Scripted, _: Any) -> None:
+    state.services.run.preempt(f'in {state.path}')
+
+
+def three(states: list[Scripted]) -> OperatableStateMachine:
+    """The second is in machines of its own."""
+    return machine(
+        Place('One', states[0], {'done': 'Two'}),
+        Place('Two', nested(states[1], 'A/B'), {'done': 'Three'}),
+        Place('Three', states[2], {'done': 'ended'}),
+    )
+
+
+PATHS = ('/One', '/Two/A/B', '/Three')
+
+
+@pytest.mark.parametrize('number', range(3))
+@pytest.mark.parametrize('callback', CALLBACKS)
+def test_a_stop_in_any_callback_of_any_state_comes_before_everything_that_would_follow(
+    callback: str, number: int
+) -> None:
+    states = [passing() for _ in range(3)]
+    states[number].do[callback] = stop_run
+    bench = Bench(three(states))
+    is_over = callback == 'on_stop'
+    assert bench.outcome == ('ended' if is_over else 'preempted')
+    assert bench.run.message == ('' if is_over else f'in {PATHS[number]}')
+    for state in states:
+        assert (state.calls('on_start'), state.calls('on_stop')) == (1, 1)
+        assert state.calls('on_enter') == state.calls('on_exit') <= 1
+    entered = [number for number, state in enumerate(states) if state.calls('on_enter')]
+    assert entered == list(range({'on_start': 0, 'on_stop': 3}.get(callback, number + 1)))
+    if callback in ('on_enter', 'execute'):
+        assert states[number].trace[-2:] == ['on_exit PREEMPTED', 'on_stop']
+        assert states[number].calls('execute') == (callback == 'execute')
+
+
+def test_a_stop_before_the_start_enters_nothing() -> None:
+    states = [passing() for _ in range(3)]
+    bench = Bench(three(states), start=False)
+    bench.stop('changed my mind')
+    assert [state.trace for state in states] == [[]] * 3
+    bench.run.start()
+    bench.settle()
+    assert (bench.outcome, bench.run.message) == ('preempted', 'changed my mind')
+    assert [state.trace for state in states] == [['on_start', 'on_stop']] * 3
+
+
+def test_a_run_starts_once() -> None:
+    bench = Bench(three([Scripted(), Scripted(), Scripted()]))
+    with pytest.raises(StateMachineError, match='starts only once'):
+        bench.run.start()
+    assert bench.active == ('/One',)
+
+
+@pytest.mark.parametrize('kind', ['transition', 'choice', 'machine'])
+def test_a_stop_while_something_waits_for_the_operator(kind: str) -> None:
+    state = passing() if kind != 'choice' else Scripted(do={'execute': lambda state, _: state.ask('?')})
+    level = {'done': Autonomy.Full}
+    inner = machine(Place('A', state, {'done': 'done'}, level if kind != 'machine' else {}), outcomes=['done'])
+    bench = Bench(machine(Place('M', inner, {'done': 'ended'}, level)))
+    decision = bench.decision
+    bench.stop()
+    assert bench.outcome == 'preempted'
+    assert bench.pictures[-1].decisions == ()
+    assert bench.confirm(decision.id) == 'the run has ended'
+    assert (state.calls('on_enter'), state.calls('on_exit')) == (1, 1)
+
+
+def test_the_first_reason_of_a_stop_stays() -> None:
+    state = Scripted(do={'settled': lambda *_: 'braking'})
+    bench = Bench(nested(state, 'A'))
+    for reason in ('lunch', 'fire'):
+        bench.stop(reason)
+    state.do.clear()
+    state.wake()
+    bench.settle()
+    assert (bench.outcome, bench.run.message, state.calls('on_exit')) == ('preempted', 'lunch', 1)
+
+
+def commands(bench: Bench, answers: list[str | None]) -> None:
+    bench.run.confirm('1', answers.append)
+    bench.run.force('/A', 'done', '', answers.append)
+    bench.run.set_autonomy(Autonomy.Off, '', answers.append)
+
+
+@pytest.mark.parametrize('how', ['end', 'stop', 'fault'])
+def test_commands_after_the_end_are_refused_at_once_each(how: str) -> None:
+    def boom(*_: Any) -> None:
+        raise ArithmeticError
+
+    state = passing() if how == 'end' else Scripted(do={'execute': boom} if how == 'fault' else {})
+    bench = Bench(nested(state, 'A'))
+    bench.stop()
+    outcome = {'end': 'done', 'stop': 'preempted', 'fault': 'error'}[how]
+    assert bench.outcome == outcome
+    answers: list[str | None] = []
+    commands(bench, answers)
+    assert answers == ['the run has ended'] * 3
+    bench.run.preempt('too late')
+    assert not bench.run.step()
+    assert (bench.outcome, bench.run.message) == (outcome, bench.run.message)
+    assert 'too late' not in bench.run.message
+    assert bench.run.autonomy_of('/A') == Autonomy.Full
+    assert state.calls('on_stop') == 1
+
+
+@pytest.mark.parametrize('callback', ['on_exit', 'on_stop'])
+def test_commands_while_the_run_ends_are_refused_each_once(callback: str) -> None:
+    answers: list[str | None] = []
+    state = Scripted(outcome='done', do={callback: lambda state, _: commands(state.services, answers)})
+    bench = Bench(nested(state, 'A'), start=False)
+    bench.run.start()
+    bench.run.preempt('test')
+    bench.settle()
+    assert bench.outcome == 'preempted'
+    assert len(answers) == 3
+    assert set(answers) <= {'the run is ending', 'the run has ended'}
+
+
+def test_commands_that_are_given_before_a_stop_has_its_effect_are_refused() -> None:
+    state = Scripted()
+    bench = Bench(nested(state, 'A'))
+    answers: list[str | None] = []
+    commands(bench, answers)
+    bench.run.preempt('now')
+    bench.settle()
+    assert answers == ['the run is ending'] * 3
+    assert state.trace[-2:] == ['on_exit PREEMPTED', 'on_stop']
+
+
+def test_a_command_before_the_start_is_kept_for_it() -> None:
+    bench = Bench(nested(passing(), 'A', {'done': Autonomy.Low}), start=False)
+    answers: list[str | None] = []
+    bench.run.set_autonomy(Autonomy.Off, '', answers.append)
+    bench.settle()
+    assert answers == []
+    bench.run.start()
+    bench.settle()
+    assert answers == [None]
+    assert bench.decision.path == '/A'
+
+
+def test_of_two_commands_each_has_its_effect_before_the_other_is_looked_at() -> None:
+    first, second = Scripted(), Scripted()
+    bench = Bench(machine(Place('A', first, {'done': 'B'}), Place('B', second, {'done': 'ended'})))
+    answers: list[str | None] = []
+    bench.run.force('/A', 'done', '', answers.append)
+    bench.run.force('/A', 'done', '', answers.append)
+    bench.settle()
+    assert answers == [None, '/A is being left already']
+    assert bench.active == ('/B',)
+    assert bench.force('/A', 'done') == '/A is not active (active: /B)'
+
+
+def test_an_answer_may_give_the_next_command() -> None:
+    bench = Bench(nested(Scripted(), 'A'))
+    answers: list[str | None] = []
+
+    def retry(refusal: str | None) -> None:
+        answers.append(refusal)
+        if len(answers) < 3:
+            bench.run.force('/B', 'done', '', retry)
+
+    bench.run.force('/B', 'done', '', retry)
+    bench.settle()
+    assert answers == ["there is no state '/B'"] * 3
+
+
+def test_a_stop_ends_even_a_host_that_gives_a_command_for_each_answer() -> None:
+    bench = Bench(nested(Scripted(), 'A'))
+    count = [0]
+
+    def retry(_: str | None) -> None:
+        count[0] += 1
+        if count[0] == 100:
+            bench.run.preempt('enough')
+        if bench.outcome is None and count[0] < 1000:
+            bench.run.force('/B', 'done', '', retry)
+
+    bench.run.force('/B', 'done', '', retry)
+    bench.settle()
+    assert bench.outcome == 'preempted'
+    assert count[0] < 1000

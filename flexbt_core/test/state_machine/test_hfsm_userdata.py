@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Userdata in a run: declared keys, remapping through levels, scopes, copies, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from typing import Any
+
+import pytest
+
+from flexbt_core.state_machine import OperatableStateMachine, UserData
+from flexbt_testing.state_machines.bench import Bench, Do, Place, Scripted, machine, passing
+
+
+def read(key: str, into: list[Any]) -> Do:
+    return lambda _, userdata: into.append(userdata[key])
+
+
+def write(**values: Any) -> Do:
+    def act(_: Scripted, userdata: UserData) -> None:
+        for key, value in values.items():
+            userdata[key] = value
+
+    return act
+
+
+def reader(key: str, into: list[Any], **options: Any) -> Scripted:
+    return Scripted('done', 'failed', outcome='done', do={'execute': read(key, into)}, input_keys=[key], **options)
+
+
+def writer(**values: Any) -> Scripted:
+    return Scripted('done', 'failed', outcome='done', do={'execute': write(**values)}, output_keys=list(values))
+
+
+NAMES = ('goal', 'target', 'goal', 'place')
+"""A key on each level, from the state outwards. The name of the inmost one comes again further out, for another key."""
+
+
+def wired(state: Scripted, *, inputs: bool) -> OperatableStateMachine:
+    """A state in three machines, each of which remaps its key."""
+    made: Scripted | OperatableStateMachine = state
+    for own, outer in itertools.pairwise(NAMES):
+        place = Place('In', made, {'done': 'done', 'failed': 'failed'}, {}, {own: outer})
+        keys = {'input_keys' if inputs else 'output_keys': [outer]}
+        made = machine(place, outcomes=['done', 'failed'], **keys)  # type: ignore[arg-type]
+    assert isinstance(made, OperatableStateMachine)
+    return made
+
+
+def test_an_input_is_read_through_three_levels_of_remapping() -> None:
+    seen: list[Any] = []
+    bench = Bench(wired(reader('goal', seen), inputs=True), userdata={'place': 'kitchen', 'goal': 'a', 'target': 'b'})
+    assert (bench.outcome, seen) == ('done', ['kitchen'])
+
+
+def test_an_output_is_written_through_three_levels_of_remapping() -> None:
+    bench = Bench(wired(writer(goal='kitchen'), inputs=False))
+    assert (bench.outcome, bench.run.userdata()) == ('done', {'place': 'kitchen'})
+
+
+@pytest.mark.parametrize(
+    ('do', 'words'),
+    [
+        (lambda _, userdata: userdata.secret, "cannot read userdata key 'secret'; declare it in input_keys"),
+        (lambda _, userdata: userdata['secret'], "cannot read userdata key 'secret'; declare it in input_keys"),
+        (write(secret=1), "cannot write userdata key 'secret'; declare it in output_keys"),
+        (lambda _, userdata: setattr(userdata, 'secret', 1), "cannot write userdata key 'secret'; declare it in"),
+        (write(given=1), "cannot write userdata key 'given'; declare it in output_keys"),
+        (lambda _, userdata: userdata.missing, "userdata key 'missing' (remapped to 'absent') has no value; nobody"),
+        (lambda _, userdata: setattr(userdata, '_private', 1), 'userdata keys do not begin with an underscore'),
+    ],
+)
+def test_what_is_not_declared_or_not_there_is_a_fault_that_says_what_to_do(do: Do, words: str) -> None:
+    state = Scripted('done', 'failed', outcome='done', do={'execute': do}, input_keys=['given', 'missing'])
+    root = machine(
+        Place('Work', state, {'done': 'done', 'failed': 'failed'}, {}, {'missing': 'absent'}),
+        outcomes=['done', 'failed'],
+        input_keys=['given', 'absent'],
+    )
+    bench = Bench(root, userdata={'given': 1, 'secret': 2})
+    assert bench.outcome == 'failed'
+    ((path, text),) = bench.faults
+    assert path == '/Work'
+    assert words in text
+    assert '/Work: ' in text or '_private' in text
+    assert bench.run.userdata() == {'given': 1, 'secret': 2}
+
+
+def test_what_there_is_can_be_listed() -> None:
+    def look(_: Scripted, userdata: UserData) -> None:
+        seen.extend([list(userdata), len(userdata), 'a' in userdata, 'b' in userdata, 'c' in userdata, repr(userdata)])
+
+    seen: list[Any] = []
+    state = Scripted(outcome='done', do={'execute': look}, input_keys=['a', 'b'])
+    bench = Bench(
+        machine(Place('One', state, {'done': 'ended'}, {}, {'a': 'z'}), input_keys=['z', 'b', 'c']),
+        userdata={'z': 'zebra', 'c': 3},
+    )
+    assert bench.outcome == 'ended'
+    assert seen == [['a'], 1, True, False, False, "UserData(a='zebra')"]
+
+
+def test_what_is_only_read_is_a_copy_and_what_is_written_too_is_the_thing_itself() -> None:
+    def change(_: Scripted, userdata: UserData) -> None:
+        userdata.items.append(1)
+        seen.append(list(userdata.items))
+
+    seen: list[Any] = []
+    mine = Scripted(outcome='done', do={'execute': change}, input_keys=['items'])
+    ours = Scripted(outcome='done', do={'execute': change}, io_keys=['items'])
+    bench = Bench(
+        machine(Place('Mine', mine, {'done': 'Ours'}), Place('Ours', ours, {'done': 'ended'}), input_keys=['items']),
+        userdata={'items': [0]},
+    )
+    assert bench.outcome == 'ended'
+    assert seen == [[0, 1], [0, 1]]
+    assert bench.run.userdata() == {'items': [0, 1]}
+
+
+def test_one_key_of_the_machine_as_input_and_output_of_a_state_can_be_read_after_it_was_written() -> None:
+    def update(_: Scripted, userdata: UserData) -> None:
+        before = userdata['before']
+        userdata['after'] = [*before, 2]
+        seen.append((before, userdata['before'], userdata['after']))
+
+    seen: list[Any] = []
+    state = Scripted(outcome='done', do={'execute': update}, input_keys=['before'], output_keys=['after'])
+    bench = Bench(
+        machine(Place('One', state, {'done': 'ended'}, {}, {'before': 'items', 'after': 'items'}), io_keys=['items']),
+        userdata={'items': [1]},
+    )
+    assert bench.outcome == 'ended'
+    assert seen == [([1], [1, 2], [1, 2])]
+
+
+def test_a_value_that_cannot_be_copied_is_shared_only_with_who_declares_to() -> None:
+    lock = threading.Lock()
+    seen: list[Any] = []
+    bench = Bench(nested_in_root(reader('lock', seen)), userdata={'lock': lock})
+    assert bench.outcome == 'failed'
+    assert "the lock in userdata key 'lock' cannot be copied" in bench.faults[0][1]
+    assert 'declare the key in io_keys' in bench.faults[0][1]
+    sharing = Scripted('done', 'failed', outcome='done', do={'execute': read('lock', seen)}, io_keys=['lock'])
+    assert Bench(nested_in_root(sharing), userdata={'lock': lock}).outcome == 'done'
+    assert seen == [lock]
+
+
+def nested_in_root(state: Scripted) -> OperatableStateMachine:
+    return machine(
+        Place('One', state, {'done': 'done', 'failed': 'failed'}), outcomes=['done', 'failed'], input_keys=['lock']
+    )
+
+
+def loop(inner: OperatableStateMachine, visits: int) -> OperatableStateMachine:
+    """The machine again and again."""
+    left = [visits]
+
+    def decide(state: Scripted, _: Any) -> str:
+        left[0] -= 1
+        return 'again' if left[0] else 'done'
+
+    return machine(
+        Place('Inner', inner, {'ended': 'Check'}),
+        Place('Check', Scripted('again', 'done', do={'execute': decide}), {'again': 'Inner', 'done': 'ended'}),
+        output_keys=['result'],
+        defaults={'result': None},
+    )
+
+
+def test_each_visit_of_a_machine_and_each_run_begins_with_its_defaults() -> None:
+    def append(_: Scripted, userdata: UserData) -> None:
+        userdata.items.append(len(userdata.items))
+        seen.append(list(userdata.items))
+
+    seen: list[Any] = []
+    state = Scripted(outcome='done', do={'execute': append}, io_keys=['items'])
+    inner = machine(Place('One', state, {'done': 'ended'}), defaults={'items': []})
+    made = loop(inner, 3)
+    assert Bench(made).outcome == 'ended'
+    assert seen == [[0]] * 3
+    state = Scripted(outcome='done', do={'execute': append}, io_keys=['items'])
+    root = machine(Place('One', state, {'done': 'ended'}), defaults={'items': []})
+    seen.clear()
+    for _ in range(2):
+        assert Bench(root).run.userdata() == {'items': [0]}
+
+
+def test_a_default_yields_to_what_is_around_the_machine() -> None:
+    seen: list[Any] = []
+    place = Place('One', reader('speed', seen), {'done': 'ended', 'failed': 'ended'})
+    inner = machine(place, input_keys=['speed'], defaults={'speed': 1})
+    root = machine(Place('Inner', inner, {'ended': 'ended'}, {}, {'speed': 'limit'}), input_keys=['limit'])
+    assert Bench(root, userdata={'limit': 5}).outcome == 'ended'
+    assert Bench(root).outcome == 'ended'
+    assert seen == [5, 1]
+
+
+def test_the_default_of_an_output_is_what_the_machine_gives_when_no_state_writes_it() -> None:
+    """The check of the machine counts it as written, so whoever reads it has to find it."""
+    seen: list[Any] = []
+    quiet = machine(Place('Pass', passing(), {'done': 'ended'}), output_keys=['result'], defaults={'result': 'nothing'})
+    last = reader('found', seen)
+    root = machine(
+        Place('Quiet', quiet, {'ended': 'Last'}, {}, {'result': 'found'}),
+        Place('Last', last, {'done': 'ended', 'failed': 'ended'}),
+    )
+    assert Bench(root).outcome == 'ended'
+    assert seen == ['nothing']
+
+
+def test_what_a_machine_does_not_declare_stays_in_it() -> None:
+    inner = machine(
+        Place('Write', writer(shown=1, hidden=2), {'done': 'ended', 'failed': 'ended'}), output_keys=['shown']
+    )
+    bench = Bench(machine(Place('Inner', inner, {'ended': 'ended'}), output_keys=['shown']))
+    assert bench.run.userdata() == {'shown': 1}
+
+
+def test_a_state_that_is_left_sees_its_userdata_in_on_exit() -> None:
+    state = Scripted(do={'on_exit': write(last='seen')}, output_keys=['last'])
+    bench = Bench(machine(Place('One', state, {'done': 'ended'}), output_keys=['last']))
+    bench.stop()
+    assert bench.run.userdata() == {'last': 'seen'}
+
+
+def test_a_value_given_at_the_start_is_taken_over_a_default() -> None:
+    seen: list[Any] = []
+    made = machine(Place('One', reader('a', seen), {'done': 'ended', 'failed': 'ended'}), defaults={'a': 1})
+    assert Bench(made, userdata={'a': 2}).outcome == 'ended'
+    assert Bench(made).outcome == 'ended'
+    assert seen == [2, 1]

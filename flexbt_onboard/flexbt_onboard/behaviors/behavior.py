@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an installed behavior is: a manifest, parameters, and a state machine that it builds.
+
+A package makes a behavior known by an entry point in its ``setup.py``::
+
+    entry_points={'flexbt.behaviors': ['patrol = my_package.patrol:Patrol']}
+"""
+
+from __future__ import annotations
+
+import keyword
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Final
+
+from flexbt_onboard.errors import ManifestError, ParameterError
+
+if TYPE_CHECKING:
+    from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine
+
+ParameterValue = bool | int | float | str
+
+_TYPE_NAMES: Final[dict[type, str]] = {bool: 'bool', int: 'int', float: 'float', str: 'string'}
+_TRUE: Final = frozenset({'true', 'yes', 'on', '1'})
+_FALSE: Final = frozenset({'false', 'no', 'off', '0'})
+
+
+@dataclass(frozen=True)
+class BehaviorParameter:
+    """A parameter that can be set when a behavior is started.
+
+    The type is that of ``default``: bool, int, float or str. ``choices`` limits the values; it is empty when
+    any value of the type will do.
+
+    Raises:
+        ManifestError: the name is no Python identifier, or default and choices do not fit together.
+    """
+
+    name: str
+    default: ParameterValue
+    description: str = ''
+    choices: Sequence[ParameterValue] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'choices', tuple(self.choices))
+        if not self.name.isidentifier() or keyword.iskeyword(self.name) or self.name.startswith('_'):
+            raise ManifestError(f'parameter {self.name!r}: the name must be a Python identifier without leading "_"')
+        if type(self.default) not in _TYPE_NAMES:
+            raise ManifestError(
+                f'parameter {self.name!r}: the default {self.default!r} is a {type(self.default).__name__}; '
+                f'a parameter is one of {", ".join(_TYPE_NAMES.values())}'
+            )
+        for choice in self.choices:
+            if type(choice) is not type(self.default):
+                raise ManifestError(f'parameter {self.name!r}: the choice {choice!r} is not a {self.type}')
+        if self.choices and self.default not in self.choices:
+            raise ManifestError(f'parameter {self.name!r}: the default {self.default!r} is not one of its choices')
+
+    @property
+    def type(self) -> str:
+        """Name of the type: one of bool, int, float, string."""
+        return _TYPE_NAMES[type(self.default)]
+
+    def from_text(self, text: str) -> ParameterValue:
+        """Convert what an operator wrote.
+
+        Raises:
+            ParameterError: it is no value of the type, or none of the choices.
+        """
+        try:
+            return self.checked(_CONVERTERS[self.type](text))
+        except ValueError as error:
+            raise ParameterError(
+                f'parameter {self.name!r}: {text!r} is not a value of type {self.type}: {error}'
+            ) from None
+
+    def checked(self, value: ParameterValue) -> ParameterValue:
+        """Check a value that has a type already; an int is taken for a float.
+
+        Raises:
+            ParameterError: another type, or none of the choices.
+        """
+        if self.type == 'float' and type(value) is int:
+            value = float(value)
+        if type(value) is not type(self.default):
+            raise ParameterError(
+                f'parameter {self.name!r}: {value!r} is a {type(value).__name__}, not a value of type {self.type}'
+            )
+        if self.choices and value not in self.choices:
+            allowed = ', '.join(parameter_text(choice) for choice in self.choices)
+            raise ParameterError(
+                f'parameter {self.name!r}: {parameter_text(value)!r} is none of its choices ({allowed})'
+            )
+        return value
+
+
+@dataclass(frozen=True)
+class BehaviorManifest:
+    """What a behavior says of itself: the unique name by which it is started, and what the operator should know.
+
+    Raises:
+        ManifestError: no name, or two parameters of the same name.
+    """
+
+    name: str
+    description: str = ''
+    author: str = ''
+    parameters: Sequence[BehaviorParameter] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'parameters', tuple(self.parameters))
+        if not self.name.strip() or '/' in self.name:
+            raise ManifestError(f'behavior {self.name!r}: the name must not be empty or contain "/"')
+        names = [parameter.name for parameter in self.parameters]
+        for name in names:
+            if names.count(name) > 1:
+                raise ManifestError(f'behavior {self.name!r}: two parameters have the name {name!r}')
+
+
+class OperatorGone(Enum):
+    """What happens to a run when no console of an operator has been there for some time."""
+
+    CONTINUE = 'continue'
+    HOLD = 'hold'
+    STOP = 'stop'
+
+
+class Behavior:
+    """Base of the behaviors: derive, set :attr:`manifest`, and implement :meth:`create`.
+
+    Each parameter is an attribute of the instance with the value that the operator gave, or its default. The
+    constructor takes no arguments and is called when behaviors are listed, too: it declares parameters, no more.
+    States are made in :meth:`create`, which is called once for each run.
+    """
+
+    manifest: BehaviorManifest
+
+    operator_gone: OperatorGone = OperatorGone.CONTINUE
+    """What to do when no operator has been there for :attr:`operator_gone_after`: go on, pause, or stop."""
+
+    operator_gone_after: float = 10.0
+    """Seconds of wall time."""
+
+    def __init__(self) -> None:
+        manifest = getattr(self, 'manifest', None)
+        if not isinstance(manifest, BehaviorManifest):
+            raise ManifestError(f'class {type(self).__name__}: set the class attribute manifest to a BehaviorManifest')
+        self.name = manifest.name
+        self._parameters: dict[str, BehaviorParameter] = {}
+        for parameter in manifest.parameters:
+            self._declare(parameter)
+
+    @property
+    def parameters(self) -> Mapping[str, BehaviorParameter]:
+        """The declared parameters by name."""
+        return self._parameters
+
+    def add_parameter(
+        self,
+        name: str,
+        default: ParameterValue,
+        description: str = '',
+        choices: Sequence[ParameterValue] = (),
+    ) -> None:
+        """Declare a parameter, as FlexBE behaviors do in their constructor. Repeating the manifest's is allowed.
+
+        Raises:
+            ManifestError: bad declaration, or one that contradicts the manifest's.
+        """
+        known = self._parameters.get(name)
+        if known is None:
+            self._declare(BehaviorParameter(name, default, description, choices))
+        elif type(known.default) is not type(default) or known.default != default:
+            raise ManifestError(
+                f'behavior {self.name!r}: parameter {name!r} is declared twice, with the defaults '
+                f'{known.default!r} and {default!r}'
+            )
+
+    def set_parameter(self, name: str, value: ParameterValue) -> None:
+        """Give a parameter a value of its type.
+
+        Raises:
+            ParameterError: no such parameter, or a value that it does not take.
+        """
+        setattr(self, name, self._parameter(name).checked(value))
+
+    def set_arguments(self, arguments: Sequence[tuple[str, str]]) -> None:
+        """Give parameters the values that an operator wrote, as pairs of name and text: all of them, or none.
+
+        Raises:
+            ParameterError: a name that is not declared or given twice, or a text that is no value of the type.
+        """
+        values: dict[str, ParameterValue] = {}
+        for name, text in arguments:
+            if name in values:
+                raise ParameterError(f'parameter {name!r} is given twice')
+            values[name] = self._parameter(name).from_text(text)
+        for name, value in values.items():
+            setattr(self, name, value)
+
+    def create(self) -> OperatableStateMachine | MachineDefinition:
+        """Build the state machine from the parameters' values. Called on the thread of the run.
+
+        A definition is what :func:`flexbt_onboard.behaviors.machine_file.read_machine` makes of YAML. It has the
+        state objects of one run, so it is made anew by each call.
+        """
+        raise NotImplementedError(f'behavior {self.name!r} does not implement create()')
+
+    def _declare(self, parameter: BehaviorParameter) -> None:
+        if hasattr(Behavior, parameter.name) or parameter.name == 'name':
+            raise ManifestError(
+                f'behavior {self.name!r}: a parameter cannot have the name {parameter.name!r}: '
+                'every behavior has an attribute of that name'
+            )
+        self._parameters[parameter.name] = parameter
+        setattr(self, parameter.name, parameter.default)
+
+    def _parameter(self, name: str) -> BehaviorParameter:
+        try:
+            return self._parameters[name]
+        except KeyError:
+            known = ', '.join(self._parameters) or 'none'
+            raise ParameterError(f'behavior {self.name!r} has no parameter {name!r}; it has: {known}') from None
+
+
+def parameter_text(value: ParameterValue) -> str:
+    """A parameter's value as text; :meth:`BehaviorParameter.from_text` gives back the same value."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _to_bool(text: str) -> bool:
+    word = text.strip().lower()
+    if word in _TRUE:
+        return True
+    if word in _FALSE:
+        return False
+    raise ValueError('write true or false')
+
+
+def _to_int(text: str) -> int:
+    try:
+        return int(text.strip())
+    except ValueError:
+        raise ValueError('write a whole number') from None
+
+
+def _to_float(text: str) -> float:
+    try:
+        value = float(text.strip())
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise ValueError('write a number')
+    return value
+
+
+_CONVERTERS: Final[dict[str, Callable[[str], ParameterValue]]] = {
+    'bool': _to_bool,
+    'int': _to_int,
+    'float': _to_float,
+    'string': str,
+}

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The installed behaviors, found through the entry points of Python packages.
+
+A behavior that cannot be loaded is listed with its error: it is the operator who needs to know, and the other
+behaviors go on working.
+"""
+
+from __future__ import annotations
+
+import difflib
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint, entry_points
+from typing import Final
+
+from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
+from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
+from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
+
+from .behavior import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
+
+ENTRY_POINT_GROUP: Final = 'flexbt.behaviors'
+"""Entry point group under which packages list their behaviors."""
+
+SOURCES_GROUP: Final = 'flexbt.behavior_sources'
+"""Entry point group of functions that find behaviors which are listed otherwise: they give ``BehaviorEntry`` s."""
+
+
+@dataclass(frozen=True)
+class BehaviorEntry:
+    """One installed behavior, usable when ``error`` is empty.
+
+    ``name`` is the manifest's, or ``package/name`` where two packages use the same one. ``make`` makes a new behavior.
+    """
+
+    name: str
+    package: str
+    manifest: BehaviorManifest
+    parameters: tuple[BehaviorParameter, ...]
+    make: Callable[[], Behavior] | None
+    error: str = ''
+
+    def instantiate(self) -> Behavior:
+        """Make a new behavior.
+
+        Raises:
+            BrokenBehaviorError: it could not be loaded.
+        """
+        if self.make is None:
+            raise BrokenBehaviorError(f'behavior {self.name!r} of package {self.package!r} is broken: {self.error}')
+        return self.make()
+
+    def to_message(self) -> BehaviorManifestMessage:
+        """What the operator is told of it."""
+        return BehaviorManifestMessage(
+            name=self.name,
+            package=self.package,
+            description=self.manifest.description,
+            author=self.manifest.author,
+            parameters=[
+                BehaviorParameterMessage(
+                    name=parameter.name,
+                    type=parameter.type,
+                    default_value=parameter_text(parameter.default),
+                    choices=[parameter_text(choice) for choice in parameter.choices],
+                    description=parameter.description,
+                )
+                for parameter in self.parameters
+            ],
+            error=self.error,
+        )
+
+
+class BehaviorLibrary:
+    """The behaviors that can be run, by name."""
+
+    def __init__(self, entries: Iterable[BehaviorEntry]) -> None:
+        found = list(entries)
+        uses = Counter(entry.name for entry in found)
+        unique = [
+            replace(entry, name=f'{entry.package}/{entry.name}') if uses[entry.name] > 1 else entry for entry in found
+        ]
+        self._entries: dict[str, BehaviorEntry] = {}
+        for entry in sorted(unique, key=lambda entry: entry.name):
+            if entry.name in self._entries:
+                reason = f'package {entry.package!r} has several behaviors of this name; rename all but one'
+                entry = replace(entry, make=None, error=reason)
+            self._entries[entry.name] = entry
+
+    @classmethod
+    def discover(cls) -> BehaviorLibrary:
+        """Find the behaviors of all installed packages; never raises because of one of them."""
+        listed = [load_entry(point) for point in entry_points(group=ENTRY_POINT_GROUP)]
+        found = [entry for point in entry_points(group=SOURCES_GROUP) for entry in _entries_of_source(point)]
+        return cls([*listed, *found])
+
+    @property
+    def entries(self) -> Mapping[str, BehaviorEntry]:
+        """All of them, sorted by name."""
+        return self._entries
+
+    def find(self, name: str) -> BehaviorEntry:
+        """The behavior called ``name``, or ``package/name``.
+
+        Raises:
+            UnknownBehaviorError: there is none, or several packages have one.
+        """
+        entry = self._entries.get(name)
+        if entry is not None:
+            return entry
+        package, _, short = name.rpartition('/')
+        same = [entry for entry in self._entries.values() if entry.manifest.name == (short if package else name)]
+        if package and len(same) == 1 and same[0].package == package:
+            return same[0]
+        if not package and same:
+            choices = ' or '.join(sorted(repr(entry.name) for entry in same))
+            raise UnknownBehaviorError(f'several packages have a behavior {name!r}; say {choices}')
+        near = difflib.get_close_matches(name, self._entries, n=1)
+        hint = f'; did you mean {near[0]!r}?' if near else ''
+        known = ', '.join(self._entries) or 'none'
+        raise UnknownBehaviorError(f'no installed behavior is called {name!r}{hint} (installed: {known})')
+
+
+def load_entry(point: EntryPoint) -> BehaviorEntry:
+    """Load one behavior; what goes wrong becomes the entry's error."""
+    package = point.dist.name.replace('-', '_') if point.dist is not None else point.module.partition('.')[0]
+    try:
+        loaded = point.load()
+        if not (isinstance(loaded, type) and issubclass(loaded, Behavior)):
+            raise TypeError(f'{point.value} is {loaded!r:.80}, not a class derived from Behavior')
+        behavior = loaded()
+        if loaded.create is Behavior.create:
+            raise TypeError(f'{point.value} does not implement create()')
+        return BehaviorEntry(
+            loaded.manifest.name, package, loaded.manifest, tuple(behavior.parameters.values()), loaded
+        )
+    except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
+        name = point.name.replace('/', '_')
+        return BehaviorEntry(name, package, BehaviorManifest(name), (), None, described(error))
+
+
+def _entries_of_source(point: EntryPoint) -> Iterator[BehaviorEntry]:
+    try:
+        yield from point.load()()
+    except Exception as error:
+        package = point.module.partition('.')[0]
+        yield BehaviorEntry(point.name, package, BehaviorManifest(point.name), (), None, described(error))
+
+
+def described(error: BaseException) -> str:
+    """The error with the place in the behavior's own files, on one line."""
+    text = ' '.join(f'{type(error).__name__}: {error}'.split())
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if 'importlib' not in frame.filename]
+    if len(frames) <= 1:  # not raised in the behavior's code
+        return text
+    return f'{text} ({frames[-1].filename}:{frames[-1].lineno})'

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From what somebody wants to be run to a checked machine with its inputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexbt_common.values.entries import from_entry
+from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine, Position, define
+from flexbt_msgs.msg import BehaviorStructure, BlackboardEntry, StateStructure
+from flexbt_onboard.errors import ManifestError, ParameterError
+
+from .behavior import Behavior, OperatorGone
+from .behavior_library import BehaviorEntry
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What to run: arguments are pairs of parameter name and text, inputs go to the userdata of the root machine.
+
+    ``by`` is who wants it: an operator, or a program. ``at`` is the position at which it goes on after a crash. One
+    that is not ``is_durable`` does not: whoever wanted it would not know of it any more.
+    """
+
+    entry: BehaviorEntry
+    arguments: Sequence[tuple[str, str]]
+    inputs: Sequence[BlackboardEntry]
+    autonomy: int
+    by: str = ''
+    at: Position | None = None
+    is_durable: bool = True
+
+
+def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:
+    """Make the behavior and its machine, and check it. Code of the behavior may raise anything.
+
+    Raises:
+        ParameterError: an argument does not fit, or what was built is no machine.
+        ManifestError: what the behavior wants when the operator is gone is none of what there is.
+        MachineError: the machine is wrong.
+    """
+    behavior = request.entry.instantiate()
+    behavior.set_arguments(request.arguments)
+    gone, after = behavior.operator_gone, behavior.operator_gone_after
+    if not isinstance(gone, OperatorGone) or not isinstance(after, int | float) or not 0.0 < after < math.inf:
+        raise ManifestError(
+            f'behavior {behavior.name!r}: operator_gone has to be an OperatorGone, and operator_gone_after a number of '
+            f'seconds above 0, not {gone!r} and {after!r}'
+        )
+    return behavior, definition_of(behavior)
+
+
+def definition_of(behavior: Behavior) -> MachineDefinition:
+    """The checked machine that a behavior creates. Its code may raise anything.
+
+    Raises:
+        ParameterError: what was created is no machine.
+        MachineError: the machine is wrong.
+    """
+    machine: Any = behavior.create()
+    if isinstance(machine, MachineDefinition):
+        return machine  # has been checked when it was made
+    if not isinstance(machine, OperatableStateMachine):
+        raise ParameterError(
+            f'create() has to return an OperatableStateMachine or a MachineDefinition, not {machine!r:.60}'
+        )
+    return define(machine)
+
+
+def structure_message(definition: MachineDefinition, run_id: str, behavior: str) -> BehaviorStructure:
+    """The structure of a run for the consoles."""
+    return BehaviorStructure(
+        run_id=run_id,
+        behavior=behavior,
+        states=[
+            StateStructure(
+                path=entry.path,
+                kind=entry.kind.value,
+                type=entry.type_name,
+                children=list(entry.children),
+                outcomes=list(entry.outcomes),
+                targets=list(entry.targets),
+                autonomy=list(entry.autonomy),
+            )
+            for entry in definition.structure()
+        ],
+    )
+
+
+def checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEntry]) -> dict[str, Any]:
+    """The values of the inputs by userdata key; all that are needed, and no others.
+
+    Raises:
+        ParameterError: one is missing, unknown or given twice.
+        FlexbtError: a value cannot be converted.
+    """
+    accepted = {*definition.input_keys, *definition.defaults}
+    values: dict[str, Any] = {}
+    for entry in inputs:
+        if entry.key not in accepted:
+            known = ', '.join(sorted(accepted)) or 'none'
+            raise ParameterError(f'input {entry.key!r} is no userdata key of the behavior; it takes: {known}')
+        if entry.key in values:
+            raise ParameterError(f'input {entry.key!r} is given twice')
+        values[entry.key] = from_entry(entry)
+    for key in definition.input_keys:
+        if key not in values and key not in definition.defaults:
+            raise ParameterError(f'input {key!r} is needed and has no default; give it with the start')
+    return values

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The journal of an executive's runs: what is written of a run, and what is made of it after a crash.
+
+A run that an operator has started goes on after a crash, when an operator wants it to. One that a program has started
+does not: nobody waits for its result any more.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexbt_common.cli.user_files import home_path
+from flexbt_common.errors import FlexbtError
+from flexbt_core.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError
+from flexbt_msgs.msg import BlackboardEntry, CommandResult
+from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.commands.command_answers import CommandAnswer, Decided
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.record.event_log import file_stem
+
+from .journal import Decided as Result
+from .journal import Journal
+from .plain_form import from_plain_form, to_plain_form
+
+
+@dataclass(frozen=True)
+class InterruptedRun:
+    """A run that the end of the executive interrupted; everything as it was written."""
+
+    run_id: str
+    behavior: str
+    arguments: Sequence[tuple[str, str]]
+    inputs: Sequence[BlackboardEntry]
+    by: str
+    plain_position: Any
+
+    @property
+    def active(self) -> list[str]:
+        """Paths of the states that were active, or were to be entered."""
+        paths = [*self._part('active', []), *self._part('coming', [])]
+        return [path for path in paths if not any(other.startswith(f'{path}/') for other in paths)]
+
+    @property
+    def levels(self) -> Mapping[str, int]:
+        """Levels of autonomy by path, that of the root included."""
+        return dict(self._part('levels', {}))
+
+    @property
+    def locked(self) -> list[str]:
+        """What was locked."""
+        return list(self._part('locked', []))
+
+    @property
+    def breakpoints(self) -> list[str]:
+        """What had a breakpoint."""
+        return list(self._part('breakpoints', []))
+
+    @property
+    def autonomy(self) -> int:
+        """The level of the run."""
+        return self.levels.get(ROOT_PATH, 0)
+
+    def position(self) -> Position | None:
+        """Where the run goes on; None at its beginning.
+
+        Raises:
+            CommandRefusedError: what was written cannot be read again.
+        """
+        if self.plain_position is None:
+            return None
+        try:
+            return Position.from_plain(from_plain_form(self.plain_position))
+        except (FlexbtError, StateMachineError) as error:
+            raise CommandRefusedError(
+                f'run {self.run_id} cannot go on where it was: {error}; abort it, and start the behavior anew'
+            ) from error
+
+    def _part(self, name: str, nothing: Any) -> Any:
+        return self.plain_position.get(name, nothing) if isinstance(self.plain_position, dict) else nothing
+
+
+class RunJournal:
+    """Writes what happens to a run, if there is a ``directory`` for it. From any thread."""
+
+    def __init__(self, directory: str, node_name: str, on_problem: Callable[[str], None]) -> None:
+        """Open the journal of a node (fully qualified name).
+
+        Raises:
+            OnboardError: it cannot be opened.
+        """
+        self._lost: set[str] = set()
+        self._journal: Journal | None = None
+        if directory:
+            self._journal = Journal(home_path(directory) / f'{file_stem(node_name)}.journal', on_problem)
+
+    @property
+    def damage(self) -> str:
+        """What the operator has to know of the journal that was found; '' when all is well."""
+        return self._journal.damage if self._journal is not None else ''
+
+    @property
+    def results(self) -> Sequence[CommandResult]:
+        """Results of the commands that were decided before, the oldest first."""
+        known = self._journal.state.commands if self._journal is not None else {}
+        return [
+            CommandResult(command_id=command_id, code=code, reason=reason)
+            for command_id, (code, reason) in known.items()
+        ]
+
+    @property
+    def interrupted(self) -> InterruptedRun | None:
+        """The run that has begun and not ended; to be asked while none runs."""
+        begin = self._journal.state.begin if self._journal is not None else None
+        if begin is None or self._journal is None:
+            return None
+        return InterruptedRun(
+            run_id=str(begin['run']),
+            behavior=str(begin['behavior']),
+            arguments=[(str(name), str(value)) for name, value in begin['arguments']],
+            inputs=[
+                BlackboardEntry(key=key, type=type, text=text, data=base64.b64decode(data))
+                for key, type, text, data in begin['inputs']
+            ],
+            by=str(begin['by']),
+            plain_position=self._journal.state.position,
+        )
+
+    def begin(self, run_id: str, request: RunRequest, answer: Answer) -> None:
+        """A run begins, or goes on; ``answer`` is that of the command for it."""
+        if self._journal is None or not request.is_durable:
+            return
+        if request.at is None:
+            self._journal.write(_results([(answer, None)]), begin=_begin(run_id, request))
+        else:
+            self._journal.write(_results([(answer, None)]))
+
+    def move(
+        self, run_id: str, machine: MachineRun, decided: Sequence[Decided], request: RunRequest | None
+    ) -> Sequence[str]:
+        """The machine has moved. What was decided with it is written in the same line; ``request`` after a switch.
+
+        Gives the types of values that could not be written, each once.
+        """
+        if self._journal is None or not self._has(run_id):
+            return ()
+        lost: set[str] = set()
+        line: dict[str, Any] = {'position': to_plain_form(machine.position().to_plain(), lost.add)}
+        if request is not None:
+            line['begin'] = _begin(run_id, request)
+        self._journal.write(_results(decided), **line)
+        new = sorted(lost - self._lost)
+        self._lost |= lost
+        return new
+
+    def decide(self, command_id: str, reason: str | None) -> None:
+        """A command was decided, if that is not written yet."""
+        if self._journal is not None and command_id not in self._journal.state.commands:
+            self._journal.write([_result(command_id, reason)])
+
+    def end(self, run_id: str, why: str) -> None:
+        """The run has ended, or will not go on."""
+        if self._journal is not None and self._has(run_id):
+            self._journal.write(end=why)
+
+    def sync(self) -> None:
+        """What was written survives a loss of power when this returns."""
+        if self._journal is not None:
+            self._journal.sync()
+
+    def close(self) -> None:
+        """Give the journal up to another process."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def _has(self, run_id: str) -> bool:
+        begin = self._journal.state.begin if self._journal is not None else None
+        return begin is not None and begin['run'] == run_id
+
+
+def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:
+    return {
+        'run': run_id,
+        'behavior': request.entry.name,
+        'arguments': [list(argument) for argument in request.arguments],
+        'inputs': [
+            [entry.key, entry.type, entry.text, base64.b64encode(bytes(entry.data)).decode()]
+            for entry in request.inputs
+        ],
+        'by': request.by,
+    }
+
+
+def _results(decided: Sequence[Decided]) -> list[Result]:
+    return [_result(answer.command_id, reason) for answer, reason in decided if isinstance(answer, CommandAnswer)]
+
+
+def _result(command_id: str, reason: str | None) -> Result:
+    return command_id, CommandResult.APPLIED if reason is None else CommandResult.REFUSED, reason or ''

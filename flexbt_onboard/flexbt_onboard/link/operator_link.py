@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executive's side of the operator link: topics to the consoles, and commands from them.
+
+Whoever joins late, and whoever has lost messages, has the whole picture with the next message: status, structure and
+behaviors are complete and latched.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from std_msgs.msg import Header
+
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.values.sendable import sendable
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+
+
+class OperatorLink:
+    """Publishers and the command subscription. ``on_command`` is called on the executor thread."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        executive_id: str,
+        heartbeat_period: float,
+        on_command: Callable[[ExecutiveCommand], None],
+    ) -> None:
+        self._runtime = runtime
+        self._executive_id = executive_id
+        self._heartbeat_period = heartbeat_period
+        self._status_sequence = 0
+        self._log_sequence = 0
+        self._log_lock = threading.Lock()
+        node = runtime.node
+        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched())
+        self._structure = node.create_publisher(BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.latched())
+        self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched())
+        self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.latched(names.LOG_DEPTH))
+        self._commands = node.create_subscription(
+            ExecutiveCommand, names.EXECUTIVE_COMMAND, on_command, names.command()
+        )
+        # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
+        self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.unacknowledged())
+        self._pings = node.create_subscription(Header, names.EXECUTIVE_PING, self._echo.publish, names.unacknowledged())
+
+    def publish_status(self, status: ExecutiveStatus) -> None:
+        """Send a status; fills in sender, sequence, time and heartbeat period. On the executor thread."""
+        self._status_sequence += 1
+        status.stamp = self._runtime.clock.stamp()
+        status.executive_id = self._executive_id
+        status.sequence = self._status_sequence
+        status.heartbeat_period = self._heartbeat_period
+        self._status.publish(status)
+
+    def publish_structure(self, structure: BehaviorStructure) -> None:
+        """Send the structure of a run, before the run's first status."""
+        self._structure.publish(structure)
+
+    def publish_behaviors(self, behaviors: BehaviorList) -> None:
+        """Send the list of behaviors."""
+        behaviors.executive_id = self._executive_id
+        self._behaviors.publish(behaviors)
+
+    def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
+        """Tell the operator a line, and the node's own log as well; from any thread."""
+        text = sendable(text)
+        try:
+            with self._log_lock:  # numbers are published in their order
+                self._log_sequence += 1
+                self._log.publish(
+                    ExecutiveLog(
+                        stamp=self._runtime.clock.stamp(),
+                        sequence=self._log_sequence,
+                        executive_id=self._executive_id,
+                        run_id=run_id,
+                        severity=severity,
+                        path=path,
+                        text=text,
+                    )
+                )
+        except InvalidHandle:
+            return  # the executive has ended; a run was left behind
+        _log_to_node(self._runtime.node.get_logger(), severity, f'{path}: {text}' if path else text)
+
+
+def _log_to_node(logger: RcutilsLogger, severity: int, line: str) -> None:
+    # rclpy's logger refuses two severities from one place of the code.
+    if severity >= ExecutiveLog.ERROR:
+        logger.error(line)
+    elif severity == ExecutiveLog.WARN:
+        logger.warning(line)
+    elif severity == ExecutiveLog.DEBUG:
+        logger.debug(line)
+    else:
+        logger.info(line)

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The nodes that the executive depends on: whether they are alive and ready, for the operator and for a start."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+
+from flexbt_common.liveness.liveliness import LivelinessWatch
+from flexbt_common.runtime import names as table
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_msgs.msg import PeerStatus
+
+
+@dataclass
+class _Peer:
+    name: str
+    since: Time
+    alive: bool | None = None
+    ready: bool = False
+
+
+class PeersWatch:
+    """Watches nodes by name. Used on the executor thread, except where it says otherwise.
+
+    ``on_change`` is called with a node's name, whether it is alive now, and whether it had been seen before;
+    ``on_ready`` with a node's name when it has become ready, or is not any more.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        names: Sequence[str],
+        on_change: Callable[[str, bool, bool], None],
+        on_ready: Callable[[str, bool], None],
+    ) -> None:
+        self._runtime = runtime
+        self._on_change = on_change
+        self._on_ready = on_ready
+        self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
+        self._watches = [
+            LivelinessWatch(
+                runtime, name, functools.partial(self._changed, peer), functools.partial(self._ready_changed, peer)
+            )
+            for name, peer in zip(names, self._peers, strict=True)
+        ]
+
+    def statuses(self) -> list[PeerStatus]:
+        """What is known of each, in the order of the names; one that was never seen is not alive."""
+        return [
+            PeerStatus(name=peer.name, alive=bool(peer.alive), ready=peer.ready, since=peer.since)
+            for peer in self._peers
+        ]
+
+    def unready(self) -> list[str]:
+        """The names of those that are alive, and not ready; from any thread."""
+        return [peer.name for peer in self._peers if peer.alive and not peer.ready]
+
+    def _changed(self, peer: _Peer, alive: bool) -> None:
+        if alive == peer.alive:
+            return
+        seen_before = peer.alive is not None
+        peer.alive, peer.since = alive, self._runtime.clock.stamp()
+        self._on_change(peer.name, alive, seen_before)
+
+    def _ready_changed(self, peer: _Peer, ready: bool) -> None:
+        peer.ready = ready
+        self._on_ready(peer.name, ready)
+
+
+def _qualified(runtime: NodeRuntime, name: str) -> str:
+    """The fully qualified name of a node that is named relative to this one's namespace."""
+    topic = table.alive_topic('')
+    return str(runtime.node.resolve_topic_name(name + topic)).removesuffix(topic)

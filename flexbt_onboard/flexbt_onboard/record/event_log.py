@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The record: who did what and when, and what the robot did, as lines of JSON that are only ever appended.
+
+A file is ``<node>.jsonl``; when it has its full size it becomes ``<node>.1.jsonl``, and so on up to a number of files.
+A thread of its own writes, so that nobody waits for the disk. What cannot be written is told once, and counted. A disk
+that was full leaves a line that is cut off, and an empty one when it goes on.
+
+Each line is an object with ``time`` (seconds of wall time since the epoch), ``stamp`` (seconds on the node's clock),
+``event``, and what belongs to the event:
+
+==============  ========================================================================================================
+executive       ``state`` 'started' or 'ended', ``executive``
+started         a run: ``run``, ``behavior``, ``arguments``, ``inputs`` (keys), ``autonomy``, ``by``
+resumed         a run goes on after the executive was restarted: ``run``, ``behavior``, ``by``
+refused         it could not be built: ``run``, ``behavior``, ``why``
+entered         a state: ``run``, ``path``
+left            a state or machine: ``run``, ``path``, ``outcome``, ``target``, ``reason``
+waiting         for the operator: ``run``, ``decision``, ``path``, ``kind``, ``outcome``, ``outcomes``, ``required``,
+                ``prompt``
+decided         a decision waits no longer, whatever became of it: ``run``, ``decision``
+switched        the run goes on with another behavior: ``run``, ``behavior``, ``arguments``, ``by``
+fault           ``run``, ``path``, ``text``
+stopping        a run: ``run``, ``why``
+ended           a run: ``run``, ``behavior``, ``outcome``, ``message``
+command         of an operator: the fields of ExecutiveCommand that are set, ``effect`` 'applied', 'refused' or
+                'ignored', ``why``
+authority       ``holder``, ``requests``, ``text``
+operator        ``text``: consoles came or went, and what was done about it
+lost            ``number`` of events that could not be written before this one
+==============  ========================================================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, Final
+
+from flexbt_common.cli.user_files import home_path
+
+if TYPE_CHECKING:
+    from flexbt_common.runtime.ros_clock import RosClock
+
+RECORD_SIZE: Final = 10_000_000
+"""Bytes of a file before the next one is begun."""
+
+RECORD_FILES: Final = 5
+"""Files that are kept, the one that is being written included."""
+
+_MOST_WAITING: Final = 20_000
+"""Events that may wait for a disk that is slow; more of them are lost, and counted."""
+
+_CLOSE_SECONDS: Final = 0.3
+
+
+class Record:
+    """Appends events to a file; from any thread.
+
+    ``on_problem`` is called on the writing thread: with a text when the file cannot be written, and with '' when it can
+    be again. Without ``file`` nothing is kept.
+    """
+
+    def __init__(
+        self,
+        file: Path | None,
+        clock: RosClock,
+        on_problem: Callable[[str], None],
+        size: int = RECORD_SIZE,
+        files: int = RECORD_FILES,
+    ) -> None:
+        self._file = file
+        self._clock = clock
+        self._on_problem = on_problem
+        self._size = size
+        self._files = files
+        self._queue: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
+        self._lock = threading.Lock()
+        self._lost = 0
+        self._has_problem = False
+        self._thread = threading.Thread(target=self._write_all, name='record', daemon=True)
+        if file is not None:
+            self._thread.start()
+
+    def note(self, event: str, **fields: Any) -> None:
+        """Record an event with plain values: texts, numbers, lists and mappings."""
+        if self._file is None:
+            return
+        if self._queue.qsize() >= _MOST_WAITING:
+            self._lose(1)
+            return
+        stamp = self._clock.stamp()
+        seconds = round(stamp.sec + stamp.nanosec * 1e-9, 6)
+        self._queue.put({'time': round(time.time(), 6), 'stamp': seconds, 'event': event, **fields})
+
+    def close(self) -> None:
+        """Write what waits, for a limited time; nothing is recorded afterwards."""
+        if self._file is not None:
+            self._queue.put(None)
+            self._thread.join(_CLOSE_SECONDS)
+
+    def _write_all(self) -> None:
+        is_open = True
+        while is_open:
+            batch = [self._queue.get()]
+            try:
+                while len(batch) < _MOST_WAITING:
+                    batch.append(self._queue.get_nowait())
+            except Empty:
+                pass
+            if None in batch:
+                is_open = False
+                batch = batch[: batch.index(None)]
+            if batch:
+                self._write([event for event in batch if event is not None])
+
+    def _write(self, events: list[dict[str, Any]]) -> None:
+        with self._lock:
+            lost, self._lost = self._lost, 0
+        first = events[0]
+        lines = [{'time': first['time'], 'stamp': first['stamp'], 'event': 'lost', 'number': lost}] if lost else []
+        lines += events
+        text = ''.join(json.dumps(event, ensure_ascii=False, default=str) + '\n' for event in lines)
+        try:
+            # A line that a full disk has cut off ends here.
+            self._append(('\n' if self._has_problem else '') + text)
+        except OSError as error:
+            self._lose(lost + len(events))
+            if not self._has_problem:
+                self._has_problem = True
+                self._on_problem(f'the record {self._file} cannot be written: {error}; going on without it')
+            return
+        if self._has_problem:
+            self._has_problem = False
+            self._on_problem('')
+
+    def _lose(self, number: int) -> None:
+        with self._lock:
+            self._lost += number
+
+    def _append(self, text: str) -> None:
+        assert self._file is not None  # else there is no thread
+        data = text.encode('utf-8', 'backslashreplace')
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        if self._file.exists() and self._file.stat().st_size + len(data) > self._size:
+            self._rotate()
+        # Opened for each batch: whoever moves or deletes the file does not end the record.
+        with self._file.open('ab', buffering=0) as file:
+            written = file.write(data)
+            if written != len(data):
+                raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
+
+    def _rotate(self) -> None:
+        assert self._file is not None
+        rotated(self._file, self._files - 1).unlink(missing_ok=True)
+        for number in range(self._files - 1, 0, -1):
+            younger = rotated(self._file, number - 1)
+            if younger.exists():
+                younger.replace(rotated(self._file, number))
+
+
+def rotated(file: Path, number: int) -> Path:
+    """The file that was written ``number`` files before."""
+    return file if number == 0 else file.with_name(f'{file.stem}.{number}{file.suffix}')
+
+
+def record_file(directory: str, node_name: str) -> Path | None:
+    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for ''."""
+    return home_path(directory) / f'{file_stem(node_name)}.jsonl' if directory else None
+
+
+def file_stem(node_name: str) -> str:
+    """A fully qualified node name as part of a file name: the names around it, joined by dots."""
+    return node_name.strip('/').replace('/', '.')

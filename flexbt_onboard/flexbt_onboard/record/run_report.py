@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``run_report``: figures of a run from the record of its executive, as text, JSON, or a picture."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from flexbt_common.cli.streams import abandon_stdout, make_streams_safe
+from flexbt_common.cli.user_files import USER_DIRECTORY, home_path
+from flexbt_core.values.escaping import one_line
+
+from .event_log import rotated
+from .run_metrics import RunMetrics, metrics_of, read_events
+from .run_timeline import timeline
+
+_RECORD: Final = 'onboard_executive.jsonl'
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the report; 0 when there is one, 1 when there is no such run, 2 for a file that cannot be read."""
+    make_streams_safe()
+    options = _parser().parse_args(arguments)
+    try:
+        runs = metrics_of(read_events(_files(options.files)), wall=options.wall)
+        chosen = [run for run in runs if run.run.startswith(options.run)] if options.run else runs[-1:]
+        if options.list:
+            print('\n'.join(_summary(run) for run in runs) or 'no runs')
+        elif len(chosen) != 1:
+            what = f'{len(chosen)} runs begin with {options.run!r}' if options.run else 'the record has no run'
+            print(f'run_report: {what}; --list shows them', file=sys.stderr)
+            return 1
+        elif options.svg:
+            Path(options.svg).write_text(timeline(chosen[0]), encoding='utf-8')
+            print(options.svg)
+        elif options.json:
+            print(json.dumps(as_json(chosen[0]), allow_nan=False))
+        else:
+            print('\n'.join(as_text(chosen[0])))
+    except BrokenPipeError:
+        abandon_stdout()
+    except OSError as error:
+        print(f'run_report: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def as_json(run: RunMetrics) -> dict[str, object]:
+    """The figures and what they are made of, for programs. Times in seconds."""
+    return {
+        'run': run.run,
+        'behavior': run.behavior,
+        'by': run.by,
+        'begin': run.begin,
+        'duration': run.duration,
+        'waiting': run.waiting,
+        'outcome': run.outcome,
+        'message': run.message,
+        'faults': run.faults,
+        'commands': run.commands(),
+        'states': [dataclasses.asdict(one) for one in run.paths()],
+        'visits': [dataclasses.asdict(one) for one in sorted(run.visits, key=lambda visit: visit.begin)],
+        'waits': [dataclasses.asdict(one) for one in run.waits],
+        'interventions': [dataclasses.asdict(one) for one in run.interventions],
+    }
+
+
+def as_text(run: RunMetrics) -> list[str]:
+    """The figures for a person."""
+    ended = one_line(run.outcome or 'no end') + (f' ({one_line(run.message)})' if run.message else '')
+    share = 100.0 * run.waiting / run.duration if run.duration else 0.0
+    shown = [
+        f'{one_line(run.behavior)}: {ended}',
+        f'run {one_line(run.run)}, started by {one_line(run.by) or "?"}, {run.duration:.1f} s',
+        f'waiting for the operator {run.waiting:.1f} s ({share:.0f} %), decisions {len(run.waits)}, '
+        f'faults {run.faults}',
+        '',
+        f'{"state":40} {"visits":>6} {"total s":>9} {"longest s":>9} {"waiting s":>9}  outcomes',
+    ]
+    for one in run.paths():
+        outcomes = ' '.join(f'{one_line(name)}:{number}' for name, number in one.outcomes.items())
+        shown.append(
+            f'{one_line(one.path):40} {one.visits:6} {one.total:9.2f} {one.longest:9.2f} {one.waiting:9.2f}  {outcomes}'
+        )
+    shown += ['', 'commands: ' + (', '.join(f'{name} {number}' for name, number in run.commands().items()) or 'none')]
+    for given in run.interventions:
+        what = ' '.join(filter(None, [given.command, one_line(given.text)]))
+        shown.append(f'  {given.time - run.begin:9.2f} s  {one_line(given.operator)}: {what} ({given.effect})')
+    return shown
+
+
+def _summary(run: RunMetrics) -> str:
+    ended = one_line(run.outcome) or 'no end'
+    return f'{one_line(run.run)}  {run.duration:9.1f} s  {one_line(run.behavior)}: {ended}'
+
+
+def _files(given: Sequence[str]) -> list[Path]:
+    """The files of a record, the oldest first: those that were rotated belong to it."""
+    first = Path(given[0]) if given else home_path(USER_DIRECTORY)
+    if not given or first.is_dir():
+        first /= _RECORD
+    if len(given) > 1:
+        return [Path(name) for name in given]
+    number = 0
+    while rotated(first, number + 1).exists():
+        number += 1
+    return [rotated(first, age) for age in range(number, -1, -1)]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='run_report', description='Figures of a run from the record of its executive: the last run, or --run.'
+    )
+    parser.add_argument(
+        'files',
+        nargs='*',
+        metavar='FILE',
+        help=f'file of the record, or the directory of {_RECORD} (default: {USER_DIRECTORY}), with those that were '
+        'rotated; or several files, the oldest first',
+    )
+    parser.add_argument('--run', metavar='ID', help='the run whose identifier begins so')
+    parser.add_argument('--list', action='store_true', help='list the runs')
+    parser.add_argument('--json', action='store_true', help='print JSON')
+    parser.add_argument('--svg', metavar='FILE', help='write a picture of the timeline')
+    parser.add_argument('--wall', action='store_true', help="wall time instead of the node's clock")
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

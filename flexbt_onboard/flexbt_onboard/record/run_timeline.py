@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The picture of a run: a row for each state and machine, a bar for each visit, waiting for the operator marked."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+from xml.sax.saxutils import escape, quoteattr
+
+from .run_metrics import ROOT, Intervention, RunMetrics
+
+_ROW: Final = 22
+_LEFT: Final = 260
+_WIDTH: Final = 900
+_TOP: Final = 64
+_TICKS: Final = 10
+_LEAST: Final = 0.8
+"""Pixels of the shortest bar, so that a state without duration is seen."""
+
+_STYLE: Final = (
+    'text{font:12px sans-serif;fill:#222}.time{fill:#666;font-size:11px}.machine{fill:#c9d6e8}.state{fill:#4c78a8}'
+    '.forced{fill:#b279a2}.open{fill:#9a9a9a}.wait{fill:#f2a13e}.grid{stroke:#e4e4e4}.who{stroke:#c0392b}'
+    '.refused{stroke:#c0392b;stroke-dasharray:2 3}'
+)
+
+
+def timeline(metrics: RunMetrics) -> str:
+    """An SVG document. Bars have tooltips; red lines are commands of operators, dashed when they were refused."""
+    rows = [one.path for one in metrics.paths()]
+    machines = {path for path in rows for other in rows if other != path and other.startswith(path.rstrip('/') + '/')}
+    height = _TOP + _ROW * max(1, len(rows)) + 40
+    scale = _WIDTH / (metrics.duration or 1.0)
+
+    def x(time: float) -> float:
+        return _LEFT + (time - metrics.begin) * scale
+
+    def bar(kind: str, row: int, begin: float, end: float, told: str, inset: int) -> str:
+        width = max(_LEAST, (end - begin) * scale)
+        top = _TOP + _ROW * row + inset
+        return (
+            f'<rect class="{kind}" x="{x(begin):.2f}" y="{top}" width="{width:.2f}" height="{_ROW - 2 * inset}">'
+            f'<title>{escape(_plain(told))}</title></rect>'
+        )
+
+    title = f'{metrics.behavior}: {metrics.outcome or "no end"} after {metrics.duration:.1f} s'
+    shown = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 30}" height="{height}">',
+        f'<style>{_STYLE}</style><rect width="100%" height="100%" fill="white"/>',
+        f'<text x="10" y="20">{escape(_plain(title))}</text>',
+        f'<text class="time" x="10" y="38">run {escape(_plain(metrics.run))}, waiting for the operator '
+        f'{metrics.waiting:.1f} s</text>',
+    ]
+    for time in _ticks(metrics.duration):
+        at = x(metrics.begin + time)
+        shown.append(f'<line class="grid" x1="{at:.2f}" x2="{at:.2f}" y1="{_TOP - 6}" y2="{height - 30}"/>')
+        shown.append(f'<text class="time" x="{at:.2f}" y="{height - 14}" text-anchor="middle">{time:g} s</text>')
+    for row, path in enumerate(rows):
+        label = path if path == ROOT else '\u2003' * (path.count('/') - 1) + path.rsplit('/', 1)[-1]
+        shown.append(
+            f'<text x="10" y="{_TOP + _ROW * row + 15}" data-path={quoteattr(_plain(path))}>{escape(_plain(label))}'
+            f'<title>{escape(_plain(path))}</title></text>'
+        )
+    for visit in metrics.visits:
+        if visit.path in rows:
+            forced = 'forced' if visit.reason == 'forced' else 'state'
+            kind = 'machine' if visit.path in machines else forced if visit.outcome else 'open'
+            told = f'{visit.path}: {visit.outcome or "not left by an outcome"}, {visit.end - visit.begin:.3f} s'
+            shown.append(bar(kind, rows.index(visit.path), visit.begin, visit.end, told, 3))
+    for wait in metrics.waits:
+        if wait.path in rows:
+            told = f'{wait.path} waited for the operator, {wait.end - wait.begin:.1f} s: {wait.outcome or wait.kind}'
+            shown.append(bar('wait', rows.index(wait.path), wait.begin, wait.end, told, 8))
+    shown += [_mark(x(one.time), height, one) for one in metrics.interventions]
+    shown.append('</svg>')
+    return '\n'.join(shown) + '\n'
+
+
+def _mark(at: float, height: int, one: Intervention) -> str:
+    kind = 'who' if one.effect == 'applied' else 'refused'
+    told = f'{one.operator}: {one.command} {one.text} ({one.effect})'
+    return (
+        f'<line class="{kind}" x1="{at:.2f}" x2="{at:.2f}" y1="{_TOP - 14}" y2="{height - 30}">'
+        f'<title>{escape(_plain(told))}</title></line>'
+    )
+
+
+def _ticks(duration: float) -> list[float]:
+    """Round times, about ten of them."""
+    if duration <= 0.0:
+        return [0.0]
+    step = 10.0 ** math.floor(math.log10(duration / _TICKS))
+    step *= next(factor for factor in (1, 2, 5, 10, 20) if duration / (step * factor) <= _TICKS)
+    return [round(number * step, 9) for number in range(int(duration / step) + 1)]
+
+
+def _plain(text: str) -> str:
+    """Without characters that XML does not allow."""
+    return ''.join(character if character.isprintable() else ' ' for character in text)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The run on whose thread some code is, for code of behaviors that is handed neither a state nor services.
+
+A behavior is built and run on one thread, so that what is set there holds for its constructors and callbacks, and for
+no other run. FlexBE's interfaces need it: they find their node by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cached_property
+from typing import Any, TypeVar
+
+from flexbt_core.state_machine import Severity
+from flexbt_onboard.errors import OnboardError
+
+from .state_services import StateServices
+
+T = TypeVar('T')
+
+
+class RunContext:
+    """One run, as seen by what its behavior is made of.
+
+    ``log`` takes severity, path of a state ('' for none) and text.
+    """
+
+    def __init__(self, services: Callable[[], StateServices], log: Callable[[Severity, str, str], None]) -> None:
+        """``services`` is called when the services of the states are asked for first."""
+        self.log = log
+        self._make_services = services
+        self._shared: dict[Any, Any] = {}
+        self._at_end: list[Callable[[], object]] = []
+
+    @cached_property
+    def services(self) -> StateServices:
+        """The services of the states."""
+        return self._make_services()
+
+    def shared(self, make: Callable[[RunContext], T]) -> T:
+        """What ``make`` gave when it was asked for first: one for the whole run."""
+        if make not in self._shared:
+            self._shared[make] = make(self)
+        made: T = self._shared[make]
+        return made
+
+    def at_end(self, close: Callable[[], object]) -> None:
+        """Have something closed when the run is over, in reverse order."""
+        self._at_end.append(close)
+
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """For the length of the block, :func:`current_run` gives this run on this thread; then it is over."""
+        token = _current.set(self)
+        try:
+            yield
+        finally:
+            while self._at_end:
+                self._at_end.pop()()
+            _current.reset(token)
+
+
+_current: ContextVar[RunContext | None] = ContextVar('run', default=None)
+
+
+def current_run() -> RunContext:
+    """The run on whose thread this is.
+
+    Raises:
+        OnboardError: the thread belongs to no run.
+    """
+    run = _current.get()
+    if run is None:
+        raise OnboardError(
+            'this works only where a behavior is built or run: in its create(), in constructors and callbacks of states'
+        )
+    return run

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The service ``control_tree``: pauses, resumes and steps running trees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree import TickCommand
+from flexbt_msgs.srv import ControlTree
+from flexbt_server.errors import UnknownRunError
+from flexbt_server.runs.tree_run import TreeRun
+
+_COMMANDS: Final = {
+    ControlTree.Request.PAUSE: TickCommand.PAUSE,
+    ControlTree.Request.RESUME: TickCommand.RESUME,
+    ControlTree.Request.STEP: TickCommand.STEP,
+}
+
+
+class ControlServer:
+    """Serves ControlTree, for any number of clients. ``find_run(run_id)`` raises UnknownRunError.
+
+    Every request is answered when the command has had its effect, or can have none any more.
+    """
+
+    def __init__(self, runtime: NodeRuntime, find_run: Callable[[str], TreeRun[Any]]) -> None:
+        self._runtime = runtime
+        self._find_run = find_run
+        runtime.node.create_service(
+            ControlTree,
+            names.CONTROL_TREE,
+            self._serve,
+            qos_profile=names.deep_services(),
+            # In the group of the node a request that waits would hold up all that the node does.
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    async def _serve(self, request: Any, response: Any) -> Any:
+        response.message = await self._obey(request)
+        response.success = not response.message
+        return response
+
+    async def _obey(self, request: Any) -> str:
+        """'' when the command has had its effect; otherwise why not."""
+        command = _COMMANDS.get(request.command)
+        if command is None:
+            known = ', '.join(f'{number} ({known.name})' for number, known in _COMMANDS.items())
+            return f'command {request.command} is unknown; known commands: {known}'
+        try:
+            run = self._find_run(request.run_id)
+        except UnknownRunError as error:
+            return str(error)
+        answered = Future(executor=self._runtime.node.executor)
+        run.control(command, lambda reason: self._runtime.post(lambda: answered.set_result(reason)))
+        return str(await answered)

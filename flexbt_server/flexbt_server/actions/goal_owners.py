@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nodes on whose behalf trees run (the ``owner`` of a goal): when one is not there any more, its trees are to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Final
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+from flexbt_common.errors import FlexbtError
+from flexbt_common.liveness.liveliness import LivelinessWatch
+from flexbt_common.runtime.names import alive_topic
+from flexbt_common.runtime.node_runtime import NodeRuntime
+
+OWNER_SECONDS: Final = 5.0
+"""How long an owner may stay unseen before its goals are stopped: it has died already, or holds no liveliness token."""
+
+Stop = Callable[[str], None]
+"""Told the reason why a goal has to stop."""
+
+
+class GoalOwners:
+    """Used on the executor thread only."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._watches: dict[str, LivelinessWatch] = {}
+        self._stops: dict[str, dict[Hashable, Stop]] = {}
+
+    def watch(self, owner: str, goal: Hashable, stop: Stop) -> None:
+        """Call ``stop`` when the owner has died, or is not seen in time, until the goal is released.
+
+        Raises:
+            FlexbtError: no node can have this name.
+        """
+        if owner not in self._watches:
+            self._check(owner)
+            self._watches[owner] = LivelinessWatch(
+                self._runtime, owner, lambda alive: self._runtime.post(lambda: self._changed(owner, alive))
+            )
+        self._stops.setdefault(owner, {})[goal] = stop
+        if not self.sees(owner):
+            # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
+            steady = self._runtime.steady
+            steady.call_at(
+                steady.now() + OWNER_SECONDS, lambda: self._runtime.post(lambda: self._look_for(owner, goal))
+            )
+
+    def release(self, owner: str, goal: Hashable) -> None:
+        """The goal has ended."""
+        self._stops.get(owner, {}).pop(goal, None)
+
+    def sees(self, owner: str) -> bool:
+        """Whether the owner is watched, and alive."""
+        return owner in self._watches and self._watches[owner].alive is True
+
+    def _check(self, owner: str) -> None:
+        try:
+            self._runtime.node.resolve_topic_name(alive_topic(owner))
+        except rclpy_implementation.RCLError as error:
+            raise FlexbtError(
+                f'the owner {owner!r} is no name of a node; give one, such as /robot1/executive, or leave owner empty'
+            ) from error
+
+    def _look_for(self, owner: str, goal: Hashable) -> None:
+        stop = self._stops[owner].get(goal)
+        if stop is not None and not self.sees(owner):
+            stop(
+                f'{owner}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
+                'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)'
+            )
+
+    def _changed(self, owner: str, alive: bool) -> None:
+        if not alive:
+            for stop in list(self._stops[owner].values()):
+                stop(f'{owner}, on whose behalf the tree ran, has died')

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The managed node ``bt_server``: loads behavior trees and runs them.
+
+Actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (see their definitions in flexbt_msgs),
+topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
+"""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import ThreadPoolExecutor, wait
+
+from flexbt_common import navigation_interfaces
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.goal_admission import GoalGate
+from flexbt_common.calls.service_call import ServiceLinks
+from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, run_managed_node
+from flexbt_common.liveness.liveliness import LivelinessToken
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree import JsonTypes
+from flexbt_core.behavior_tree.observers.status_observer import prepare
+from flexbt_msgs.msg import BtLoadReport
+from flexbt_server.actions.control_server import ControlServer
+from flexbt_server.actions.data_servers import DataServers
+from flexbt_server.actions.execute_server import ExecuteServer
+from flexbt_server.actions.load_server import LoadServer
+from flexbt_server.errors import BtServerError, ServerParameterError
+from flexbt_server.leaves.leaf_services import LeafServices
+from flexbt_server.leaves.topic_cache import TopicCaches
+from flexbt_server.leaves.trigger_services import TriggerServices
+from flexbt_server.runs.groot2_runs import Groot2Runs
+from flexbt_server.runs.run_logs import RunLogs
+from flexbt_server.runs.run_watchers import RunWatcher
+from flexbt_server.trees.blackboards import Blackboards
+from flexbt_server.trees.node_types import node_registry
+from flexbt_server.trees.ros_json import RosJsonTypes
+from flexbt_server.trees.tree_store import TreeStore
+
+from .parameters import ServerParameters, declare_parameters
+
+_END_SECONDS = 1.1
+"""How long the end of the process waits for running trees to come to rest, s."""
+
+
+class BtServer:
+    """The parts of the server, on a running node."""
+
+    def __init__(self, runtime: NodeRuntime, refusal: str = '') -> None:
+        """Must be called off the executor thread. ``refusal``: why all goals are refused until it is activated.
+
+        Raises:
+            FlexbtError: a parameter cannot work, or a file of ``preload`` is refused.
+        """
+        parameters = runtime.call(lambda: declare_parameters(runtime.node))
+        logger = runtime.node.get_logger()
+        registry = node_registry(
+            lambda source, error: logger.error(f'nodes of [{source}] not added: {error!r}'), parameters.nav2_dialect
+        )
+        if parameters.publish_statuses:
+            prepare(manifest.node_class for manifest in registry)
+        store = TreeStore(registry, parameters.allowed_directories, parameters.max_file_size, parameters.max_depth)
+        self._preload(store, parameters.preload)
+        boards = Blackboards()
+        services = LeafServices(
+            runtime=runtime,
+            actions=ActionLinks(runtime),
+            services=ServiceLinks(runtime),
+            topics=TopicCaches(runtime),
+            triggers=TriggerServices(runtime),
+            navigation=navigation_interfaces.load(parameters.navigation_interfaces),
+            pose_topic=parameters.pose_topic,
+            server_timeout=parameters.server_timeout,
+            cancel_timeout=parameters.cancel_timeout,
+        )
+        reader = self._reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
+        runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
+        gate = self._gate = GoalGate('the BT server', refusal)
+
+        watchers = self._watchers(runtime, parameters, RosJsonTypes(registry.json_types))
+        self.execute = runtime.call(
+            lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, gate, watchers)
+        )
+        self.control = runtime.call(lambda: ControlServer(runtime, self.execute.find_run))
+        self.load = runtime.call(lambda: LoadServer(runtime, store, reader, gate))
+        self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake, gate))
+        self.alive = LivelinessToken(runtime)
+        runtime.on_close(lambda: self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS))
+        self._log = logger.info
+        self._log(f'configured: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
+
+    def activate(self) -> None:
+        """Let goals in."""
+        self._gate.open()
+        self._log('active')
+
+    def deactivate(self, why: str, refusal: str, within: float) -> None:
+        """Refuse goals, stop every tree and wait until all goals have their results. Not on the executor thread.
+
+        ``why`` (for what runs) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
+
+        Raises:
+            BtServerError: something was not at rest in this time.
+        """
+        is_at_rest = self._stop(why, refusal, within)
+        *_, unread = wait([self._reader.submit(lambda: None)], within)
+        if unread or not is_at_rest:
+            raise BtServerError(
+                f'{"a file is being read" if unread else "a tree is running"} {within:g} s after the stop'
+            )
+        self._log(f'the BT server {refusal}')
+
+    def _stop(self, why: str, refusal: str, within: float) -> bool:
+        self._gate.close(refusal)
+        return self.execute.stop_all(f'the BT server {why}', within)
+
+    def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
+        watchers: list[RunWatcher] = []
+        if parameters.groot2_port:
+            watchers.append(Groot2Runs(runtime, parameters, types))
+        if parameters.btlog_directory is not None:
+            watchers.append(RunLogs(runtime, parameters.btlog_directory, parameters.btlog_keep))
+        return watchers
+
+    def _preload(self, store: TreeStore, files: tuple[str, ...]) -> None:
+        reports = store.load(files) if files else []
+        refused = [str(error) for report in reports if report.code == BtLoadReport.REFUSED for error in report.errors]
+        if refused:
+            raise ServerParameterError(f"parameter 'preload': {'; '.join(refused)}")
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable ``bt_server``."""
+    return run_managed_node(names.BT_SERVER, BtServer, args, parameters=declare_parameters, about=__doc__)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

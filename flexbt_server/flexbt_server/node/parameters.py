@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The parameters of the BT server: declared, described and checked in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from flexbt_common.cli.user_files import home_path
+from flexbt_common.lifecycle import parameters
+from flexbt_common.navigation_interfaces import CHOICES
+from flexbt_common.runtime import names
+from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS, Dialect
+from flexbt_core.behavior_tree.xml.parser import MAX_BYTES, MAX_DEPTH
+from flexbt_server.errors import ServerParameterError
+
+DEFAULT_ERROR_CODE_NAMES: Final = (
+    'compute_path_error_code',
+    'follow_path_error_code',
+    'spin_error_code',
+    'backup_error_code',
+    'backup_code_id',
+    'drive_on_heading_error_code',
+)
+
+
+@dataclass(frozen=True)
+class ServerParameters:
+    """Values of the server's parameters; see :func:`declare_parameters` for meaning and unit."""
+
+    default_tree: str
+    preload: tuple[str, ...]
+    allowed_directories: tuple[Path, ...]
+    navigation_interfaces: str
+    nav2_dialect: Dialect
+    tick_rate: float
+    feedback_rate: float
+    server_timeout: float
+    cancel_timeout: float
+    pose_topic: str
+    error_code_names: tuple[str, ...]
+    max_file_size: int
+    max_depth: int
+    groot2_port: int
+    groot2_address: str
+    groot2_tree: str
+    btlog_directory: Path | None
+    btlog_keep: int
+    publish_statuses: bool
+
+
+def declare_parameters(node: Node) -> ServerParameters:
+    """Declare the parameters on ``node`` and read them;
+    see :mod:`flexbt_common.lifecycle.parameters` for when they can be set.
+
+    Raises:
+        ServerParameterError, UnfitParameterError: a value that cannot work.
+    """
+
+    def declare(name: str, default: Any, description: str, **limits: Any) -> Any:
+        return parameters.declare(node, name, default, ParameterDescriptor(description=description, **limits))
+
+    def real(name: str, default: float, least: float, most: float, description: str) -> float:
+        limits = [FloatingPointRange(from_value=least, to_value=most)]
+        return float(declare(name, default, description, floating_point_range=limits))
+
+    def integer(name: str, default: int, least: int, most: int, description: str) -> int:
+        limits = [IntegerRange(from_value=least, to_value=most, step=1)]
+        return int(declare(name, default, description, integer_range=limits))
+
+    def strings(name: str, default: tuple[str, ...], description: str) -> tuple[str, ...]:
+        # An empty array has no type in ROS 2, so [''] stands for it.
+        return tuple(text for text in declare(name, list(default) or [''], description) if text)
+
+    directories = tuple(
+        Path(text).expanduser()
+        for text in strings(
+            'allowed_directories', (), 'directories, beside the package shares, that may hold XML files'
+        )
+    )
+    for directory in directories:
+        if not directory.is_absolute():
+            raise ServerParameterError(f"parameter 'allowed_directories': {directory} is not an absolute path")
+    interfaces = str(
+        declare(
+            names.NAVIGATION_INTERFACES,
+            'auto',
+            f'package of the navigation actions: {", ".join(CHOICES)} (auto: nav2_msgs where installed)',
+        )
+    )
+    if interfaces not in CHOICES:
+        raise ServerParameterError(
+            f"parameter '{names.NAVIGATION_INTERFACES}': {interfaces!r} is not one of {', '.join(CHOICES)}"
+        )
+    written = str(declare('nav2_dialect', 'jazzy', f'branch of Nav2 whose trees are run: {", ".join(DIALECTS)}'))
+    dialect = next((known for known in DIALECTS if known == written), None)
+    if dialect is None:
+        raise ServerParameterError(f"parameter 'nav2_dialect': {written!r} is not one of {', '.join(DIALECTS)}")
+    written = str(declare('btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty'))
+    btlog_directory = home_path(written) if written else None
+    if btlog_directory is not None and not btlog_directory.is_absolute():
+        raise ServerParameterError(f"parameter 'btlog_directory': {btlog_directory} is not an absolute path")
+    return ServerParameters(
+        default_tree=str(declare('default_tree', '', 'tree of a goal that names none: ID or package/path.xml')),
+        preload=strings('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
+        allowed_directories=directories,
+        navigation_interfaces=interfaces,
+        nav2_dialect=dialect,
+        tick_rate=real(
+            'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'
+        ),
+        feedback_rate=real('feedback_rate', 5.0, 0.1, 100.0, 'rate of the feedback of a running tree, Hz of wall time'),
+        server_timeout=real(
+            'server_timeout', 1.0, 0.01, 60.0, 'wait for a server and for its acceptance, s of wall time'
+        ),
+        cancel_timeout=real('cancel_timeout', 2.0, 0.01, 60.0, 'wait for halted leaves to be at rest, s of wall time'),
+        pose_topic=str(declare('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped")),
+        error_code_names=strings(
+            'error_code_names', DEFAULT_ERROR_CODE_NAMES, 'blackboard keys whose error codes go into the result'
+        ),
+        max_file_size=integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
+        max_depth=integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
+        groot2_port=integer(
+            'groot2_port', 0, 0, 65534, 'port where Groot2 finds running trees (it asks at 1667), and the next; 0: off'
+        ),
+        groot2_address=str(declare('groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all')),
+        groot2_tree=str(declare('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one')),
+        btlog_directory=btlog_directory,
+        btlog_keep=integer('btlog_keep', 100, 1, 1_000_000, 'newest log files that are kept in that directory'),
+        publish_statuses=bool(
+            declare('publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published')
+        ),
+    )

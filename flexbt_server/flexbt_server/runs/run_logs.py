@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A log file (``.btlog``) of each run, in a directory of which the newest files are kept."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree import Tree
+from flexbt_server.errors import ServerParameterError
+from flexbt_server.groot2.log_file import SUFFIX, LogWriter
+from flexbt_server.groot2.mark_log import MarkLog
+
+from .run_watchers import RunWatch
+from .tree_run import TreeObserver
+
+_OURS: Final = re.compile(rf'\d{{8}}T\d{{6}}\.\d{{6}}Z_.*_[0-9a-f]{{8}}{re.escape(SUFFIX)}')
+_UNFIT: Final = re.compile(r'[^\w.-]')
+_NAME_LIMIT: Final = 80
+
+
+class RunLogs:
+    """Writes the logs, on a thread of its own. Names are time of the start (UTC), tree and run, in this order."""
+
+    def __init__(self, runtime: NodeRuntime, directory: Path, keep: int) -> None:
+        """Raises ServerParameterError when there is no such directory and none can be made."""
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ServerParameterError(f"parameter 'btlog_directory': {directory}: {error.strerror}") from error
+        self._directory = directory
+        self._keep = keep
+        self._error = runtime.node.get_logger().error
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='btlog')
+        runtime.on_close(self._writer.shutdown)
+
+    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
+        """Watches one run."""
+        return _RunLog(self._begin, run_id)
+
+    def _begin(self, tree: Tree, run_id: str, marks: MarkLog) -> LogWriter:
+        start = time.perf_counter_ns()
+        epoch = time.time()
+        started = datetime.fromtimestamp(epoch, UTC)
+        name = _UNFIT.sub('_', tree.key.id)[:_NAME_LIMIT]
+        path = self._directory / f'{started:%Y%m%dT%H%M%S.%fZ}_{name}_{run_id[:8]}{SUFFIX}'
+        log = LogWriter(path, tree, marks, start, epoch, write=self._writer.submit, on_error=self._error)
+        self._writer.submit(self._prune)
+        return log
+
+    def _prune(self) -> None:
+        try:
+            files = sorted(path for path in self._directory.iterdir() if _OURS.fullmatch(path.name))
+            for path in files[: -self._keep]:
+                path.unlink()
+        except OSError as error:
+            self._error(f'{self._directory}: old log files cannot be removed: {error}')
+
+
+class _RunLog:
+    def __init__(self, begin: Callable[[Tree, str, MarkLog], LogWriter], run_id: str) -> None:
+        self.log = MarkLog(time.perf_counter_ns, timed=True)
+        self._begin = begin
+        self._run_id = run_id
+        self._writer: LogWriter | None = None
+
+    def started(self, tree: Tree) -> None:
+        self._writer = self._begin(tree, self._run_id, self.log)
+
+    def ticked(self) -> None:
+        if self._writer is not None:
+            self._writer.flush()
+
+    def ended(self) -> None:
+        self.ticked()

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who watches a run beside the clients of the server: what its parameters ask for. If nothing, it costs nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from flexbt_core.behavior_tree import Tree
+from flexbt_core.behavior_tree.observers.status_log import Log
+from flexbt_server.groot2.mark_log import LogOfSeveral
+
+from .tree_run import TreeObserver
+
+
+class RunWatch(Protocol):
+    """Watches one run, on its thread."""
+
+    @property
+    def log(self) -> Log:
+        """Where the tree is to log changes of statuses; always the same."""
+
+    def started(self, tree: Tree) -> None:
+        """The nodes exist; the first tick is next."""
+
+    def ticked(self) -> None:
+        """A round of a tick is over."""
+
+    def ended(self) -> None:
+        """Nothing follows."""
+
+
+class RunWatcher(Protocol):
+    """A part of the server that watches every run."""
+
+    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
+        """Begins to watch a run. ``shown`` is what the clients of the server see of it, such as that it is paused."""
+
+
+def watched_by(stream: TreeObserver, run_id: str, watchers: Sequence[RunWatcher]) -> TreeObserver:
+    """The observer that stands for the stream of a run and for all who watch it."""
+    return _Observers(stream, [watcher.open(run_id, stream) for watcher in watchers]) if watchers else stream
+
+
+class _Observers:
+    def __init__(self, stream: TreeObserver, watches: Sequence[RunWatch]) -> None:
+        self._stream = stream
+        self._watches = watches
+        logs = [watch.log for watch in watches]
+        if stream.log is not None:
+            logs.append(stream.log)
+        self.log: Log | None = LogOfSeveral(logs) if len(logs) > 1 else logs[0]
+
+    def started(self, tree: Tree) -> None:
+        self._stream.started(tree)
+        for watch in self._watches:
+            watch.started(tree)
+
+    def ticked(self) -> None:
+        self._stream.ticked()
+        for watch in self._watches:
+            watch.ticked()
+
+    def paused(self, is_paused: bool) -> None:
+        self._stream.paused(is_paused)
+
+    def ended(self) -> None:
+        for watch in self._watches:
+            watch.ended()
+        self._stream.ended()

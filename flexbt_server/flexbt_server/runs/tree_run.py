@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One run of a tree, in a thread of its own: a leaf that blocks holds up its own tree and nothing else.
+
+The thread sleeps until a leaf wakes the tree, until a time that a node has asked for, or until the next tick that the
+least rate demands.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Generic, Protocol, TypeVar
+
+from flexbt_core.behavior_tree import (
+    BehaviorTreeError,
+    Blackboard,
+    NodeExecutionError,
+    NodeStatus,
+    TickAbandoned,
+    TickCommand,
+    TickControl,
+    Tree,
+    TreeKey,
+    TreeLibrary,
+)
+from flexbt_core.behavior_tree.observers.status_log import Log
+from flexbt_core.clock.clock import Clock
+from flexbt_core.clock.wake_event import Bell
+from flexbt_msgs.action import BtExecute
+from flexbt_server.trees.blackboards import NO_RECOVERIES, Value, write_all
+
+from .thread_place import node_on_stack
+
+_GRACE: Final = 0.2
+"""How much longer than its time to come to rest a run has to say itself what is not at rest, s."""
+
+_HAS_ENDED: Final = 'the run has ended'
+_NOT_AT_REST: Final = 'not at rest in time after the halt'
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """How a run has ended; ``code`` is a constant of BtExecute.Result."""
+
+    code: int
+    message: str = ''
+    failed_node: str = ''
+    reasons: tuple[str, ...] = ()
+
+
+class TreeObserver(Protocol):
+    """Hears of a run, on the thread of the run; of the end of one that is given up, on another."""
+
+    def started(self, tree: Tree) -> None:
+        """The nodes exist; the first tick is next."""
+
+    @property
+    def log(self) -> Log | None:
+        """Where the tree is to log changes of statuses, if anywhere."""
+
+    def ticked(self) -> None:
+        """A round of a tick is over."""
+
+    def paused(self, is_paused: bool) -> None:
+        """The tree is not ticked from now on, or is again."""
+
+    def ended(self) -> None:
+        """Nothing follows."""
+
+
+Client = TypeVar('Client')
+
+
+class TreeRun(Generic[Client]):
+    """Runs a tree for a client, until it completes or is stopped; another client may take it over meanwhile.
+
+    The callbacks are called on the thread of the run: ``on_adopted(client)`` when the run works for another client,
+    ``on_refused(client, reason)`` when it cannot because its values do not fit (the run goes on as before), and
+    ``on_end(outcome)``. A client that was offered too late to be adopted is left to :meth:`take_offer`.
+
+    While the tree is paused it is not ticked, so it cannot end by itself; it can be stopped and taken over as ever.
+
+    A leaf that does not return from its tick cannot be halted, and its thread cannot be ended. A run that was stopped
+    and is held up so ends as ERROR when its time to come to rest is over, on the thread of ``steady``; should the leaf
+    return after all, the tree is halted then, and that is the end of the thread.
+
+    ``on_overrun(message)`` is told, once a second at most, of ticks that take longer than the period of ``tick_rate``.
+    """
+
+    def __init__(
+        self,
+        library: TreeLibrary,
+        key: TreeKey,
+        board: Blackboard,
+        client: Client,
+        values: Sequence[Value],
+        *,
+        clock: Clock,
+        steady: Clock,
+        services: Any,
+        observer: TreeObserver,
+        tick_rate: float,
+        cancel_timeout: float,
+        on_adopted: Callable[[Client], None],
+        on_refused: Callable[[Client, str], None],
+        on_end: Callable[[RunOutcome], None],
+        on_overrun: Callable[[str], None],
+    ) -> None:
+        self.key = key
+        self.tree: Tree | None = None
+        self._library = library
+        self._board = board
+        self._client = client
+        self._values = values
+        self._clock = clock
+        self._steady = steady
+        self._services = services
+        self._observer = observer
+        self._tick_period = 1.0 / tick_rate
+        self._cancel_timeout = cancel_timeout
+        self._on_adopted = on_adopted
+        self._on_refused = on_refused
+        self._on_end = on_end
+        self._overruns = _Overruns(key, self._tick_period, on_overrun)
+        self._bell = Bell()
+        self._control = TickControl(self._bell.ring, observer.paused)
+        self._lock = threading.Lock()
+        self._stop_reason: str | None = None
+        self._rest_by = math.inf
+        self._ended = False
+        self._offer: tuple[Client, Sequence[Value]] | None = None
+        self._thread = threading.Thread(target=self._run, name=f'tree {key.id}', daemon=True)
+
+    def start(self) -> None:
+        """Begin to tick."""
+        self._thread.start()
+
+    def stop(self, client: Client, reason: str, within: float | None = None) -> None:
+        """Halt the tree; it ends as CANCELED. From any thread; the first reason counts, and the earliest deadline.
+
+        ``within``: seconds for the tree to come to rest, before the run ends as ERROR; by default the cancel timeout.
+        Does nothing when the run works for another client by now.
+        """
+        with self._lock:
+            if self._client is not client:
+                return
+            if self._stop_reason is None:
+                self._stop_reason = reason
+            rest_by = self._steady.now() + (self._cancel_timeout if within is None else within)
+            sooner = rest_by < self._rest_by
+            if sooner:
+                self._rest_by = rest_by
+        self._bell.ring()
+        if self.tree is not None:
+            self.tree.hooks.release()
+        if sooner:
+            self._steady.call_at(rest_by + _GRACE, self._give_up)
+
+    def offer(self, client: Client, values: Sequence[Value]) -> Client | None:
+        """Let ``client`` take the run over, with new values. Gives the client whose offer this one replaces."""
+        with self._lock:
+            replaced = self._offer
+            self._offer = (client, values)
+        self._bell.ring()
+        return replaced[0] if replaced is not None else None
+
+    def withdraw(self, client: Client) -> bool:
+        """Take an offer back; False when it is not open any more."""
+        with self._lock:
+            if self._offer is None or self._offer[0] is not client:
+                return False
+            self._offer = None
+            return True
+
+    def take_offer(self) -> Client | None:
+        """The client whose offer is open, which is not any more."""
+        with self._lock:
+            offer, self._offer = self._offer, None
+        return None if offer is None else offer[0]
+
+    def wake(self) -> None:
+        """Tick soon, unless the tree is paused. From any thread."""
+        self._bell.ring()
+
+    def control(self, command: TickCommand, answer: Callable[[str], None]) -> None:
+        """Pause, resume or step; from any thread. See :class:`flexbt_core.behavior_tree.TickControl`."""
+        self._control.command(command, answer)
+
+    def join(self, timeout: float) -> None:
+        """Wait until the run is over, at most ``timeout`` seconds."""
+        self._thread.join(timeout)
+
+    def _give_up(self) -> None:
+        """The thread of the run should be at its end, or near it."""
+        node = node_on_stack(self._thread)
+        path = '' if node is None else node.path
+        what = f'[{path}] does not return' if path else 'the run does not come to its end'
+        self._end(RunOutcome(BtExecute.Result.ERROR, f'{self._stop_reason}; {_NOT_AT_REST}: {what}', path))
+
+    def _end(self, outcome: RunOutcome) -> None:
+        with self._lock:
+            if self._ended:
+                return
+            self._ended = True
+        self._control.close(_HAS_ENDED)
+        try:
+            self._observer.ended()
+        finally:
+            self._on_end(outcome)
+
+    # -- on the thread of the run ------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        executed = _outcome_of(self._execute)
+        self._end(_outcome_of(lambda: self._come_to_rest(executed)))
+
+    def _execute(self) -> RunOutcome:
+        write_all(self._board, [*self._values, NO_RECOVERIES])
+        tree = self.tree = Tree(
+            self._library,
+            self.key.id,
+            file=self.key.file,
+            blackboard=self._board,
+            clock=self._clock,
+            services=self._services,
+            on_wake=self.wake,
+            log=self._observer.log,
+            after_round=self._tell_of_round,
+        )
+        self._observer.started(tree)
+        due = -math.inf
+        while True:
+            self._adopt()
+            if self._stop_reason is not None:
+                return RunOutcome(BtExecute.Result.CANCELED, self._stop_reason)
+            tree.take_wake()
+            due = self._next_due(due)
+            began = self._steady.now()
+            try:
+                status = self._control.tick(tree)
+            except TickAbandoned:
+                if not tree.hooks.released:
+                    raise
+                continue
+            if tree.context.hooks is None:  # breakpoints are not to be blamed on leaves
+                self._overruns.note(began, self._steady.now())
+            if status is not None and status is not NodeStatus.RUNNING:
+                return self._outcome(tree, status)
+            if not self._control.pending:
+                self._wait(tree, due)
+
+    def _next_due(self, due: float) -> float:
+        """When the next tick is due: a period after the last one was, unless that was a wake-up or came late."""
+        now = self._clock.now()
+        period = self._tick_period
+        return due + period if due <= now < due + period else now + period
+
+    def _tell_of_round(self) -> None:
+        if not self._ended:  # it may have been given up during the tick
+            self._observer.ticked()
+
+    def _adopt(self) -> None:
+        with self._lock:
+            if self._offer is None or self._stop_reason is not None:
+                return
+            (client, values), self._offer = self._offer, None
+            try:
+                write_all(self._board, [*values, NO_RECOVERIES])
+            except BehaviorTreeError as error:
+                refusal = str(error)
+            else:
+                refusal = ''
+                self._client = client
+        if refusal:
+            self._on_refused(client, refusal)
+        else:
+            self._on_adopted(client)
+
+    def _wait(self, tree: Tree, due: float) -> None:
+        next_wake = tree.next_wake
+        until = due if next_wake is None else min(due, next_wake)
+        self._bell.wait(self._clock, None if self._control.paused else until)
+
+    def _outcome(self, tree: Tree, status: NodeStatus) -> RunOutcome:
+        if status is NodeStatus.SUCCESS:
+            return RunOutcome(BtExecute.Result.SUCCESS)
+        if status is NodeStatus.SKIPPED:
+            return RunOutcome(BtExecute.Result.FAILURE, 'the tree was skipped: no node had anything to do')
+        failure = tree.failure
+        assert failure is not None  # the engine gives one for every FAILURE
+        return RunOutcome(BtExecute.Result.FAILURE, str(failure.steps[0]), failure.path, tuple(failure.lines()))
+
+    def _come_to_rest(self, outcome: RunOutcome) -> RunOutcome:
+        """Halt everything and wait until the leaves have confirmed it."""
+        self._control.close(_HAS_ENDED)
+        tree = self.tree
+        if tree is None:
+            return outcome
+        outcome = _halting(tree.halt, outcome)
+        deadline = self._steady.now() + self._cancel_timeout
+        while tree.unfinished and self._steady.now() < min(deadline, self._rest_by):
+            self._bell.wait(self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period))
+            outcome = _halting(tree.advance_unfinished, outcome)
+        if tree.unfinished:
+            message = f'{_NOT_AT_REST}: {", ".join(tree.unfinished)}'
+            outcome = replace(
+                outcome,
+                code=BtExecute.Result.ERROR,
+                message=f'{outcome.message}; {message}' if outcome.message else message,
+            )
+        return outcome
+
+
+def _halting(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
+    """Takes a step toward rest; gives the outcome, which an error of a leaf changes."""
+    try:
+        step()
+    except NodeExecutionError as error:
+        return _error(error, f'{outcome.message}; while halting: {error}')
+    return outcome
+
+
+def _error(error: NodeExecutionError, message: str) -> RunOutcome:
+    return RunOutcome(BtExecute.Result.ERROR, message, error.node_path, tuple(error.trace.lines()))
+
+
+def _outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
+    """What a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
+    try:
+        return step()
+    except NodeExecutionError as error:
+        return _error(error, str(error))
+    except BehaviorTreeError as error:
+        return RunOutcome(BtExecute.Result.ERROR, str(error))
+    except BaseException:  # a fault of ours
+        return RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
+
+
+class _Overruns:
+    """Tells of ticks that take too long, once a second at most."""
+
+    def __init__(self, key: TreeKey, period: float, tell: Callable[[str], None]) -> None:
+        self._tree = key.id
+        self._period = period
+        self._tell = tell
+        self._count = 0
+        self._longest = 0.0
+        self._silent_until = -math.inf
+
+    def note(self, began: float, ended: float) -> None:
+        """A tick took from ``began`` to ``ended``, s."""
+        took = ended - began
+        if took <= self._period:
+            return
+        self._count += 1
+        self._longest = max(self._longest, took)
+        if ended < self._silent_until:
+            return
+        self._tell(
+            f'tree [{self._tree}]: {self._count} ticks took longer than the period of {self._period:.3f} s '
+            f'(parameter tick_rate), the longest {self._longest:.3f} s; no leaf should block'
+        )
+        self._count, self._longest, self._silent_until = 0, 0.0, ended + 1.0

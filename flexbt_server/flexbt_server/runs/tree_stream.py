@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Publishes what happens in running trees: the structure of each run, then every transition of a status, in order.
+
+Nodes log marks while the tree is ticked. Between two ticks, at most each BATCH_SECONDS, or sooner when there are many,
+they are read and sent. Nothing is sent while nothing happens; the last transitions are sent before the result of the
+run. A message has at most MAX_CHANGES transitions, and the status of every node after them: a subscriber may join at
+any time, and whoever has lost messages, which the sequence number shows, has the whole picture again with the next.
+
+What waits to be sent is bounded: the thread that ticks the tree sends it itself, so that a tree which changes faster
+than messages can be made is slowed down. A slow subscriber slows nobody down; it loses messages.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from array import array
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.time import Time
+
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree import Tree
+from flexbt_core.clock.clock import Clock, Timer
+from flexbt_msgs import msg
+
+from .status_encoding import RoundReader, apply, encoded, serialized
+
+BATCH_SECONDS: Final = 0.05
+"""Least time between two messages of a run, wall time, unless more than MAX_MARKS wait."""
+
+MAX_MARKS: Final = 8192
+"""Marks that wait at most, at the end of a round."""
+
+MAX_CHANGES: Final = 4096
+"""Transitions of one message, which has 48 kB then."""
+
+MESSAGES_KEPT: Final = 64
+"""Messages of a topic that the middleware keeps: for those that it still has to deliver, and for late subscribers."""
+
+_BATCH_NS: Final = round(BATCH_SECONDS * 1e9)
+
+_GATHER_NS: Final = 2_000_000
+"""How long the first change of a quiet time waits for what follows at once, such as the end of the run: the tree goes
+on meanwhile, and its end is not held up by two messages."""
+
+
+class TreeStream:
+    """The two topics, shared by all runs of a server. To newcomers the runs that are open are shown again.
+
+    What the middleware keeps for them may be of others: a run can be quiet for a long time.
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._open: dict[RunStream, None] = {}
+        self._lock = threading.Lock()
+        self._structures = self._publisher(msg.TreeStructure, names.TREE_STRUCTURE, RunStream.show_structure)
+        self._statuses = self._publisher(msg.TreeStatus, names.TREE_STATUS, RunStream.show_statuses)
+
+    def open(self, run_id: str, blackboard: str) -> RunStream:
+        """The stream of one run."""
+        return RunStream(self, self._runtime.steady, run_id, blackboard)
+
+    def now(self) -> Time:
+        """Time of the node."""
+        return self._runtime.node.get_clock().now()
+
+    def begin(self, run: RunStream) -> None:
+        """A run is open from now on."""
+        with self._lock:
+            self._open[run] = None
+
+    def end(self, run: RunStream) -> None:
+        """A run is not open any more."""
+        with self._lock:
+            self._open.pop(run, None)
+
+    def publish_structure(self, message: msg.TreeStructure) -> None:
+        """Send the structure of a run."""
+        self._structures.publish(message)
+
+    def publish_status(self, message: bytes) -> None:
+        """Send a serialized TreeStatus."""
+        self._statuses.publish(message)
+
+    def report(self, error: Exception) -> None:
+        """A message could not be sent."""
+        self._runtime.report_fault(error, 'the monitoring of a tree')
+
+    def _publisher(self, message_type: type[Any], topic: str, show: Callable[[RunStream], None]) -> Any:
+        def matched(event: Any) -> None:
+            if event.current_count_change > 0:
+                with self._lock:
+                    runs = tuple(self._open)
+                for run in runs:
+                    show(run)
+
+        return self._runtime.node.create_publisher(
+            message_type,
+            topic,
+            names.latched(MESSAGES_KEPT),
+            event_callbacks=PublisherEventCallbacks(matched=matched, use_default_callbacks=False),
+        )
+
+
+class NoStream:
+    """Publishes nothing."""
+
+    def open(self, run_id: str, blackboard: str) -> Unwatched:
+        """As that of a TreeStream."""
+        return Unwatched()
+
+
+class Unwatched:
+    """Observes nothing of a run."""
+
+    log = None
+
+    def started(self, tree: Tree) -> None: ...
+
+    def ticked(self) -> None: ...
+
+    def paused(self, is_paused: bool) -> None: ...
+
+    def ended(self) -> None: ...
+
+
+class RunStream:
+    """Observes one run (:class:`flexbt_server.runs.tree_run.TreeObserver`)."""
+
+    def __init__(self, stream: TreeStream, clock: Clock, run_id: str, blackboard: str) -> None:
+        self.log: list[int] = []
+        self._stream = stream
+        self._clock = clock
+        self._run_id = run_id
+        self._blackboard = blackboard
+        self._sequence = 0
+        self._next = 0
+        self._timer: Timer | None = None
+        self._paused = False
+        self._open = False
+        self._lock = threading.Lock()
+
+    def started(self, tree: Tree) -> None:
+        self._reader = RoundReader(tree.nodes)
+        self._statuses = bytearray(self._reader.statuses)
+        self._structure = _structure(tree, self._run_id, self._blackboard, self._stream.now())
+        try:
+            self.show_structure()
+        except Exception as error:
+            self._stop(error)
+        else:
+            self._open = True
+            self._stream.begin(self)
+
+    def ticked(self) -> None:
+        log = self.log
+        last = log[-1:]
+        if not last or last[0] < 0:  # nothing has changed since the last stamp
+            return
+        now = time.monotonic_ns()
+        log.append(-now)
+        if len(log) >= MAX_MARKS:
+            self._flush()
+        elif self._timer is None:
+            with self._lock:  # it may be due before it is known here
+                self._timer = self._clock.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
+
+    def paused(self, is_paused: bool) -> None:
+        self._paused = is_paused
+        self._flush(always=True)
+
+    def ended(self) -> None:
+        self._stream.end(self)
+        self._flush(always=True, finished=True)
+
+    def show_structure(self) -> None:
+        """Send the structure; again, to those who have come late."""
+        self._stream.publish_structure(self._structure)
+
+    def show_statuses(self) -> None:
+        """Send the statuses, to those who have come late."""
+        self._flush(always=True)
+
+    def _flush(self, always: bool = False, finished: bool = False) -> None:
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+                self._timer = None
+            if not self._open:
+                self.log.clear()
+                return
+            self._open = not finished
+            self._next = time.monotonic_ns() + _BATCH_NS
+            try:
+                for count, changes, is_last in self._batches():
+                    if count or always:
+                        self._send(count, changes, finished and is_last)
+            except Exception as error:
+                self._stop(error)
+
+    def _stop(self, error: Exception) -> None:
+        """A message could not be sent. The tree runs on, watched or not."""
+        self._open = False
+        self._stream.end(self)
+        self._stream.report(error)
+
+    def _batches(self) -> Iterator[tuple[int, list[bytes], bool]]:
+        """What was logged, in encoded batches: the number of changes of each, and whether it is the last.
+
+        The last may be empty. When a batch is given, ``_statuses`` are those after it.
+        """
+        length = len(self.log)  # the tree may go on meanwhile
+        marks = self.log[:length]
+        del self.log[:length]
+        now = self._stream.now().nanoseconds
+        to_node_time = now - time.monotonic_ns()
+        count = 0
+        changes: list[bytes] = []
+        for stamp, part in _parts(marks):
+            seconds, nanoseconds = divmod(now if stamp is None else max(0, stamp + to_node_time), 1_000_000_000)
+            ends = self._reader.read(part)
+            while count + len(ends) > MAX_CHANGES:
+                fitting, ends = ends[: MAX_CHANGES - count], ends[MAX_CHANGES - count :]
+                apply(fitting, self._statuses)
+                yield MAX_CHANGES, [*changes, encoded(seconds, nanoseconds, fitting)], False
+                count, changes = 0, []
+            count += len(ends)
+            changes.append(encoded(seconds, nanoseconds, ends))
+            self._statuses[:] = self._reader.statuses
+        yield count, changes, True
+
+    def _send(self, count: int, changes: list[bytes], finished: bool) -> None:
+        self._sequence += 1
+        message = msg.TreeStatus(
+            stamp=self._stream.now().to_msg(),
+            run_id=self._run_id,
+            sequence=self._sequence,
+            finished=finished,
+            paused=self._paused and not finished,
+            statuses=array('B', self._statuses),
+        )
+        self._stream.publish_status(serialized(message, count, changes))
+
+
+def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:
+    """The marks of each round, with the stamp that follows them; None when the round is not over."""
+    begin = 0
+    for end in itertools.compress(itertools.count(), map((0).__gt__, marks)):
+        yield -marks[end], marks[begin:end]
+        begin = end + 1
+    if begin < len(marks):
+        yield None, marks[begin:]
+
+
+def _structure(tree: Tree, run_id: str, blackboard: str, now: Time) -> msg.TreeStructure:
+    parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
+    return msg.TreeStructure(
+        stamp=now.to_msg(),
+        run_id=run_id,
+        behavior_tree=tree.key.id,
+        blackboard=blackboard,
+        nodes=[
+            msg.TreeNode(
+                uid=node.uid, parent=parents.get(node.uid, 0), name=node.name, registration=node.id, path=node.path
+            )
+            for node in tree.nodes
+        ],
+    )

@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The trees that the server has loaded: all of a request is taken, or nothing of it.
+
+Files are read on a worker thread of its own, one request after the other; the library that goals see is exchanged
+as a whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from flexbt_common.errors import ResourceError
+from flexbt_core.behavior_tree import (
+    LoadError,
+    NodeRegistry,
+    TreeDocument,
+    TreeKey,
+    TreeLibrary,
+    TreeLoadError,
+    load_xml,
+)
+from flexbt_msgs.msg import BtLoadReport
+from flexbt_server.errors import UnknownTreeError
+
+from .tree_files import Reading, Source, TreeFiles
+
+XML_TEXT: Final = '<xml>'
+"""Name, in reports, of XML text that came with a goal."""
+
+_TEXT_PREFIX: Final = '<xml '
+"""How the names of such texts begin in the library."""
+
+_MOST_ROUNDS: Final = 20
+"""How often a tree may lead to further files that have changed."""
+
+
+@dataclass
+class FileReport:
+    """What became of one file; ``code`` is a constant of BtLoadReport."""
+
+    file: str
+    code: int = BtLoadReport.UNKNOWN
+    trees: tuple[str, ...] = ()
+    errors: list[LoadError] = field(default_factory=list)
+
+
+class FoundTree(NamedTuple):
+    """A tree to run, and the library to run it from. ``notice``: why an edit of its files was not taken over; or ''."""
+
+    library: TreeLibrary
+    key: TreeKey
+    notice: str
+
+
+class _Loaded(NamedTuple):
+    """What a document in use was read from; ``text`` is None for a file."""
+
+    sources: Mapping[str, Source]
+    text: bytes | None
+
+
+class _Refusal(NamedTuple):
+    """An edit that was refused, and the files as they were then."""
+
+    sources: Mapping[str, Source]
+    reason: str
+
+
+class TreeStore:
+    """Loads documents and finds trees. Safe to use from several threads."""
+
+    def __init__(
+        self, registry: NodeRegistry, allowed_directories: Sequence[Path], max_file_size: int, max_depth: int
+    ) -> None:
+        self.registry = registry
+        self._files = TreeFiles(allowed_directories, max_file_size)
+        self._max_file_size = max_file_size
+        self._max_depth = max_depth
+        self._library = TreeLibrary()
+        self._loaded: dict[str, _Loaded] = {}
+        self._refused: dict[tuple[str, ...], _Refusal] = {}
+        self._files_of: dict[TreeKey, list[str]] = {}
+        self._lock = threading.RLock()
+
+    @property
+    def library(self) -> TreeLibrary:
+        """What is loaded now; it never changes, a load exchanges it."""
+        return self._library
+
+    def load(
+        self, files: Sequence[str], xml: str = '', progress: Callable[[str, int], bool] | None = None
+    ) -> list[FileReport]:
+        """Load files and XML text: everything, or nothing when anything is refused.
+
+        ``progress(file, done)`` is told before each file and stops the load, with nothing loaded, by returning False.
+        One report per file in the order of the request, that of the text last.
+        """
+        readings = {file: Reading(self._files, file) for file in files}
+        requests = [(file, readings[file]) for file in files]
+        if xml:
+            name = f'{_TEXT_PREFIX}{hashlib.sha256(xml.encode()).hexdigest()[:8]}>'
+            requests.append((XML_TEXT, Reading(self._files, name, xml.encode())))
+        with self._lock:
+            return self._load(requests, progress, newest=True)
+
+    def find(self, name: str) -> FoundTree:
+        """The tree that a goal names, by ID or by file.
+
+        A file is loaded when it is not. Files that the tree is made of, included ones too, are loaded again when they
+        have changed; if what they have become is refused, all stays as it was, and the notice says why.
+
+        Raises:
+            UnknownTreeError: there is no such tree, or its file was never good; says why.
+        """
+        with self._lock:
+            is_file = '/' in name or name.endswith('.xml')
+            if is_file and name not in self._loaded:
+                reasons = _errors_of(self._load([(name, Reading(self._files, name))], None, newest=True))
+                if reasons:
+                    raise UnknownTreeError(f'tree file refused: {reasons}')
+            notice = ''
+            for _ in range(_MOST_ROUNDS):
+                before = self._library
+                key = self._key(name, is_file)
+                # Any of them may have what is missing.
+                notice = self._refresh(list(self._loaded) if key is None else self._files_behind(key))
+                if self._library is before:
+                    break
+            key = self._key(name, is_file)
+            if key is not None:
+                return FoundTree(self._library, key, notice)
+            if not is_file:
+                raise UnknownTreeError(self._no_such_tree(name))
+            trees = ', '.join(sorted(self._library.documents[name].trees)) or 'none'
+            raise UnknownTreeError(
+                f'{name}: does not say which tree ({trees}) to execute; set main_tree_to_execute, or name one'
+            )
+
+    def _key(self, name: str, is_file: bool) -> TreeKey | None:
+        if not is_file:
+            return self._library.find(name)
+        main = self._library.documents[name].main
+        return None if main is None else TreeKey(name, main)
+
+    def _files_behind(self, key: TreeKey) -> list[str]:
+        """The documents that have the trees of which this one is made, and the models, which all go by."""
+        found = self._files_of.get(key)
+        if found is None:
+            library = self._library
+            keys = [key]
+            for tree in keys:
+                ids = {node.tree_id for node in library.definition(tree).nodes() if node.tree_id is not None}
+                targets = {library.find(id, tree.file) for id in ids}
+                keys += [target for target in targets if target is not None and target not in keys]
+            with_models = (file for file, document in library.documents.items() if document.models)
+            found = self._files_of[key] = list(dict.fromkeys([*(tree.file for tree in keys), *with_models]))
+        return found
+
+    def _refresh(self, names: Sequence[str]) -> str:
+        """Load those of these documents again whose files have changed, together; gives why that was refused."""
+        outdated = tuple(name for name in names if not self._files.are_current(self._loaded[name].sources))
+        if not outdated:
+            return ''
+        refused = self._refused.get(outdated)
+        if refused is None or not self._files.are_current(refused.sources):
+            readings = [Reading(self._files, name, self._loaded[name].text) for name in outdated]
+            reasons = _errors_of(self._load([(reading.name, reading) for reading in readings], None, newest=False))
+            if not reasons:
+                return ''
+            sources = {name: source for reading in readings for name, source in reading.sources.items()}
+            refused = _Refusal(sources, f'an edit was not taken over, the last good version runs: {reasons}')
+            self._refused[outdated] = refused
+        return refused.reason
+
+    def _no_such_tree(self, name: str) -> str:
+        known = ', '.join(sorted(self._library.tree_ids())) or 'none is loaded'
+        return f'there is no tree {name!r}; load its file with BtLoad, or name the file. Known trees: {known}'
+
+    def _load(
+        self, requests: Sequence[tuple[str, Reading]], progress: Callable[[str, int], bool] | None, newest: bool
+    ) -> list[FileReport]:
+        """Loads all or nothing. ``newest``: their trees become the newest of their names; otherwise they keep their
+        places."""
+        reports: list[FileReport] = []
+        documents: list[TreeDocument] = []
+        for done, (shown, reading) in enumerate(requests):
+            report = FileReport(shown)
+            reports.append(report)
+            if progress is not None and not progress(shown, done):
+                return reports
+            self._read(report, reading, documents, newest)
+        self._take(reports, documents, [reading for _, reading in requests], newest)
+        return reports
+
+    def _read(self, report: FileReport, reading: Reading, documents: list[TreeDocument], newest: bool) -> None:
+        name = reading.name
+        known = self._loaded.get(name)
+        try:
+            if known is not None and reading.is_same(known.sources):
+                report.code = BtLoadReport.UNCHANGED
+                document = self._library.documents[name]
+                report.trees = tuple(document.trees)
+                if newest and any(self._library.find(id) != TreeKey(name, id) for id in document.trees):
+                    documents.append(document)  # its trees are the newest of their names again
+                return
+            document = load_xml(
+                reading.main(),
+                name,
+                self.registry,
+                include=reading.include,
+                max_bytes=self._max_file_size,
+                max_depth=self._max_depth,
+            )
+        except TreeLoadError as error:
+            report.code = BtLoadReport.REFUSED
+            report.errors.extend(error.errors)
+        except (ResourceError, OSError) as error:
+            report.code = BtLoadReport.REFUSED
+            report.errors.append(LoadError(report.file, 0, 0, '', str(error).removeprefix(f'{report.file}: ')))
+        else:
+            report.code = BtLoadReport.VALID
+            report.trees = tuple(document.trees)
+            documents.append(document)
+
+    def _take(
+        self,
+        reports: list[FileReport],
+        documents: list[TreeDocument],
+        readings: Sequence[Reading],
+        newest: bool,
+    ) -> None:
+        if any(report.code == BtLoadReport.REFUSED for report in reports):
+            return
+        forgotten: set[str] = set()
+        if documents:
+            try:
+                forgotten = self._replaced_texts(documents)
+                self._library = self._library.stage(documents, without=forgotten, in_place=not newest)
+            except TreeLoadError as error:
+                self._blame(reports, error)
+                return
+            self._files_of.clear()
+            self._refused.clear()
+        self._loaded |= {reading.name: _Loaded(dict(reading.sources), reading.text) for reading in readings}
+        for name in forgotten:
+            del self._loaded[name]
+        for report in reports:
+            if report.code == BtLoadReport.VALID:
+                report.code = BtLoadReport.LOADED
+
+    def _replaced_texts(self, documents: Sequence[TreeDocument]) -> set[str]:
+        """XML texts of which no tree can be named any more, once ``documents`` are loaded: newer ones have taken the
+        names of all. They would be kept for ever."""
+        library = self._library
+        names = {document.file for document in documents}
+        taken = {id for document in documents for id in document.trees}
+        return {
+            name
+            for name, document in library.documents.items()
+            if name.startswith(_TEXT_PREFIX)
+            and name not in names
+            and not document.models
+            and all(id in taken or library.find(id) != TreeKey(name, id) for id in document.trees)
+        }
+
+    def _blame(self, reports: list[FileReport], error: TreeLoadError) -> None:
+        """Give errors between documents to the files that they are in, otherwise to the last one that is new."""
+        by_file = {report.file: report for report in reports}
+        new = [report for report in reports if report.code == BtLoadReport.VALID]
+        for reason in error.errors:
+            name = XML_TEXT if reason.file.startswith(_TEXT_PREFIX) else reason.file
+            report = by_file.get(name, new[-1] if new else reports[-1])
+            report.code = BtLoadReport.REFUSED
+            report.errors.append(reason)
+
+
+def _errors_of(reports: Sequence[FileReport]) -> str:
+    """Why a load was refused; '' when it was not."""
+    return '; '.join(str(error) for report in reports for error in report.errors)

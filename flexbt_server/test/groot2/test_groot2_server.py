@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The server of Groot2 by itself: whatever bytes it gets, several trees, several clients, and its end."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import random
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_server.groot2.mark_log import MarkLog
+from flexbt_server.groot2.protocol import RequestType, request_header
+from flexbt_server.groot2.server import Groot2Server
+from flexbt_server.groot2.watched_tree import RECORDED, WatchedTree, clock
+from flexbt_testing.behavior_trees.scripted_nodes import registry
+
+DEADLINE = 20.0
+_PORTS = itertools.count(10_000 + os.getpid() % 250 * 100, 2)
+DOCUMENT = """<root BTCPP_format="4"><BehaviorTree ID="One"><Sequence><Script code="x := 1"/><AlwaysSuccess/>
+<SubTree ID="Two" name="two" x="{x}"/></Sequence></BehaviorTree>
+<BehaviorTree ID="Two"><Sequence><Script code="y := x"/><AlwaysSuccess/></Sequence></BehaviorTree></root>"""
+LIBRARY = TreeLibrary([load_xml(DOCUMENT, 'groot2.xml', registry())])
+HEADER = request_header(RequestType.STATUS, 7)
+
+
+def ask(server: Groot2Server, type: int, *content: bytes) -> list[bytes]:
+    return server.answer([HEADER[:1] + bytes((type,)) + HEADER[2:], *content])
+
+
+def tree(id: str = 'One', board: Blackboard | None = None) -> Tree:
+    return Tree(LIBRARY, id, blackboard=board, clock=ManualClock())
+
+
+def observed(server: Groot2Server, shown: Tree) -> WatchedTree:
+    log = MarkLog(clock)
+    watched = server.add(shown, log)
+    assert watched is not None
+    shown.record(log, watched.settle)
+    return watched
+
+
+def breakpoint(uid: int, **changes: Any) -> bytes:
+    hook = {'enabled': True, 'uid': uid, 'mode': 0, 'once': False, 'desired_status': 'SKIPPED', 'position': 0}
+    return json.dumps(hook | changes).encode()
+
+
+@pytest.fixture
+def server() -> Iterator[Groot2Server]:
+    with Groot2Server(next(_PORTS)) as opened:
+        yield opened
+
+
+@pytest.fixture(scope='module')
+def fuzzed() -> Iterator[Groot2Server]:
+    with Groot2Server(next(_PORTS)) as opened:
+        observed(opened, tree())
+        yield opened
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(['SUCCESS', 'IDLE', 'x', '']),
+    lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(['a', 'uid']), inner),
+)
+HOOKS = st.fixed_dictionaries(
+    {},
+    optional={
+        'enabled': st.booleans() | JSON,
+        'uid': st.integers(-1, 9) | JSON,
+        'mode': st.integers(-1, 3) | JSON,
+        'once': st.booleans() | JSON,
+        'desired_status': st.sampled_from(['SUCCESS', 'FAILURE', 'SKIPPED', 'RUNNING', 'IDLE', 'NONE']) | JSON,
+        'position': st.integers(-1, 3) | JSON,
+        'remove_when_done': st.booleans() | JSON,
+    },
+)
+CONTENT = st.binary() | (HOOKS | st.lists(HOOKS, max_size=3) | JSON).map(lambda item: json.dumps(item).encode())
+HEADERS = st.binary(max_size=8) | st.builds(
+    lambda type, rest: b'\2' + bytes((type,)) + rest,
+    st.sampled_from(list(RequestType)) | st.integers(0, 255),
+    st.binary(min_size=4, max_size=4),
+)
+
+
+@given(st.lists(st.tuples(HEADERS, st.lists(CONTENT, max_size=2)), min_size=1, max_size=6))
+def test_any_request_has_a_reply_and_hurts_nothing(
+    fuzzed: Groot2Server, requests: list[tuple[bytes, list[bytes]]]
+) -> None:
+    for header, content in requests:
+        reply = fuzzed.answer([header, *content])
+        assert 1 <= len(reply) <= 2
+        assert reply[-1] != b'Unknown error while processing request'  # that would be a fault of the server
+        assert reply[0] == b'error' or (len(header) == 6 and reply[0][1:6] == header[1:] and len(reply[0]) == 22)
+    for hook in json.loads(ask(fuzzed, RequestType.HOOKS_DUMP)[1]):
+        assert 1 <= hook['uid'] <= 7
+    assert len(ask(fuzzed, RequestType.STATUS)[1]) == 3 * 7
+    ask(fuzzed, RequestType.REMOVE_ALL_HOOKS)
+
+
+@pytest.mark.parametrize(
+    ('type', 'content', 'text'),
+    [
+        # The texts of BehaviorTree.CPP 4.10 and of its JSON library; 4.8.2 ends the process instead.
+        ('I', b'{"uid": 1, "position": 0}', "[json.exception.out_of_range.403] key 'desired_status' not found"),
+        ('R', b'{"position": 0}', "[json.exception.out_of_range.403] key 'uid' not found"),
+        ('R', b'{"uid": "1"}', '[json.exception.type_error.302] type must be number, but is string'),
+        ('R', b'[]', '[json.exception.type_error.304] cannot use at() with array'),
+        ('R', b'null', '[json.exception.type_error.304] cannot use at() with null'),
+        ('U', b'{"uid": 1, "desired_status": 2}', '[json.exception.type_error.302] type must be string, but is number'),
+        ('I', breakpoint(1, enabled=1), '[json.exception.type_error.302] type must be boolean, but is number'),
+        ('I', breakpoint(1, desired_status='NONE'), 'Cannot convert this to NodeStatus: NONE'),
+        ('R', breakpoint(7), 'Node ID not found'),
+        ('U', breakpoint(7, remove_when_done=True), 'Node ID not found'),
+        ('R', b'{"uid": 1e999}', "[json.exception.out_of_range.406] number overflow parsing '1e999'"),
+    ],
+)
+def test_what_is_wrong_is_said(server: Groot2Server, type: str, content: bytes, text: str) -> None:
+    observed(server, tree())
+    assert ask(server, ord(type), content) == [b'error', text.encode()]
+    assert ask(server, ord('I'), b'{,}')[1].startswith(
+        b'[json.exception.parse_error.101] parse error at line 1, column 2'
+    )
+
+
+def test_bytes_that_are_no_messages_do_not_reach_others(server: Groot2Server) -> None:
+    """A client that speaks no ZeroMQ, one that goes without its reply, and one whose request is too large."""
+    port = next(_PORTS)
+    with Groot2Server(port) as opened, zmq.Context() as context:
+        observed(opened, tree())
+        for rubbish in (b'GET / HTTP/1.1\r\n\r\n', b'\xff' * 100, b'\xff\0\0\0\0\0\0\0\1\x7f\3\0NULL', b''):
+            with socket.create_connection(('127.0.0.1', port)) as raw:
+                raw.sendall(rubbish)
+        for request in ([HEADER], [HEADER, b'x' * 2_000_000], [b''] * 50, [b'x', b'', HEADER]):
+            with context.socket(zmq.DEALER) as dealer:
+                dealer.set(zmq.LINGER, 1000)
+                dealer.connect(f'tcp://127.0.0.1:{port}')
+                dealer.send_multipart([b'', *request])
+        with context.socket(zmq.REQ) as client:
+            client.set(zmq.RCVTIMEO, int(DEADLINE * 1000))
+            client.connect(f'tcp://127.0.0.1:{port}')
+            client.send(HEADER)
+            header, statuses = client.recv_multipart()
+            assert header[:6] == HEADER
+            assert len(statuses) == 3 * 7
+
+
+def test_a_port_that_is_taken_is_an_error() -> None:
+    port = next(_PORTS)
+    with socket.create_server(('127.0.0.1', port + 1)), pytest.raises(OSError, match=f'{port + 1}.*Groot2'):
+        Groot2Server(port)
+    with Groot2Server(port):
+        pass
+
+
+def shown_tree(server: Groot2Server) -> bytes:
+    return ask(server, RequestType.STATUS)[0][6:]
+
+
+def test_the_newest_tree_is_shown(server: Groot2Server) -> None:
+    assert ask(server, RequestType.FULL_TREE) == [b'error', b'no tree has been started yet']
+    first = observed(server, tree('One'))
+    second = observed(server, tree('Two'))
+    assert shown_tree(server) == second.uuid != first.uuid
+    assert b'ID="One"' not in ask(server, RequestType.FULL_TREE)[1]
+    server.remove(second)
+    assert shown_tree(server) == first.uuid
+    server.remove(first)
+    assert shown_tree(server) == first.uuid
+    third = observed(server, tree('Two'))
+    assert shown_tree(server) == third.uuid
+
+
+def test_only_one_tree_is_shown_if_asked_for() -> None:
+    with Groot2Server(next(_PORTS), only='Two') as server:
+        assert server.add(tree('One'), MarkLog(clock)) is None
+        assert ask(server, RequestType.STATUS)[0] == b'error'
+        two = observed(server, tree('Two'))
+        assert shown_tree(server) == two.uuid
+
+
+class Held:
+    """A tree whose tick a breakpoint holds up."""
+
+    def __init__(self, server: Groot2Server, shown: Tree, uid: int) -> None:
+        self.news: list[bool] = []
+        self.arrived = threading.Event()
+        log = MarkLog(clock)
+        watched = server.add(shown, log, self._on_held)
+        assert watched is not None
+        self.watched = watched
+        shown.record(log, watched.settle)
+        ask(server, RequestType.HOOK_INSERT, breakpoint(uid))
+        self.result: list[Any] = []
+        self.thread = threading.Thread(target=self._tick, args=(shown,))
+        self.thread.start()
+        assert self.arrived.wait(DEADLINE)
+
+    def _on_held(self, held: bool) -> None:
+        self.news.append(held)
+        if held:
+            self.arrived.set()
+
+    def _tick(self, shown: Tree) -> None:
+        self.result.append(shown.tick_once())
+
+    def goes_on(self) -> Any:
+        self.thread.join(DEADLINE)
+        assert self.news == [True, False]
+        return self.result[0]
+
+
+def test_a_tree_that_is_held_stays_and_holds_no_other(server: Groot2Server) -> None:
+    held = Held(server, tree('One'), 3)
+    other = tree('One')
+    observed(server, other)
+    assert other.tick_once() is NodeStatus.SUCCESS
+    assert shown_tree(server) == held.watched.uuid
+    ask(server, RequestType.BREAKPOINT_UNLOCK, breakpoint(3, desired_status='FAILURE', remove_when_done=True))
+    assert held.goes_on() is NodeStatus.FAILURE
+
+
+def test_a_hidden_tree_is_not_held(server: Groot2Server) -> None:
+    one = tree('One')
+    observed(server, one)
+    ask(server, RequestType.HOOK_INSERT, breakpoint(2))
+    observed(server, tree('Two'))
+    assert one.tick_once() is NodeStatus.SUCCESS
+
+
+def test_the_end_of_the_server_lets_go() -> None:
+    with Groot2Server(next(_PORTS)) as server:
+        held = Held(server, tree(), 1)
+    assert held.goes_on() is NodeStatus.SUCCESS
+
+
+def test_hooks_are_handed_on_to_the_next_run_of_the_tree(server: Groot2Server) -> None:
+    one = observed(server, tree())
+    ask(server, RequestType.HOOK_INSERT, breakpoint(3, mode=1, desired_status='FAILURE', position=1))
+    server.remove(one)
+    again = tree()
+    observed(server, again)
+    assert again.tick_once() is NodeStatus.FAILURE
+    observed(server, tree('Two'))
+    assert ask(server, RequestType.HOOKS_DUMP)[1] == b'[]'
+
+
+def test_hooks_after_ticks(server: Groot2Server) -> None:
+    """Both at one node, by their positions; the library of the wheel makes hooks before ticks of all."""
+    shown = tree()
+    observed(server, shown)
+    ask(server, RequestType.HOOK_INSERT, b'[%s,%s]' % (breakpoint(3, mode=1), breakpoint(3, mode=1, position=1)))
+    assert [hook['position'] for hook in json.loads(ask(server, RequestType.HOOKS_DUMP)[1])] == [0, 1]
+    ask(server, RequestType.HOOK_REMOVE, b'{"uid": 3, "position": 0}')
+    ask(server, RequestType.HOOK_INSERT, breakpoint(3, mode=1, position=1, once=True, desired_status='FAILURE'))
+    assert shown.tick_once() is NodeStatus.FAILURE
+    assert ask(server, RequestType.HOOKS_DUMP)[1] == b'[]'
+    assert shown.tick_once() is NodeStatus.SUCCESS
+
+
+def test_a_recording_keeps_the_newest(server: Groot2Server) -> None:
+    shown = tree()
+    observed(server, shown)
+    ask(server, RequestType.TOGGLE_RECORDING, b'start')
+    rounds = RECORDED // 14 + 20
+    for _ in range(rounds):
+        shown.tick_once()
+    kept = ask(server, RequestType.GET_TRANSITIONS)[1]
+    assert len(kept) == 9 * RECORDED
+    # The last of them is that the root is IDLE again.
+    assert kept[-3:] == b'\1\0\0'
+    assert ask(server, RequestType.GET_TRANSITIONS)[1] == b''
+
+
+def test_the_topmost_blackboard_comes_with_others(server: Groot2Server) -> None:
+    outer = Blackboard()
+    outer.set('far', [1 << 70])
+    shown = tree(board=Blackboard(outer))
+    observed(server, shown)
+    shown.tick_once()
+    replies = [msgpack.unpackb(ask(server, RequestType.BLACKBOARD, names)[1]) for names in (b'One', b'two;One', b'x')]
+    assert replies[0] == {'One': {'x': 1}, 'ROOT': {'far': [str(1 << 70)]}}
+    assert replies[1] == {**replies[0], 'two': {'y': 1}}
+    assert replies[2] is None
+
+
+def test_a_program_shows_a_tree(server: Groot2Server) -> None:
+    """Statuses that are asked for late are those of the end, each change on the way counted."""
+    shown = tree()
+    with server.watch(shown):
+        for _ in range(500):
+            assert shown.tick_once() is NodeStatus.SUCCESS
+    assert ask(server, RequestType.STATUS)[1][2::3] == bytes([12] * 7)
+
+
+def test_requests_of_any_moment_lose_nothing(server: Groot2Server) -> None:
+    """While the tree is ticked: the statuses at the end, and what was recorded, are those of every change, in order."""
+    shown = tree()
+    watched = observed(server, shown)
+    over = threading.Event()
+    records: list[bytes] = []
+
+    def request() -> None:
+        chance = random.Random(1)
+        ask(server, RequestType.TOGGLE_RECORDING, b'start')
+        while not over.is_set():
+            match chance.choice('IRADSttt'):
+                case 'I':
+                    hook = breakpoint(
+                        chance.randrange(1, 8), mode=1, once=chance.random() < 0.5, position=chance.randrange(2)
+                    )
+                    ask(server, RequestType.HOOK_INSERT, hook)
+                case 'R':
+                    ask(
+                        server,
+                        RequestType.HOOK_REMOVE,
+                        breakpoint(chance.randrange(1, 8), position=chance.randrange(2)),
+                    )
+                case 't':
+                    records.append(ask(server, RequestType.GET_TRANSITIONS)[1])
+                case choice:
+                    assert ask(server, ord(choice))[0] != b'error'
+
+    thread = threading.Thread(target=request)
+    thread.start()
+    ticks = 0
+    while ticks < 300 or len(records) < 100:
+        assert shown.tick_once() is NodeStatus.SUCCESS
+        ticks += 1
+    over.set()
+    thread.join(DEADLINE)
+    ask(server, RequestType.REMOVE_ALL_HOOKS)
+    assert shown.tick_once() is NodeStatus.SUCCESS
+    assert ask(server, RequestType.STATUS)[1][2::3] == bytes([12] * 7)
+    records.append(ask(server, RequestType.GET_TRANSITIONS)[1])
+    if all(len(part) < 9 * RECORDED for part in records):
+        data = b''.join(records)
+        statuses: dict[int, list[int]] = {}
+        for at in range(0, len(data), 9):
+            statuses.setdefault(data[at + 6], []).append(data[at + 8])
+        # A leaf is IDLE, then SUCCESS; all others are RUNNING in between. The recording may begin in the middle.
+        for uid, seen in statuses.items():
+            cycle = [0, 2] if uid in (2, 3, 6, 7) else [0, 1, 2]
+            start = cycle.index(seen[0])
+            assert seen == [cycle[(start + step) % len(cycle)] for step in range(len(seen))], uid
+    assert watched.breakpoints.all() == []

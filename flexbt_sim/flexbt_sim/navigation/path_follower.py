@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Follows a path by regulated pure pursuit, with a goal checker and a progress checker.
+
+The rules are those of Nav2's regulated pure pursuit controller, with speeds that fit a TurtleBot3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Final
+
+import numpy
+
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.world.geometry import Pose, wrap
+
+from .costmap import Costmap
+from .motions import STOP, TurnLimits, Velocity, collides
+from .track import Track
+
+SEARCH_DISTANCE: Final = 1.5
+"""How far along the path, m, the robot may have come from one step to the next; the path may cross itself."""
+
+NEAREST_LOOKAHEAD: Final = 0.05
+"""Distance, m, of the nearest point that the robot is directed to."""
+
+
+@dataclass(frozen=True)
+class FollowerLimits:
+    """Parameters of the controller, in m, s and rad.
+
+    The look-ahead distance is ``lookahead_time`` of driving, within its bounds. Within ``approach_distance`` of the end
+    the robot slows down to ``approach_speed``; where the path bends more than ``curvature_radius`` it slows down to no
+    less than ``curve_speed``. A turn of more than ``rotate_angle`` is made on the spot. No progress means less than
+    ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle ahead is waited for.
+    """
+
+    speed: float = 0.26
+    lookahead_min: float = 0.25
+    lookahead_max: float = 0.6
+    lookahead_time: float = 1.5
+    approach_distance: float = 0.4
+    approach_speed: float = 0.05
+    curvature_radius: float = 0.6
+    curve_speed: float = 0.1
+    rotate_angle: float = 0.785
+    angular_speed: float = 1.5
+    xy_tolerance: float = 0.1
+    yaw_tolerance: float = 0.1
+    progress_distance: float = 0.5
+    progress_time: float = 10.0
+    patience: float = 0.3
+    collision_time: float = 1.0
+
+
+class ProgressChecker:
+    """Notices when the robot gets nowhere. It outlives a change of the path."""
+
+    def __init__(self, limits: FollowerLimits) -> None:
+        self._limits = limits
+        self._mark: tuple[Pose, float] | None = None
+
+    def check(self, pose: Pose, now: float, turning: bool) -> None:
+        """Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress of its own."""
+        if self._mark is None or turning or self._mark[0].distance(pose) >= self._limits.progress_distance:
+            self._mark = (pose, now)
+        elif now - self._mark[1] > self._limits.progress_time:
+            raise NavigationError(
+                'FAILED_TO_MAKE_PROGRESS',
+                f'moved less than {self._limits.progress_distance:g} m in {self._limits.progress_time:g} s',
+            )
+
+
+class PathFollower:
+    """Follows one path to its end, and turns to the heading of its last pose."""
+
+    def __init__(
+        self,
+        path: Sequence[Pose],
+        costmap: Costmap,
+        limits: FollowerLimits,
+        progress: ProgressChecker | None = None,
+    ) -> None:
+        """``progress`` is that of the path that this one replaces.
+
+        Raises:
+            NavigationError: INVALID_PATH for one without poses, or with one that is not finite.
+        """
+        if not path or not all(map(math.isfinite, chain.from_iterable(path))):
+            raise NavigationError('INVALID_PATH', 'the path has no poses' if not path else 'a pose is not finite')
+        self._goal = path[-1]
+        self._track = Track(path)
+        self._costmap = costmap
+        self._limits = limits
+        self.progress = progress or ProgressChecker(limits)
+        self._turn = TurnLimits(maximum=limits.angular_speed)
+        self._at = 0.0
+        self._at_goal = False
+        self._blocked_since: float | None = None
+        self.speed = 0.0
+        self.distance_to_goal = self._track.length
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`flexbt_sim.navigation.motions.Motion`.
+
+        Raises:
+            NavigationError: FAILED_TO_MAKE_PROGRESS; PATIENCE_EXCEEDED when an obstacle stays in the way, or
+                NO_VALID_CONTROL at once when there is no patience.
+        """
+        limits = self._limits
+        self._at = self._track.nearest(pose, self._at, self._at + SEARCH_DISTANCE)
+        left = self._track.length - self._at
+        self.distance_to_goal = math.dist(pose[:2], self._track.point(self._at)) + left
+        near_end = left <= 2.0 * limits.xy_tolerance
+        self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= limits.xy_tolerance)
+        self.progress.check(pose, now, self._at_goal)
+        if self._at_goal:
+            self.speed = 0.0
+            angle = wrap(self._goal.yaw - pose.yaw)
+            return None if abs(angle) <= limits.yaw_tolerance else self._turn_by(angle)
+        velocity = self._pursue(pose)
+        if velocity is None:
+            velocity = self._wait_for_way(now)
+        else:
+            self._blocked_since = None
+        self.speed = velocity.linear
+        return velocity
+
+    def update(self, costmap: Costmap) -> None:
+        """See :class:`flexbt_sim.navigation.motions.Motion`."""
+        self._costmap = costmap
+
+    def _pursue(self, pose: Pose) -> Velocity | None:
+        """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""
+        limits = self._limits
+        reach = min(limits.lookahead_max, max(limits.lookahead_min, self.speed * limits.lookahead_time))
+        end = self._at + reach
+        while reach >= NEAREST_LOOKAHEAD:
+            carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
+            velocity = self._towards(pose, carrot)
+            if not self._is_blocked(pose, carrot, velocity):
+                return velocity
+            if not self._is_free_until(end):
+                return None
+            reach /= 2.0
+        return None
+
+    def _is_free_until(self, end: float) -> bool:
+        """Whether the path itself is free for so far, m from its beginning."""
+        places = numpy.arange(self._at, min(end, self._track.length), self._costmap.world.resolution)
+        return not any(self._costmap.in_collision(Pose(*self._track.point(at), 0.0)) for at in places)
+
+    def _towards(self, pose: Pose, carrot: Pose) -> Velocity:
+        limits = self._limits
+        bearing = pose.bearing(carrot.x, carrot.y)
+        at_rest = abs(self.speed) < 0.01
+        if abs(bearing) > (limits.rotate_angle / 3.0 if at_rest else limits.rotate_angle):
+            return self._turn_by(bearing)
+        curvature = 2.0 * math.sin(bearing) / max(pose.distance(carrot), 0.05)
+        speed = limits.speed
+        if abs(curvature) * limits.curvature_radius > 1.0:
+            speed = max(limits.curve_speed, speed / (abs(curvature) * limits.curvature_radius))
+        if self.distance_to_goal < limits.approach_distance:
+            speed = max(limits.approach_speed, speed * self.distance_to_goal / limits.approach_distance)
+        angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
+        return Velocity(speed, angular)
+
+    def _turn_by(self, angle: float) -> Velocity:
+        return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))
+
+    def _is_blocked(self, pose: Pose, carrot: Pose, velocity: Velocity) -> bool:
+        """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn the way after it counts."""
+        if velocity.linear == 0.0:
+            pose = Pose(pose.x, pose.y, math.atan2(carrot.y - pose.y, carrot.x - pose.x))
+            velocity = Velocity(self._limits.speed, 0.0)
+        seconds = min(self._limits.collision_time, pose.distance(carrot) / velocity.linear)
+        return collides(self._costmap, pose, velocity, seconds)
+
+    def _wait_for_way(self, now: float) -> Velocity:
+        patience = self._limits.patience
+        if self._blocked_since is None:
+            self._blocked_since = now
+        if patience <= 0.0:
+            raise NavigationError('NO_VALID_CONTROL', 'an obstacle is ahead on the path')
+        if now - self._blocked_since > patience:
+            raise NavigationError('PATIENCE_EXCEEDED', f'an obstacle has been ahead on the path for {patience:g} s')
+        return STOP

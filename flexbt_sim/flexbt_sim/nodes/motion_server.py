@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Actions that move the robot: follow_path, spin, backup and drive_on_heading.
+
+One motion at a time drives the robot: the newest. A new path takes a running follow_path over without a stop; any other
+motion ends the one before, which is aborted. All of this happens on the executor thread, whenever a pose comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+from flexbt_sim.navigation.motions import STOP, Motion
+from flexbt_sim.navigation.path_follower import PathFollower
+from flexbt_sim.world.geometry import Pose
+
+from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
+from .robot_interface import RobotInterface
+from .ros_messages import duration_message
+
+FEEDBACK_EVERY: Final = 3
+"""Poses per feedback message."""
+
+
+@dataclass(eq=False)
+class RunningMotion:
+    """A goal that drives the robot. ``feedback`` makes a feedback message of the motion; ``on_end`` ends the goal."""
+
+    goal: ServedGoal
+    motion: Motion
+    feedback: Callable[[Any], Any]
+    on_end: Callable[[GoalEnd], None]
+    poses: int = 0
+
+
+class MotionArbiter:
+    """Lets one motion drive."""
+
+    def __init__(self, runtime: NodeRuntime, robot: RobotInterface, pose_timeout: float) -> None:
+        self._runtime = runtime
+        self._pose_timeout = pose_timeout
+        self.robot = robot
+        self._watch: Timer | None = None
+        self.running: RunningMotion | None = None
+        robot.on_pose, robot.on_map = self._on_pose, self._on_map
+
+    def start(self, newer: RunningMotion) -> None:
+        """Let a motion drive. A path that replaces a path is gone over to without a stop."""
+        if self.running is not None:
+            rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
+            self.end(GoalEnd(message='a newer motion has taken over'), stop=not rolling)
+        self.running = newer
+        self._look_for_pose_in(self._pose_timeout, newer)
+
+    def _on_pose(self, pose: Pose, now: float) -> None:
+        running = self.running
+        if running is None:
+            return
+        try:
+            velocity = running.motion.step(pose, now)
+        except Exception as error:
+            self.end(end_by(self._runtime, error, 'a motion'))
+            return
+        if velocity is None:
+            self.end(SUCCEEDED)
+            return
+        self.robot.drive(velocity)
+        running.poses += 1
+        if running.poses % FEEDBACK_EVERY == 1:
+            running.goal.publish_feedback(running.feedback(running.motion))
+
+    def _on_map(self) -> None:
+        if self.running is not None:
+            self.running.motion.update(self.robot.costmap)
+
+    def end(self, end: GoalEnd, *, stop: bool = True) -> None:
+        """End the motion that drives, and stop the robot."""
+        running, self.running = self.running, None
+        if self._watch is not None:
+            self._watch.cancel()
+            self._watch = None
+        if running is None:
+            return
+        if stop:
+            self.robot.drive(STOP)
+        running.on_end(end)
+
+    def cancel(self, goal: ServedGoal) -> None:
+        """The client does not want its goal any more."""
+        if self.running is not None and self.running.goal is goal:
+            self.end(CANCELED)
+
+    def _look_for_pose_in(self, seconds: float, running: RunningMotion) -> None:
+        steady = self._runtime.steady
+        self._watch = steady.call_at(
+            steady.now() + seconds, lambda: self._runtime.post(lambda: self._look_for_pose(running))
+        )
+
+    def _look_for_pose(self, running: RunningMotion) -> None:
+        if self.running is not running:
+            return
+        silence = self.robot.silence
+        if silence < self._pose_timeout:
+            self._look_for_pose_in(self._pose_timeout - silence, running)
+        else:
+            self.end(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
+
+
+class MotionServer:
+    """Serves one action. ``make(request, arbiter)`` gives the motion, or raises NavigationError."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        arbiter: MotionArbiter,
+        action_type: Any,
+        name: str,
+        make: Callable[[Any], Motion],
+        feedback: Callable[[Any], Any],
+    ) -> None:
+        self._runtime = runtime
+        self._arbiter = arbiter
+        self._action_type = action_type
+        self._name = name
+        self._make = make
+        self._feedback = feedback
+        server = GoalServer(runtime, action_type, name, self._serve, arbiter.cancel)
+        runtime.on_close(lambda: runtime.call(server.close))
+
+    def _serve(self, goal: ServedGoal) -> None:
+        started = self._runtime.clock.now()
+
+        def on_end(end: GoalEnd) -> None:
+            result = self._action_type.Result()
+            if hasattr(result, 'total_elapsed_time'):
+                result.total_elapsed_time = duration_message(max(0.0, self._runtime.clock.now() - started))
+            finish(goal, result, end)
+
+        self._arbiter.robot.when_known(lambda: self._drive(goal, on_end))
+
+    def _drive(self, goal: ServedGoal, on_end: Callable[[GoalEnd], None]) -> None:
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
+        try:
+            motion = self._make(goal.request)
+        except Exception as error:
+            on_end(end_by(self._runtime, error, f'a goal of {self._name}'))
+        else:
+            self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end))

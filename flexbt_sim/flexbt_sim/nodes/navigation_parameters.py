@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The parameters of the navigation servers: declared, described and checked in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rclpy.node import Node
+
+from flexbt_common.runtime import names
+from flexbt_sim.navigation.costmap import Inflation
+from flexbt_sim.navigation.path_follower import FollowerLimits
+
+from .parameters import ParameterDeclarer
+
+
+@dataclass(frozen=True)
+class NavigationParameters:
+    """Values of the parameters; see :func:`declare_parameters` for meaning and unit."""
+
+    interfaces: str
+    owner_nodes: tuple[str, ...]
+    planner_ids: tuple[str, ...]
+    controller_ids: tuple[str, ...]
+    goal_checker_ids: tuple[str, ...]
+    progress_checker_ids: tuple[str, ...]
+    inflation: Inflation
+    follower: FollowerLimits
+    map_frame: str
+    pose_topic: str
+    map_topic: str
+    cmd_vel_topic: str
+    stamped_cmd_vel: bool
+    pose_timeout: float
+
+
+def declare_parameters(node: Node) -> NavigationParameters:
+    """Declare the parameters on ``node`` and read them.
+
+    Raises:
+        SimulationError: a value that cannot work.
+    """
+    declare = ParameterDeclarer(node)
+    inflation, follower = Inflation(), FollowerLimits()
+    return NavigationParameters(
+        interfaces=declare.text(
+            names.NAVIGATION_INTERFACES, 'auto', 'package of the actions: auto, nav2_msgs, flexbt_msgs'
+        ),
+        owner_nodes=declare.texts(
+            'owner_nodes', [names.BT_SERVER], 'nodes whose death cancels every goal; [""] for none'
+        ),
+        planner_ids=declare.texts('planner_ids', ['GridBased'], 'names under which the planner is known'),
+        controller_ids=declare.texts('controller_ids', ['FollowPath'], 'names under which the controller is known'),
+        goal_checker_ids=declare.texts(
+            'goal_checker_ids', ['general_goal_checker', 'goal_checker'], 'names under which the goal checker is known'
+        ),
+        progress_checker_ids=declare.texts(
+            'progress_checker_ids', ['progress_checker'], 'names under which the progress checker is known'
+        ),
+        inflation=Inflation(
+            robot_radius=declare.real('robot_radius', inflation.robot_radius, 0.01, 2.0, 'radius of the robot, m'),
+            radius=declare.real(
+                'inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'
+            ),
+            scaling=declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
+        ),
+        follower=FollowerLimits(
+            speed=declare.real(
+                'desired_linear_vel', follower.speed, 0.01, 10.0, 'speed on a free and straight way, m/s'
+            ),
+            xy_tolerance=declare.real('xy_goal_tolerance', follower.xy_tolerance, 0.01, 2.0, 'm'),
+            yaw_tolerance=declare.real('yaw_goal_tolerance', follower.yaw_tolerance, 0.01, 3.2, 'rad'),
+            progress_distance=declare.real('required_movement_radius', follower.progress_distance, 0.01, 10.0, 'm'),
+            progress_time=declare.real('movement_time_allowance', follower.progress_time, 0.1, 1000.0, 's'),
+            patience=declare.real(
+                'failure_tolerance', follower.patience, 0.0, 60.0, 'how long an obstacle is waited for, s'
+            ),
+        ),
+        map_frame=declare.text('global_frame', 'map', 'frame of map, poses and paths'),
+        pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
+        map_topic=declare.text('map_topic', names.MAP, 'topic of the map'),
+        cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),
+        stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
+        pose_timeout=declare.real(
+            'pose_timeout', 1.0, 0.1, 60.0, 'wall time without a pose after which requests and motions fail, s'
+        ),
+    )

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node ``navigation``: navigation servers with the interfaces of Nav2, for the simulated robot.
+
+Actions compute_path_to_pose, compute_path_through_poses, follow_path, spin, backup, drive_on_heading and wait; services
+to clear the costmaps and is_path_valid; topic plan. When a node of the parameter ``owner_nodes`` dies, every goal is
+ended and the robot stopped: nobody is left to stop it.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from typing import Any
+
+from flexbt_common import navigation_interfaces
+from flexbt_common.liveness.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation.motions import DriveMotion, SpinMotion
+from flexbt_sim.navigation.path_follower import PathFollower, ProgressChecker
+
+from .action_results import GoalEnd
+from .motion_server import MotionArbiter, MotionServer
+from .navigation_parameters import declare_parameters
+from .planner_server import PlannerServer
+from .request_checks import check_id, finite, path_in_map
+from .robot_interface import RobotInterface
+from .ros_messages import seconds_of
+from .wait_server import WaitServer
+
+
+class Navigation:
+    """The servers on a running node."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        """Must be called off the executor thread.
+
+        Raises:
+            FlexbtError: a parameter cannot work.
+        """
+        self._runtime = runtime
+        self._parameters = runtime.call(lambda: declare_parameters(runtime.node))
+        self._types = navigation_interfaces.load(self._parameters.interfaces)
+        runtime.call(self._serve)
+        self._watches = [
+            LivelinessWatch(runtime, owner, partial(self._on_owner, owner)) for owner in self._parameters.owner_nodes
+        ]
+        runtime.on_close(self._close)
+        LivelinessToken(runtime).set_ready(True)
+        runtime.node.get_logger().info(f'ready, with the interfaces of {self._types.package}')
+
+    def _serve(self) -> None:
+        runtime, types = self._runtime, self._types
+        self._robot = RobotInterface(runtime, self._parameters)
+        self._arbiter = MotionArbiter(runtime, self._robot, self._parameters.pose_timeout)
+        PlannerServer(runtime, self._parameters, types, self._robot)
+        motions = (
+            (
+                types.FollowPath,
+                names.FOLLOW_PATH,
+                self._follow,
+                lambda motion: types.FollowPath.Feedback(
+                    distance_to_goal=float(motion.distance_to_goal), speed=float(motion.speed)
+                ),
+            ),
+            (
+                types.Spin,
+                names.SPIN,
+                lambda request: SpinMotion(
+                    finite(request.target_yaw, 'target_yaw'), seconds_of(request.time_allowance)
+                ),
+                lambda motion: types.Spin.Feedback(angular_distance_traveled=float(motion.turned)),
+            ),
+            (
+                types.BackUp,
+                names.BACKUP,
+                self._back_up,
+                lambda motion: types.BackUp.Feedback(distance_traveled=float(motion.driven)),
+            ),
+            (
+                types.DriveOnHeading,
+                names.DRIVE_ON_HEADING,
+                self._drive,
+                lambda motion: types.DriveOnHeading.Feedback(distance_traveled=float(motion.driven)),
+            ),
+        )
+        for action_type, name, make, feedback in motions:
+            MotionServer(runtime, self._arbiter, action_type, name, make, feedback)
+        self._waits = WaitServer(runtime, types.Wait)
+        for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP):
+            runtime.node.create_service(types.ClearEntireCostmap, name, self._clear)
+        runtime.node.create_service(types.IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
+
+    # -- motions -----------------------------------------------------------------------------------------------------
+
+    def _follow(self, request: Any) -> PathFollower:
+        parameters = self._parameters
+        check_id(request.controller_id, parameters.controller_ids, 'controller', 'INVALID_CONTROLLER')
+        check_id(request.goal_checker_id, parameters.goal_checker_ids, 'goal checker', 'UNKNOWN')
+        check_id(request.progress_checker_id, parameters.progress_checker_ids, 'progress checker', 'UNKNOWN')
+        path = path_in_map(request.path, parameters.map_frame)
+        running = self._arbiter.running
+        progress: ProgressChecker | None = None
+        speed = 0.0
+        if running is not None and isinstance(running.motion, PathFollower):
+            progress, speed = running.motion.progress, running.motion.speed
+        follower = PathFollower(path, self._robot.costmap, parameters.follower, progress)
+        follower.speed = speed
+        return follower
+
+    def _back_up(self, request: Any) -> DriveMotion:
+        return self._straight(-abs(request.target.x), -abs(request.speed), request)
+
+    def _drive(self, request: Any) -> DriveMotion:
+        return self._straight(request.target.x, request.speed, request)
+
+    def _straight(self, distance: float, speed: float, request: Any) -> DriveMotion:
+        finite(distance, 'target.x')
+        finite(speed, 'speed')
+        if request.target.y or request.target.z:
+            raise NavigationError(
+                'INVALID_INPUT', 'only straight motions are possible: target.y and target.z have to be 0'
+            )
+        if speed == 0.0:
+            raise NavigationError('INVALID_INPUT', 'the speed is 0')
+        if distance * speed < 0.0:
+            raise NavigationError('INVALID_INPUT', f'distance {distance:g} and speed {speed:g} have opposite signs')
+        return DriveMotion(distance, speed, seconds_of(request.time_allowance), self._robot.costmap)
+
+    # -- services ----------------------------------------------------------------------------------------------------
+
+    def _clear(self, request: Any, response: Any) -> Any:
+        self._robot.clear_costmap()
+        return response
+
+    def _is_path_valid(self, request: Any, response: Any) -> Any:
+        try:
+            poses = path_in_map(request.path, self._parameters.map_frame)
+            costmap, here = self._robot.costmap, self._robot.pose
+        except NavigationError as error:
+            self._runtime.node.get_logger().warning(f'is_path_valid: {error}')
+            return response
+        if not poses:
+            return response
+        nearest = min(range(len(poses)), key=lambda index: here.distance(poses[index]))
+        invalid = [index for index in range(nearest, len(poses)) if costmap.in_collision(poses[index])]
+        response.is_valid = not invalid
+        if hasattr(response, 'invalid_pose_indices'):
+            response.invalid_pose_indices = invalid
+        return response
+
+    # -- the end of everything ---------------------------------------------------------------------------------------
+
+    def _on_owner(self, owner: str, alive: bool) -> None:
+        if not alive:
+            self._end_all(f'{owner}, which gives the goals, has died')
+
+    def _close(self) -> None:
+        self._runtime.call(lambda: self._end_all('the navigation servers are shutting down'))
+        for _ in range(2):  # on one turn of the executor the goals end, on the next their results leave
+            self._runtime.call(lambda: None)
+
+    def _end_all(self, reason: str) -> None:
+        if self._arbiter.running is not None or self._waits.busy:
+            self._runtime.node.get_logger().error(f'every goal is ended: {reason}')
+        end = GoalEnd(code='UNKNOWN', message=reason)
+        self._arbiter.end(end)
+        self._waits.end_all(end)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable ``navigation``."""
+    return run_node(names.NAVIGATION, Navigation, args, about=__doc__)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

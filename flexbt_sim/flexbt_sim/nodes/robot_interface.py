@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the navigation servers have of the robot: its pose, the map with its costs, and a way to drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid
+
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_sim.errors import NavigationError, SimulationError
+from flexbt_sim.navigation.costmap import Costmap
+from flexbt_sim.navigation.motions import Velocity
+from flexbt_sim.world.geometry import Pose
+from flexbt_sim.world.occupancy_map import OccupancyMap
+
+from .navigation_parameters import NavigationParameters
+from .request_checks import check_frame, pose_in_map
+from .ros_messages import map_of, seconds_of, twist
+
+COMPLAINT_SECONDS: Final = 5.0
+"""Time between two lines of the log about poses that cannot be used."""
+
+
+class RobotInterface:
+    """On the executor thread.
+
+    ``on_pose(pose, time)`` is called for each new pose; time is that of the pose, s. ``on_map()`` is called for each
+    new map.
+    """
+
+    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self.on_pose: Callable[[Pose, float], None] = lambda _pose, _time: None
+        self.on_map: Callable[[], None] = lambda: None
+        self._pose: Pose | None = None
+        self._pose_at = -math.inf
+        self._world: OccupancyMap | None = None
+        self._costmap: Costmap | None = None
+        self._waiting: list[Callable[[], None]] = []
+        node = runtime.node
+        node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
+        node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
+        command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
+        self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
+
+    def when_known(self, go_on: Callable[[], None]) -> None:
+        """Go on when pose and map are known, or after the pose timeout: a server that has just started has neither, and
+        as in Nav2 that is a reason to wait for a moment, not to fail.
+        """
+        if self._is_known:
+            go_on()
+            return
+        self._waiting.append(go_on)
+        steady = self._runtime.steady
+        until = steady.now() + self._parameters.pose_timeout
+        steady.call_at(until, lambda: self._runtime.post(lambda: self._waited_enough(go_on)))
+
+    def _waited_enough(self, go_on: Callable[[], None]) -> None:
+        if go_on in self._waiting:
+            self._waiting.remove(go_on)
+            go_on()
+
+    @property
+    def _is_known(self) -> bool:
+        return self.silence < self._parameters.pose_timeout and self._world is not None
+
+    def _tell_waiting(self) -> None:
+        if self._is_known:
+            waiting, self._waiting = self._waiting, []
+            for go_on in waiting:
+                go_on()
+
+    @property
+    def pose(self) -> Pose:
+        """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
+        if self._pose is None or self.silence >= self._parameters.pose_timeout:
+            since = '' if self._pose is None else f' for {self.silence:.1f} s'
+            raise NavigationError(
+                'TF_ERROR', f'the pose of the robot is not known: nothing on {self._parameters.pose_topic}{since}'
+            )
+        return self._pose
+
+    @property
+    def silence(self) -> float:
+        """Since when there has been no pose, s of wall time; infinite before the first."""
+        return self._runtime.steady.now() - self._pose_at
+
+    @property
+    def costmap(self) -> Costmap:
+        """The inflated map. Raises NavigationError UNKNOWN while there is no map."""
+        if self._costmap is None:
+            if self._world is None:
+                raise NavigationError('UNKNOWN', f'there is no map: nothing on {self._parameters.map_topic}')
+            self._costmap = Costmap(self._world, self._parameters.inflation)
+        return self._costmap
+
+    def clear_costmap(self) -> None:
+        """Forget what was made of the map; it is made anew from the last message when it is needed."""
+        self._costmap = None
+
+    def drive(self, velocity: Velocity) -> None:
+        """Send a velocity command."""
+        command = twist(velocity)
+        if self._parameters.stamped_cmd_vel:
+            message = TwistStamped(twist=command)
+            message.header.stamp = self._runtime.node.get_clock().now().to_msg()
+            self._commands.publish(message)
+        else:
+            self._commands.publish(command)
+
+    def _receive_pose(self, message: PoseStamped) -> None:
+        try:
+            self._pose = pose_in_map(message, self._parameters.map_frame, 'the pose of the robot', 'TF_ERROR')
+        except NavigationError as error:
+            # They come at a high rate.
+            self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+            return
+        self._pose_at = self._runtime.steady.now()
+        self._tell_waiting()
+        self.on_pose(self._pose, seconds_of(message.header.stamp))
+
+    def _receive_map(self, grid: OccupancyGrid) -> None:
+        try:
+            check_frame(grid.header.frame_id, self._parameters.map_frame, 'the map')
+            self._world = map_of(grid)
+        except SimulationError as error:
+            self._runtime.node.get_logger().error(f'ignored: {error}')
+            return
+        self.clear_costmap()
+        self._tell_waiting()
+        self.on_map()

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Between the plain values of this package and ROS messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped, Quaternion, Twist
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
+
+from flexbt_sim.errors import SimulationError
+from flexbt_sim.navigation.motions import Velocity
+from flexbt_sim.world.geometry import Pose, wrap
+from flexbt_sim.world.occupancy_map import OccupancyMap
+
+
+def time_message(seconds: float) -> Time:
+    """A point of time, s."""
+    nanoseconds = round(seconds * 1e9)
+    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def duration_message(seconds: float) -> Duration:
+    """A length of time, s."""
+    nanoseconds = round(seconds * 1e9)
+    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
+def seconds_of(message: Any) -> float:
+    """Seconds of a Time or Duration."""
+    return float(message.sec) + float(message.nanosec) * 1e-9
+
+
+def quaternion(yaw: float) -> Quaternion:
+    """A heading, rad."""
+    return Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """A pose in the plane."""
+    message = PoseMessage()
+    message.position.x, message.position.y = float(pose.x), float(pose.y)
+    message.orientation = quaternion(pose.yaw)
+    return message
+
+
+def stamped(pose: Pose, frame: str, stamp: Time) -> PoseStamped:
+    """A pose in a frame at a time."""
+    message = PoseStamped(pose=pose_message(pose))
+    message.header.frame_id = frame
+    message.header.stamp = stamp
+    return message
+
+
+def pose_of(message: PoseMessage) -> Pose:
+    """A pose in the plane, from a message. A quaternion of any length will do; one of all zeros means heading 0."""
+    q = message.orientation
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
+    return Pose(float(message.position.x), float(message.position.y), wrap(yaw))
+
+
+def path_message(poses: Iterable[Pose], frame: str, stamp: Time) -> Path:
+    """A path."""
+    path = Path(poses=[stamped(pose, frame, stamp) for pose in poses])
+    path.header.frame_id = frame
+    path.header.stamp = stamp
+    return path
+
+
+def twist(velocity: Velocity) -> Twist:
+    """A velocity command."""
+    message = Twist()
+    message.linear.x, message.angular.z = float(velocity.linear), float(velocity.angular)
+    return message
+
+
+def grid_message(world: OccupancyMap, frame: str, stamp: Time) -> OccupancyGrid:
+    """A map."""
+    grid = OccupancyGrid(
+        info=MapMetaData(
+            map_load_time=stamp,
+            resolution=float(world.resolution),
+            width=world.width,
+            height=world.height,
+            origin=pose_message(world.origin),
+        )
+    )
+    grid.header.frame_id = frame
+    grid.header.stamp = stamp
+    grid.data.frombytes(world.cells.tobytes())
+    return grid
+
+
+def map_of(grid: OccupancyGrid) -> OccupancyMap:
+    """A map, from a message.
+
+    Raises:
+        SimulationError: the message contradicts itself, or says nothing.
+    """
+    info, origin = grid.info, pose_of(grid.info.origin)
+    if not info.width * info.height == len(grid.data) > 0:
+        raise SimulationError(f'a map of {info.width} x {info.height} cells came with {len(grid.data)} of them')
+    if not 0.0 < info.resolution < math.inf or not all(map(math.isfinite, origin)):
+        raise SimulationError(f'a map with cells of {info.resolution} m at {tuple(origin)} is no map')
+    cells = numpy.frombuffer(grid.data, numpy.int8).reshape(info.height, info.width)
+    return OccupancyMap(cells, float(info.resolution), origin)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The action wait: lets time of the node's clock pass. Any number of goals wait at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+
+from .action_results import CANCELED, SUCCEEDED, GoalEnd, finish
+from .ros_messages import duration_message, seconds_of
+
+FEEDBACK_SECONDS: Final = 0.5
+"""Time between two feedback messages, s."""
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    goal: ServedGoal
+    began: float
+    alarm: Timer
+
+
+class WaitServer:
+    """On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, action_type: Any) -> None:
+        self._runtime = runtime
+        self._action_type = action_type
+        self._waiting: dict[bytes, _Waiting] = {}
+        server = GoalServer(runtime, action_type, names.WAIT, self._serve, lambda goal: self._end(goal.id, CANCELED))
+        runtime.on_close(lambda: runtime.call(server.close))
+
+    @property
+    def busy(self) -> bool:
+        """Whether anybody waits."""
+        return bool(self._waiting)
+
+    def end_all(self, end: GoalEnd) -> None:
+        """End every goal."""
+        for goal_id in list(self._waiting):
+            self._end(goal_id, end)
+
+    def _serve(self, goal: ServedGoal) -> None:
+        clock = self._runtime.clock
+        began = clock.now()
+        until = began + seconds_of(goal.request.time)
+        alarm = clock.call_at(until, partial(self._end, goal.id, SUCCEEDED))
+        self._waiting[goal.id] = _Waiting(goal, began, alarm)
+        self._tell_time_left(goal, until)
+
+    def _end(self, goal_id: bytes, end: GoalEnd) -> None:
+        waiting = self._waiting.pop(goal_id, None)
+        if waiting is None:
+            return
+        waiting.alarm.cancel()
+        elapsed = duration_message(max(0.0, self._runtime.clock.now() - waiting.began))
+        finish(waiting.goal, self._action_type.Result(total_elapsed_time=elapsed), end)
+
+    def _tell_time_left(self, goal: ServedGoal, until: float) -> None:
+        if not goal.active:
+            return
+        clock = self._runtime.clock
+        now = clock.now()
+        goal.publish_feedback(self._action_type.Feedback(time_left=duration_message(max(0.0, until - now))))
+        if now + FEEDBACK_SECONDS < until:
+            clock.call_at(now + FEEDBACK_SECONDS, partial(self._tell_time_left, goal, until))

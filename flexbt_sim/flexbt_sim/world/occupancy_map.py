@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps as ROS's map_server reads them: a YAML file that names an image."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+import numpy
+from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
+
+from flexbt_core.values.nested_yaml import load_yaml
+from flexbt_sim.errors import MapError
+
+from .geometry import Pose
+
+FREE: Final = 0
+OCCUPIED: Final = 100
+UNKNOWN: Final = -1
+MODES: Final = ('trinary', 'scale', 'raw')
+
+MAX_YAML_BYTES: Final = 20_000
+MAX_CELLS: Final = 10_000_000
+"""Largest map, cells: a plan on it takes some 4 GB of memory."""
+
+FAR: Final = 1e9
+"""Distance, m, that stands for no obstacle at all."""
+
+Occupancy = NDArray[numpy.int8]
+Distances = NDArray[numpy.float32]
+
+
+@dataclass(frozen=True)
+class OccupancyMap:
+    """A grid of occupancies: -1 unknown, otherwise 0 free to 100 occupied.
+
+    ``cells[row, column]``; row 0 is at the bottom, as in nav_msgs/OccupancyGrid. ``resolution`` is m per cell,
+    ``origin`` the pose of the lower left corner of cell (0, 0).
+    """
+
+    cells: Occupancy
+    resolution: float
+    origin: Pose
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.cells.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.cells.shape[1])
+
+    @cached_property
+    def obstacles(self) -> NDArray[numpy.bool_]:
+        """Which cells are obstacles: occupied more likely than not. The border outside of the map counts as free."""
+        obstacles: NDArray[numpy.bool_] = self.cells > OCCUPIED // 2
+        return obstacles
+
+    @cached_property
+    def half_cell_distances(self) -> Distances:
+        """Distances to the nearest obstacle, m, at corners, edges (their middles) and centres of the cells.
+
+        Shape (2 * height + 1, 2 * width + 1): ``[2 * row, 2 * column]`` is the lower left corner of a cell,
+        ``[2 * row + 1, 2 * column + 1]`` its centre. Exact, to the nearest point of an obstacle cell, for that is again
+        a corner, a middle or a centre. ``FAR`` everywhere on a map without obstacles.
+        """
+        touched = numpy.zeros((2 * self.height + 1, 2 * self.width + 1), bool)
+        for row, column in product(range(3), repeat=2):
+            touched[row : row + 2 * self.height : 2, column : column + 2 * self.width : 2] |= self.obstacles
+        if not self.obstacles.any():
+            return numpy.full(touched.shape, FAR, numpy.float32)
+        distances: Distances = ndimage.distance_transform_edt(~touched).astype(numpy.float32)
+        distances *= self.resolution / 2.0
+        return distances
+
+    @property
+    def distances(self) -> Distances:
+        """For each cell, the distance from its centre to the nearest point of an obstacle cell, m; 0 in an obstacle."""
+        return self.half_cell_distances[1::2, 1::2]
+
+    def grid_position(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the map frame in cells from the lower left corner of the grid: upwards, to the right."""
+        dx, dy = x - self.origin.x, y - self.origin.y
+        cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
+        return (dy * cos - dx * sin) / self.resolution, (dx * cos + dy * sin) / self.resolution
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """Row and column of a point of the map frame; they may lie outside of the grid."""
+        row, column = self.grid_position(x, y)
+        return math.floor(row), math.floor(column)
+
+    def point(self, row: float, column: float) -> tuple[float, float]:
+        """Centre of a cell, in the map frame."""
+        u, v = (column + 0.5) * self.resolution, (row + 0.5) * self.resolution
+        cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
+        return self.origin.x + u * cos - v * sin, self.origin.y + u * sin + v * cos
+
+    def contains(self, row: int, column: int) -> bool:
+        """Whether a cell is part of the grid."""
+        return 0 <= row < self.height and 0 <= column < self.width
+
+    def clearance(self, x: float, y: float) -> float:
+        """Distance from a point, on the map or beside it, to the nearest obstacle, m, exactly; infinite without any."""
+        row, column = self.grid_position(x, y)
+        known, beside = self._nearest_known(row, column)
+        reach = (known + beside) / self.resolution + 1.0
+        bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
+        near = self.obstacles[bottom : math.ceil(row + reach), left : math.ceil(column + reach)]
+        rows, columns = numpy.nonzero(near)
+        gaps = numpy.hypot(_gaps(rows + bottom, row), _gaps(columns + left, column))
+        return float(gaps.min(initial=math.inf)) * self.resolution
+
+    def is_free(self, x: float, y: float, radius: float) -> bool:
+        """Whether a circle of a radius, m, round a point overlaps no obstacle; the same as clearance >= radius."""
+        row, column = self.grid_position(x, y)
+        known, beside = self._nearest_known(row, column)
+        return known - beside >= radius or self.clearance(x, y) >= radius
+
+    def _nearest_known(self, row: float, column: float) -> tuple[float, float]:
+        """Distance from an obstacle at the nearest point where that is known, and how far away this point is; m."""
+        r = min(max(round(2.0 * row), 0), 2 * self.height)
+        c = min(max(round(2.0 * column), 0), 2 * self.width)
+        beside = math.hypot(row - r / 2.0, column - c / 2.0) * self.resolution
+        return float(self.half_cell_distances[r, c]), beside
+
+
+def _gaps(cells: NDArray[numpy.int64], position: float) -> NDArray[numpy.float64]:
+    """How far cells are from a position along one axis."""
+    return numpy.maximum(numpy.maximum(cells - position, position - 1.0 - cells), 0.0)
+
+
+def load_map(file: Path) -> OccupancyMap:
+    """Read a map. Fields, modes and thresholds mean what they mean to Nav2's map_server (Jazzy).
+
+    The image is a PGM, PNG or BMP, named relative to the YAML file or absolutely. ``negate`` and ``mode`` may be left
+    out.
+
+    Raises:
+        MapError: file or image cannot be read, or a field is missing or wrong.
+    """
+    fields = _read_yaml(file)
+    image = fields.get('image')
+    if not isinstance(image, str) or not image:
+        raise MapError(file, 'image', f'expected a file name, got {_shown(image)}')
+    resolution = _number(file, fields, 'resolution')
+    if not 0.0 < resolution < 100.0:
+        raise MapError(file, 'resolution', f'{resolution} m per pixel is not a resolution')
+    origin = fields.get('origin')
+    numbers = [_finite(value) for value in origin] if isinstance(origin, list) and len(origin) == 3 else [None]
+    if None in numbers:
+        raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {_shown(origin)}')
+    occupied = _number(file, fields, 'occupied_thresh')
+    free = _number(file, fields, 'free_thresh')
+    if not 0.0 <= free < occupied <= 1.0:
+        raise MapError(
+            file, 'free_thresh', f'{free} and occupied_thresh {occupied} have to satisfy 0 <= free < occupied <= 1'
+        )
+    mode = fields.get('mode', 'trinary')
+    if not isinstance(mode, str) or mode.lower() not in MODES:
+        raise MapError(file, 'mode', f'{_shown(mode)} is none of {", ".join(MODES)}')
+    negate = fields.get('negate', 0)
+    if negate not in (0, 1):
+        raise MapError(file, 'negate', f'expected 0 or 1, got {_shown(negate)}')
+    grey, transparent = _read_image(file, file.parent / image)
+    cells = _occupancies(mode.lower(), bool(negate), occupied, free)[grey]
+    if mode.lower() != 'raw':
+        cells[transparent] = UNKNOWN
+    x, y, yaw = (float(number) for number in numbers if number is not None)
+    # The image has its first row at the top, the grid at the bottom.
+    return OccupancyMap(numpy.ascontiguousarray(cells[::-1]), resolution, Pose(x, y, yaw))
+
+
+def _occupancies(mode: str, negate: bool, occupied: float, free: float) -> Occupancy:
+    """What each of the 256 grey values means."""
+    grey = numpy.arange(256)
+    if mode == 'raw':
+        return numpy.where(grey <= OCCUPIED, grey, UNKNOWN).astype(numpy.int8)
+    occupancy = (grey if negate else 255 - grey) / 255.0
+    between = numpy.rint(OCCUPIED * (occupancy - free) / (occupied - free)) if mode == 'scale' else UNKNOWN
+    return numpy.select([occupancy >= occupied, occupancy <= free], [OCCUPIED, FREE], between).astype(numpy.int8)
+
+
+def _read_yaml(file: Path) -> Mapping[str, Any]:
+    try:
+        _require_file(file)
+        if file.stat().st_size > MAX_YAML_BYTES:
+            raise ValueError(f'more than {MAX_YAML_BYTES} bytes are not the YAML of a map')
+        fields = load_yaml(file.read_text())
+        if not isinstance(fields, dict):
+            raise ValueError('image, resolution, origin and thresholds are missing')
+    except (OSError, ValueError) as error:
+        raise MapError(file, '', f'cannot be read: {_line(error)}; give the YAML file of a map') from error
+    return fields
+
+
+def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[numpy.bool_]]:
+    """Grey values, and which pixels are not opaque. Colours have the brightness that ITU-R BT.709 gives them."""
+    try:
+        _require_file(image)
+        with Image.open(image, formats=('PPM', 'PNG', 'BMP')) as picture:
+            if not 0 < picture.width * picture.height <= MAX_CELLS:
+                raise ValueError(f'{picture.width} x {picture.height} pixels; a map has 1 to {MAX_CELLS}')
+            if picture.mode.startswith('I'):  # 16 bits, which convert() would cut off instead of scaling
+                grey = numpy.rint(numpy.asarray(picture) / 257.0).astype(numpy.uint8)
+                return grey, numpy.zeros(grey.shape, bool)
+            if picture.mode == 'F':
+                raise ValueError('pixels are floating point numbers')
+            colours = picture.convert('RGBA')
+            grey = numpy.asarray(colours.convert('RGB').convert('L', (0.212656, 0.715158, 0.072186, 0.0)))
+            return grey, numpy.asarray(colours.getchannel('A')) < 255
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise MapError(file, 'image', f'{image} cannot be read as PGM, PNG or BMP: {_line(error)}') from error
+
+
+def _require_file(path: Path) -> None:
+    """Neither a directory, nor a device or a pipe, which might never end. Raises OSError."""
+    if path.exists() and not path.is_file():
+        raise OSError('not a regular file')
+
+
+def _number(file: Path, fields: Mapping[str, Any], name: str) -> float:
+    number = _finite(fields.get(name))
+    if number is None:
+        raise MapError(file, name, f'expected a number, got {_shown(fields.get(name))}')
+    return number
+
+
+def _finite(value: Any) -> float | None:
+    """A finite number, also one that YAML 1.1 takes for text, such as the 1e-16 that map_saver writes."""
+    try:
+        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _shown(value: object) -> str:
+    """Enough of a value of the file to recognise it."""
+    return reprlib.repr(value)[:80]
+
+
+def _line(error: Exception) -> str:
+    return ' '.join(str(error).split())[:200]

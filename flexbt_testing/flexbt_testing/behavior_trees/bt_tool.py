@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool`` as tests call it: in this process, with what it prints."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+from flexbt_tools.cli.bt_tool import main
+
+_SHARED_DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).parents[4] / 'shared/data'))
+STOCK_TREES = sorted((_SHARED_DATA / 'nav2/jazzy_trees').glob('*.xml'))
+"""Those of Nav2, where they are at hand."""
+
+
+class Done(NamedTuple):
+    """What a command has left."""
+
+    code: int
+    out: str
+    err: str
+
+
+def tool(*words: str) -> Done:
+    """Runs a command; the standard streams are caught."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main(words)
+        except SystemExit as exit:  # of argparse
+            assert isinstance(exit.code, int)
+            code = exit.code
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+def document(*trees: str, main: str | None = 'Main') -> str:
+    """A file; each tree begins with its ID: ``Main: <AlwaysSuccess/>``, and stands on a line of its own."""
+    head = '<root BTCPP_format="4"' + (f' main_tree_to_execute="{main}">' if main else '>')
+    parts = [tree.partition(':') for tree in trees]
+    bodies = [f'<BehaviorTree ID="{id}">{body.strip()}</BehaviorTree>' for id, _, body in parts]
+    return '\n'.join([head, *bodies, '</root>'])
+
+
+def without_marks(text: str) -> tuple[str, list[str]]:
+    """A text in which ``^`` stands before places, without these marks, and the places as ``line:column``."""
+    places = []
+    while (position := text.find('^')) >= 0:
+        line = text.count('\n', 0, position) + 1
+        places.append(f'{line}:{position - text.rfind(chr(10), 0, position)}')
+        text = text[:position] + text[position + 1 :]
+    return text, places

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Compares the engine with BehaviorTree.CPP, event by event: ``python bt_conformance.py --count 20000 --seed 0``.
+
+A profile says what the random trees consist of: ``trees`` has the plain nodes, ``nodes`` those that decide, loop and
+watch entries as well, and ``scripts`` also scripts, pre- and post-conditions; ``wheel`` is a corpus of all nodes. A
+seed always means the same tree.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from . import random_nodes as bt_random_nodes
+from . import random_scripts as bt_random_scripts
+from . import random_trees as bt_random_trees
+from . import random_wheel as bt_random_wheel
+from . import scripted_nodes as bt_scripted
+from . import wheel as bt_wheel
+
+PROFILES: dict[str, Callable[[int], dict[str, Any]]] = {
+    'trees': bt_random_trees.make_case,
+    'nodes': bt_random_nodes.make_case,
+    'scripts': bt_random_scripts.make_case,
+    'wheel': bt_random_wheel.make_case,
+}
+
+
+def difference(expected: dict[str, Any], actual: dict[str, Any]) -> str:
+    """The first difference between a trace of BehaviorTree.CPP and one of the engine; '' when there is none.
+
+    Errors are compared by where they happen, not by their texts. Of the blackboards those are compared which the
+    library shows.
+    """
+    if 'crash' in expected:
+        return ''
+    if bool(expected['load_error']) != bool(actual['load_error']):
+        return f'load error: {expected["load_error"]!r} != {actual["load_error"]!r}'
+    if expected['load_error']:
+        return ''
+    steps = zip([*expected['steps'], expected['final']], [*actual['steps'], actual['final']], strict=False)
+    for number, (theirs, ours) in enumerate(steps):
+        where = f'step {number} {theirs["op"]}'
+        for index, (event, mine) in enumerate(zip(theirs['events'], ours['events'], strict=False)):
+            if event != mine:
+                return f'{where}, event {index}: {event} != {mine}'
+        if theirs['error'] and ours['error'] and theirs['op'] == ['halt']:
+            # A script of _onHalted has failed: there what was not halted yet goes on, here all is halted on purpose.
+            return ''
+        if len(theirs['events']) != len(ours['events']):
+            return (
+                f'{where}: {len(theirs["events"])} != {len(ours["events"])} events: {theirs["events"]} {ours["events"]}'
+            )
+        if bool(theirs['error']) != bool(ours['error']):
+            return f'{where}: error {theirs["error"]!r} != {ours["error"]!r}'
+        if theirs['status'] != ours['status']:
+            return f'{where}: status {theirs["status"]} != {ours["status"]}'
+        for path, board in theirs['bb'].items():
+            if board != ours['bb'].get(path):
+                return f'{where}: blackboard [{path}] {board} != {ours["bb"].get(path)}'
+    if len(expected['steps']) != len(actual['steps']):
+        return f'{len(expected["steps"])} != {len(actual["steps"])} steps'
+    return ''
+
+
+def compare(cases: Iterable[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], dict[str, Any], str]]:
+    """For each case: the case, the trace of BehaviorTree.CPP, and the difference of ours to it."""
+    cases = list(cases)
+    for case, expected in zip(cases, bt_wheel.traces(cases), strict=True):
+        yield case, expected, difference(expected, bt_scripted.Run(case).trace())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--count', type=int, default=1000, help='trees of each profile')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--profiles', default='wheel,scripts', help=f'of {", ".join(PROFILES)}')
+    parser.add_argument('--show', type=int, default=5, help='how many differences to print in full')
+    options = parser.parse_args()
+    profiles = options.profiles.split(',')
+    unknown = set(profiles) - set(PROFILES)
+    if unknown:
+        parser.error(f'there is no profile {", ".join(sorted(unknown))}; profiles: {", ".join(PROFILES)}')
+    differing = [judge(profile, options.seed, options.count, options.show) for profile in profiles]
+    raise SystemExit(1 if any(differing) else 0)
+
+
+def judge(profile: str, first: int, count: int, show: int) -> int:
+    """Compares the trees of these seeds, prints what is found, and gives the number of those that differ."""
+    events = differing = crashed = errors = 0
+    for start in range(first, first + count, 1000):
+        seeds = range(start, min(start + 1000, first + count))
+        results = compare(map(PROFILES[profile], seeds))
+        for seed, (case, expected, found) in zip(seeds, results, strict=True):
+            crashed += 'crash' in expected
+            steps = [*expected.get('steps', []), expected.get('final', {})]
+            events += sum(len(step.get('events', ())) for step in steps)
+            errors += bool(expected.get('load_error')) or any(step.get('error') for step in steps)
+            if found:
+                differing += 1
+                if differing <= show:
+                    print(f'{profile}, seed {seed}: {found}\n  {json.dumps(case)}')
+    print(
+        f'{profile}: {count} trees compared, {events} events, {errors} cases with an error in both; '
+        f'{differing} differ, {crashed} crashed the library',
+        flush=True,
+    )
+    return differing
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,378 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves that work, block, raise and return what they should not, and a record of those whose work goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import collections
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from flexbt_core.behavior_tree import (
+    Condition,
+    CoroutineAction,
+    Decorator,
+    NodeRegistry,
+    NodeStatus,
+    StatefulAction,
+    SyncAction,
+    ThreadedAction,
+    TreeNode,
+    input_port,
+)
+from flexbt_core.behavior_tree.model.port_types import INT, STRING
+
+STATUSES = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'K': NodeStatus.SKIPPED}
+
+
+class Unprintable(Exception):
+    """An error of which no text can be made."""
+
+    def __str__(self) -> str:
+        raise ValueError('no text')
+
+    __repr__ = __str__
+
+
+class Rude(BaseException):
+    """An error that is no Exception."""
+
+
+def _recurse() -> None:
+    _recurse()
+
+
+def _raiser(make: Callable[[], BaseException]) -> Callable[[], None]:
+    def raise_it() -> None:
+        raise make()
+
+    return raise_it
+
+
+RAISERS: dict[str, Callable[[], None]] = {
+    'RuntimeError': _raiser(lambda: RuntimeError('scripted fault')),
+    'StopIteration': _raiser(lambda: StopIteration('scripted fault')),
+    'SystemExit': _raiser(lambda: SystemExit(3)),
+    'KeyboardInterrupt': _raiser(KeyboardInterrupt),
+    'GeneratorExit': _raiser(GeneratorExit),
+    'CancelledError': _raiser(asyncio.CancelledError),
+    'Rude': _raiser(lambda: Rude('scripted fault')),
+    'MemoryError': _raiser(MemoryError),
+    'RecursionError': _recurse,
+    'Unprintable': _raiser(Unprintable),
+    'ExceptionGroup': _raiser(lambda: BaseExceptionGroup('several', [SystemExit(), ValueError()])),
+}
+
+NONSENSE: dict[str, Any] = {
+    'None': None, '7': 7, '2': 2, "'SUCCESS'": 'SUCCESS', 'True': True, '1.0': 1.0, 'IDLE': NodeStatus.IDLE,
+    'unprintable': Unprintable(), 'class': NodeStatus,
+}  # fmt: skip
+
+
+class Work:
+    """The leaves whose work has begun and not ended. Safe to use from several threads."""
+
+    _lock = threading.Lock()
+    _running: ClassVar[collections.Counter[str]] = collections.Counter()
+
+    @classmethod
+    def begin(cls, leaf: TreeNode) -> None:
+        """Work of ``leaf`` begins."""
+        with cls._lock:
+            cls._running[leaf.path] += 1
+
+    @classmethod
+    def end(cls, leaf: TreeNode) -> None:
+        """Work of ``leaf`` is over."""
+        with cls._lock:
+            cls._running[leaf.path] -= 1
+
+    @classmethod
+    def running(cls) -> dict[str, int]:
+        """Paths of leaves, and how many pieces of their work go on; what has ended twice is negative."""
+        with cls._lock:
+            return {path: count for path, count in cls._running.items() if count}
+
+
+def tree_threads() -> list[str]:
+    """Names of the threads of runs and of leaves that are alive."""
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith(('tree ', 'leaf '))]
+
+
+TIMED = {'ms': input_port(INT, default='10'), 'result': input_port(STRING, default='S')}
+
+
+class Runs(StatefulAction):
+    """Runs for a while."""
+
+    ports: ClassVar[dict[str, Any]] = TIMED
+
+    def on_start(self) -> NodeStatus:
+        Work.begin(self)
+        self._until = self.clock.now() + self.get_input('ms') / 1000.0
+        return self.on_running()
+
+    def on_running(self) -> NodeStatus:
+        if self.clock.now() < self._until:
+            self.wake_at(self._until)
+            return NodeStatus.RUNNING
+        Work.end(self)
+        return STATUSES[self.get_input('result')]
+
+    def on_halted(self) -> None:
+        Work.end(self)
+
+
+class RaisesInHalt(Runs):
+    """Runs for a while, and raises when it is halted."""
+
+    ports: ClassVar[dict[str, Any]] = {**TIMED, 'kind': input_port(STRING, default='RuntimeError')}
+
+    def on_halted(self) -> None:
+        super().on_halted()
+        RAISERS[self.get_input('kind')]()
+
+
+class Blocking(SyncAction):
+    """Blocks the tick for a while."""
+
+    ports: ClassVar[dict[str, Any]] = TIMED
+
+    def tick(self) -> NodeStatus:
+        Work.begin(self)
+        time.sleep(self.get_input('ms') / 1000.0)
+        Work.end(self)
+        return STATUSES[self.get_input('result')]
+
+
+class SlowToStop(CoroutineAction):
+    """Runs for a while; needs several ticks to stop."""
+
+    ports: ClassVar[dict[str, Any]] = TIMED
+
+    async def run(self) -> NodeStatus:
+        Work.begin(self)
+        try:
+            await self.sleep(self.get_input('ms') / 1000.0)
+        finally:
+            try:
+                for _ in range(2):
+                    await self.sleep(0.002)
+            finally:  # a halt may come here as well
+                Work.end(self)
+        return STATUSES[self.get_input('result')]
+
+
+class InThread(ThreadedAction):
+    """Works in a thread; that ends a while after the halt."""
+
+    ports: ClassVar[dict[str, Any]] = TIMED
+
+    def run(self) -> NodeStatus:
+        Work.begin(self)
+        try:
+            self.sleep(self.get_input('ms') / 1000.0)
+        finally:
+            if self.halt_requested:
+                time.sleep(0.005)
+            Work.end(self)
+        return STATUSES[self.get_input('result')]
+
+
+class Held:
+    """Something that never ends, until a test lets it."""
+
+    release: ClassVar[threading.Event] = threading.Event()
+    entered: ClassVar[threading.Event] = threading.Event()
+
+    @classmethod
+    def reset(cls) -> None:
+        """For the next test."""
+        cls.release.clear()
+        cls.entered.clear()
+
+    @classmethod
+    def hold(cls, busy: bool = False) -> None:
+        """Blocks the caller, in a wait or in a busy loop."""
+        cls.entered.set()
+        while busy and not cls.release.is_set():
+            pass
+        cls.release.wait()
+
+
+class HeldInTick(SyncAction):
+    """Does not return from its tick."""
+
+    ports: ClassVar[dict[str, Any]] = {'busy': input_port(INT, default='0')}
+
+    def tick(self) -> NodeStatus:
+        Held.hold(bool(self.get_input('busy')))
+        return NodeStatus.SUCCESS
+
+
+class HeldInHalt(Runs):
+    """Does not return from its halt."""
+
+    def on_halted(self) -> None:
+        super().on_halted()
+        Held.hold()
+
+
+class HeldThread(ThreadedAction):
+    """Works in a thread that takes no notice of a halt."""
+
+    def run(self) -> NodeStatus:
+        Held.hold()
+        return NodeStatus.SUCCESS
+
+
+KIND = {'kind': input_port(STRING, default='RuntimeError')}
+
+
+class RaisesInTick(SyncAction):
+    """Raises."""
+
+    ports: ClassVar[dict[str, Any]] = KIND
+
+    def tick(self) -> NodeStatus:
+        RAISERS[self.get_input('kind')]()
+        return NodeStatus.SUCCESS
+
+
+class RaisesInCondition(Condition):
+    """Raises."""
+
+    ports: ClassVar[dict[str, Any]] = KIND
+
+    def tick(self) -> NodeStatus:
+        RAISERS[self.get_input('kind')]()
+        return NodeStatus.SUCCESS
+
+
+class RaisesInStart(Runs):
+    """Raises."""
+
+    ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
+
+    def on_start(self) -> NodeStatus:
+        RAISERS[self.get_input('kind')]()
+        return NodeStatus.RUNNING
+
+
+class RaisesWhileRunning(Runs):
+    """Raises at its second tick."""
+
+    ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
+
+    def on_running(self) -> NodeStatus:
+        if self.status is NodeStatus.RUNNING:  # and stays so: the halt of the tree ends the work
+            RAISERS[self.get_input('kind')]()
+        self.wake()
+        return NodeStatus.RUNNING
+
+
+class RaisesInThread(ThreadedAction):
+    """Raises."""
+
+    ports: ClassVar[dict[str, Any]] = KIND
+
+    def run(self) -> NodeStatus:
+        RAISERS[self.get_input('kind')]()
+        return NodeStatus.SUCCESS
+
+
+class RaisesInCoroutine(CoroutineAction):
+    """Raises."""
+
+    ports: ClassVar[dict[str, Any]] = KIND
+
+    async def run(self) -> NodeStatus:
+        await self.next_tick()
+        RAISERS[self.get_input('kind')]()
+        return NodeStatus.SUCCESS
+
+
+class RaisesInDecorator(Decorator):
+    """Raises."""
+
+    ports: ClassVar[dict[str, Any]] = KIND
+
+    def tick(self) -> NodeStatus:
+        self.tick_child()
+        RAISERS[self.get_input('kind')]()
+        return NodeStatus.SUCCESS
+
+
+class Returns(SyncAction):
+    """Returns what is no status."""
+
+    ports: ClassVar[dict[str, Any]] = {'what': input_port(STRING)}
+
+    def tick(self) -> Any:
+        return NONSENSE[self.get_input('what')]
+
+
+class ReturnsFromStart(StatefulAction):
+    """Returns what is no status."""
+
+    ports: ClassVar[dict[str, Any]] = {'what': input_port(STRING)}
+
+    def on_start(self) -> Any:
+        return NONSENSE[self.get_input('what')]
+
+    def on_running(self) -> NodeStatus:
+        return NodeStatus.SUCCESS
+
+    def on_halted(self) -> None:
+        pass
+
+
+class Fails(SyncAction):
+    """Fails for a reason of which the test has the text."""
+
+    reason: ClassVar[str] = ''
+
+    def tick(self) -> NodeStatus:
+        return self.fail(self.reason)
+
+
+class Scribbles(StatefulAction):
+    """Has a thread that writes and removes entries for a while, without taking care of anything."""
+
+    ports: ClassVar[dict[str, Any]] = {'count': input_port(INT)}
+
+    def on_start(self) -> NodeStatus:
+        board, count = self.blackboard, self.get_input('count')
+
+        def scribble() -> None:
+            for number in range(count):
+                board.set(f'key{number % 7}', number)
+                board.set('text', str(number))
+                board.unset(f'key{(number + 3) % 7}')
+            board.set('scribbled', count)
+            self.wake()
+
+        self._thread = threading.Thread(target=scribble, name=f'leaf {self.path}')
+        self._thread.start()
+        return NodeStatus.RUNNING
+
+    def on_running(self) -> NodeStatus:
+        return NodeStatus.RUNNING if self._thread.is_alive() else NodeStatus.SUCCESS
+
+    def on_halted(self) -> None:
+        self._thread.join()
+
+
+ALL = (
+    Runs, RaisesInHalt, Blocking, SlowToStop, InThread, HeldInTick, HeldInHalt, HeldThread, RaisesInTick,
+    RaisesInCondition, RaisesInStart, RaisesWhileRunning, RaisesInThread, RaisesInCoroutine, RaisesInDecorator, Returns,
+    ReturnsFromStart, Fails, Scribbles,
+)  # fmt: skip
+
+
+def register(registry: NodeRegistry) -> None:
+    """Adds all of them."""
+    for node in ALL:
+        registry.register(node.__name__, node)

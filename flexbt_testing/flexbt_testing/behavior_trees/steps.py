@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees of scripted leaves in a short notation, for tables of what a node does tick by tick.
+
+``control('IfThenElse', 'FS', 'R')`` is the XML of a node whose children are leaves with the scripts ``FS`` and ``R``.
+``'F 0F | R 0S 1R | halt 1!'`` is what happens to it: at the first tick the result is FAILURE and leaf 0 gave F; at the
+second RUNNING, leaf 0 gave S and then leaf 1 R; then the tree is halted, and leaf 1 with it. ``x=3`` before a step
+writes an entry of the blackboard (``x='3'`` a text), ``-x`` removes it; a step ``error`` is a tick that raises
+NodeExecutionError.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    NodeConfig,
+    NodeExecutionError,
+    NodeRegistry,
+    NodeStatus,
+    StatefulAction,
+    Tree,
+    TreeLibrary,
+    TreeNode,
+    builtin_registry,
+    load_xml,
+)
+from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+from flexbt_core.clock.clock import ManualClock
+
+PATIENCE = 10.0
+"""Seconds (wall) after which what another thread should have done has not happened."""
+
+LETTERS = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'R': NodeStatus.RUNNING, 'K': NodeStatus.SKIPPED}
+NAMES = {status: letter for letter, status in LETTERS.items()}
+
+
+class Step(StatefulAction):
+    """Its name is ``script_number``: a letter of the script for each call, over and over; calls and halts are noted."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.script, self.number = config.name.split('_')
+        self.calls = 0
+
+    def call(self) -> NodeStatus:
+        letter = self.script[self.calls % len(self.script)]
+        self.calls += 1
+        self.services.append(self.number + letter)
+        return LETTERS[letter]
+
+    def on_start(self) -> NodeStatus:
+        return self.call()
+
+    def on_running(self) -> NodeStatus:
+        return self.call()
+
+    def on_halted(self) -> None:
+        self.services.append(self.number + '!')
+
+
+def make(
+    body: str,
+    clock: ManualClock | None = None,
+    dialect: nav2_nodes.Dialect = 'jazzy',
+    extra: Sequence[type[TreeNode]] = (),
+    enums: Mapping[str, int] = {},
+) -> tuple[Tree, list[str]]:
+    """The tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
+    calls: list[str] = []
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    library = TreeLibrary([load_xml(text, 'f', _registry(dialect, tuple(extra), tuple(enums.items())))])
+    return Tree(library, 'Main', clock=clock or ManualClock(), services=calls), calls
+
+
+@functools.cache
+def _registry(
+    dialect: nav2_nodes.Dialect, extra: tuple[type[TreeNode], ...], enums: tuple[tuple[str, int], ...]
+) -> NodeRegistry:
+    registry = builtin_registry()
+    nav2_nodes.register(registry, dialect)
+    node_classes: tuple[type[TreeNode], ...] = (Step, *extra)
+    for node_class in node_classes:
+        registry.register(node_class.__name__, node_class)
+    for name, number in enums:
+        registry.scripts.register_enum(name, number)
+    return registry
+
+
+def step(script: str, number: int = 0) -> str:
+    return f'<Step name="{script}_{number}"/>'
+
+
+def control(tag: str, *scripts: str, **ports: str) -> str:
+    """The XML of a node named ``top`` over leaves with these scripts."""
+    attributes = ''.join(f' {name}="{value}"' for name, value in ports.items())
+    children = ''.join(step(script, index) for index, script in enumerate(scripts))
+    return f'<{tag}{attributes} name="top">{children}</{tag}>'
+
+
+def check(body: str, expected: str, dialect: nav2_nodes.Dialect = 'jazzy') -> Tree:
+    """Asserts that the tree does what is ``expected``, as in the notation above; gives the tree as it is at the end."""
+    tree, calls = make(body, dialect=dialect)
+    for number, text in enumerate(expected.split('|')):
+        words = text.split()
+        while '=' in words[0] or words[0].startswith('-'):
+            _write(tree, words.pop(0))
+        result, *wanted = words
+        if result == 'halt':
+            tree.halt()
+            assert all(node.status is NodeStatus.IDLE for node in tree.nodes), 'a halt leaves every node IDLE'
+        elif result == 'error':
+            with pytest.raises(NodeExecutionError):
+                tree.tick_once()
+        else:
+            assert NAMES[tree.tick_once()] == result, f'step {number} of {expected}; calls {calls}'
+        assert calls == wanted, f'step {number} of {expected}'
+        calls.clear()
+    return tree
+
+
+def _write(tree: Tree, word: str) -> None:
+    if word.startswith('-'):
+        tree.blackboard.unset(word[1:])
+        return
+    key, _, text = word.partition('=')
+    value: Any = text.strip("'")
+    if text.lstrip('-').replace('.', '', 1).isdigit():
+        value = float(text) if '.' in text else int(text)
+    tree.blackboard.set(key, value)
+
+
+def reasons(body: str) -> tuple[str, str, list[str]]:
+    """Why the tree fails at its first tick that completes: node responsible, reason, and the chain from the root."""
+    tree, _ = make(body)
+    for _ in range(20):
+        status = tree.tick_once()
+        if status is NodeStatus.FAILURE:
+            assert tree.failure is not None
+            return tree.failure.path, tree.failure.reason, list(tree.failure.chain)
+        assert status is NodeStatus.RUNNING, status
+    raise AssertionError('the tree does not end')
+
+
+class Woken:
+    """Waits for the wake-ups of a tree."""
+
+    def __init__(self, tree: Tree) -> None:
+        self._event = threading.Event()
+        tree.context.on_wake = self._event.set
+
+    def wait(self) -> None:
+        assert self._event.wait(PATIENCE), 'the tree was not woken'
+        self._event.clear()

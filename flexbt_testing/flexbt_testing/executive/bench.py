@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bench for the executive: it runs on a node of its own, and a console on another one supervises it."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import OperatableStateMachine
+from flexbt_msgs.msg import (
+    BehaviorArgument,
+    BehaviorList,
+    BehaviorStructure,
+    CommandResult,
+    ExecutiveCommand,
+    ExecutiveLog,
+    ExecutiveStatus,
+)
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.node.executive import open_executive
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+
+DEADLINE = 10.0
+"""Seconds within which what a test waits for has to happen, on a busy machine too."""
+
+
+def wait_until(condition: Callable[[], Any], what: Any, deadline: float = DEADLINE) -> Any:
+    """The first true value of the condition; ``what`` is shown when there is none in time (called if it can be)."""
+    end = time.monotonic() + deadline
+    pause = threading.Event()
+    while not (value := condition()):
+        assert time.monotonic() < end, f'not within {deadline} s: {what() if callable(what) else what}'
+        pause.wait(0.002)
+    return value
+
+
+def entry_of(behavior: type[Behavior]) -> BehaviorEntry:
+    """A library entry as an installed package would give it."""
+    return BehaviorEntry(
+        behavior.manifest.name, 'test', behavior.manifest, tuple(behavior().parameters.values()), behavior
+    )
+
+
+def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') -> type[Behavior]:
+    """A behavior without parameters that is made of a machine."""
+
+    class Made(Behavior):
+        manifest = BehaviorManifest(name)
+
+        def create(self) -> OperatableStateMachine:
+            return make()
+
+    return Made
+
+
+class ConsoleBench:
+    """A console that hears what an executive says, and commands it."""
+
+    def __init__(self) -> None:
+        self.console = NodeRuntime('console', args=())
+        self.statuses: list[ExecutiveStatus] = []
+        self.arrivals: list[float] = []
+        self.structures: list[BehaviorStructure] = []
+        self.logs: list[ExecutiveLog] = []
+        self.lists: list[BehaviorList] = []
+        self.order: list[str] = []
+        self.sent: dict[str, ExecutiveCommand] = {}
+        self._numbers = itertools.count(1)
+        self.console.call(self._subscribe)
+
+    def _subscribe(self) -> None:
+        node = self.console.node
+        node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(100))
+        node.create_subscription(
+            BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append, names.latched(100)
+        )
+        node.create_subscription(ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append, names.latched(names.LOG_DEPTH))
+        node.create_subscription(BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append, names.latched())
+        self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
+
+    def _on_status(self, status: ExecutiveStatus) -> None:
+        self.arrivals.append(time.monotonic())
+        self.statuses.append(status)
+
+    @property
+    def status(self) -> ExecutiveStatus:
+        """The latest status."""
+        return self.statuses[-1]
+
+    @property
+    def run_id(self) -> str:
+        """The run that the latest status shows."""
+        return str(self.status.run_id)
+
+    def send(self, kind: int, *, id: str = '', **fields: Any) -> str:
+        """Send a command for the present run; gives its id."""
+        fields.setdefault('run_id', '' if kind == ExecutiveCommand.START else self.run_id)
+        fields.setdefault('operator_id', 'tester')
+        command = ExecutiveCommand(id=id or f'command-{next(self._numbers)}', kind=kind, **fields)
+        self.sent[command.id] = command
+        self._commands.publish(command)
+        return str(command.id)
+
+    def resend(self, command_id: str) -> None:
+        """Send a command again, as it was."""
+        self._commands.publish(self.sent[command_id])
+
+    def result(self, command_id: str) -> CommandResult:
+        """The result of a command, when it is there."""
+
+        def find() -> CommandResult | None:
+            return next((result for result in self.status.results if result.command_id == command_id), None)
+
+        found = wait_until(find, lambda: f'result of {command_id}; {self.status}')
+        assert isinstance(found, CommandResult)
+        return found
+
+    def applied(self, kind: int, **fields: Any) -> CommandResult:
+        """Send a command that has to be applied."""
+        result = self.result(self.send(kind, **fields))
+        assert result.code == CommandResult.APPLIED, result.reason
+        return result
+
+    def refused(self, kind: int, **fields: Any) -> str:
+        """Send a command that has to be refused; gives the reason."""
+        result = self.result(self.send(kind, **fields))
+        assert result.code == CommandResult.REFUSED
+        assert result.reason
+        return str(result.reason)
+
+    def start(
+        self, behavior: str = 'Test', autonomy: int = 3, arguments: Mapping[str, str] | None = None, **fields: Any
+    ) -> str:
+        """Start a behavior; gives the run."""
+        self.applied(
+            ExecutiveCommand.START,
+            behavior=behavior,
+            autonomy=autonomy,
+            arguments=[BehaviorArgument(name=name, value=value) for name, value in (arguments or {}).items()],
+            **fields,
+        )
+        return self.run_id
+
+    def wait_for(self, condition: Callable[[ExecutiveStatus], Any], what: str) -> Any:
+        """Wait for a status; gives the true value of the condition."""
+        return wait_until(lambda: condition(self.status), lambda: f'{what}; last: {self.status}; logs: {self.logs}')
+
+    def wait_for_next_status(self) -> None:
+        """Wait for a status that is not there yet."""
+        count = len(self.statuses)
+        wait_until(lambda: len(self.statuses) > count, 'next status')
+
+    def wait_idle(self) -> str:
+        """Wait for the end of the run; gives its outcome."""
+        self.wait_for(lambda status: status.state == ExecutiveStatus.IDLE and status.outcome, 'end of the run')
+        return str(self.status.outcome)
+
+    def wait_active(self, path: str) -> None:
+        """Wait until a state is shown as active."""
+        self.wait_for(lambda status: path in [state.path for state in status.active_states], f'{path} active')
+
+    def logged(self, text: str) -> ExecutiveLog:
+        """Wait for a line that contains the text."""
+        found = wait_until(
+            lambda: next((line for line in self.logs if text in line.text), None),
+            lambda: f'log with {text!r}; have {[line.text for line in self.logs]}',
+        )
+        assert isinstance(found, ExecutiveLog)
+        return found
+
+    def close(self) -> None:
+        """End the node."""
+        self.console.close()
+
+
+class ExecutiveBench(ConsoleBench):
+    """An executive, and a console that hears what it says."""
+
+    def __init__(
+        self,
+        *behaviors: type[Behavior],
+        parameters: ExecutiveParameters | None = None,
+        ros_parameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.runtime = NodeRuntime('onboard_executive', args=(), parameters=ros_parameters)
+        super().__init__()
+        library = BehaviorLibrary(entry_of(behavior) for behavior in behaviors)
+        self.executive = open_executive(self.runtime, parameters or ExecutiveParameters(peers=()), library)
+        wait_until(lambda: self.statuses and self._commands.get_subscription_count(), 'link up')
+
+    def close(self) -> None:
+        """End both nodes."""
+        self.runtime.close()
+        super().close()

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bad cable between two networks: packets are lost, late, doubled, out of order, and counted.
+
+A TUN device in each network namespace, and a thread that carries the packets from one to the other. The fate of the
+packets follows from a seed and from their order.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import heapq
+import itertools
+import os
+import random
+import select
+import struct
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Final
+
+from .network_namespace import NetworkNamespace
+
+DEVICE: Final = 'cable'
+ADDRESSES: Final = ('10.77.1.1', '10.77.1.2')
+"""IPv4 addresses of the two ends, in the order in which the namespaces are given."""
+
+TUNSETIFF: Final = 0x400454CA
+IFF_TUN: Final = 0x0001
+IFF_NO_PI: Final = 0x1000
+LARGEST_PACKET: Final = 65536
+UDP: Final = 17
+FRAGMENT_OFFSET: Final = 0x1FFF
+
+
+@dataclass(frozen=True)
+class Weather:
+    """What happens to a packet: lost or doubled with a probability, late by so many seconds, evenly distributed.
+
+    ``rate`` is in bytes a second in each direction, without a bound for None.
+    """
+
+    loss: float = 0.0
+    doubled: float = 0.0
+    delay: tuple[float, float] = (0.0, 0.0)
+    rate: float | None = None
+
+
+FAIR: Final = Weather()
+
+
+class LossyLink:
+    """The only link between two namespaces, while the context is open.
+
+    ``weather`` may be set at any time, and holds for what is sent from then on; None: nothing comes through.
+    """
+
+    def __init__(self, first: NetworkNamespace, second: NetworkNamespace, seed: int = 0) -> None:
+        self.weather: Weather | None = FAIR
+        self._random = random.Random(seed)
+        self._devices = tuple(
+            _open_device(namespace, address) for namespace, address in zip((first, second), ADDRESSES, strict=True)
+        )
+        self._on_the_way: list[tuple[float, int, int, bytes]] = []
+        self._numbers = itertools.count()
+        self._free = [0.0, 0.0]
+        self._sent: tuple[Counter[int], Counter[int]] = (Counter(), Counter())
+        self._packets = [0, 0]
+        self._lock = threading.Lock()
+        self._end = os.eventfd(0)
+        self._thread = threading.Thread(target=self._carry, name='lossy_link', daemon=True)
+
+    def __enter__(self) -> LossyLink:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        os.eventfd_write(self._end, 1)
+        self._thread.join()
+        for file in (*self._devices, self._end):
+            os.close(file)
+
+    def sent(self) -> tuple[Counter[int], Counter[int]]:
+        """Bytes that each end has sent while the link was not cut, from the IP header on, by UDP port.
+
+        Port 0 stands for everything else, such as the later fragments of a large datagram.
+        """
+        with self._lock:
+            return self._sent[0].copy(), self._sent[1].copy()
+
+    def packets(self) -> tuple[int, int]:
+        """Packets that each end has sent while the link was not cut."""
+        with self._lock:
+            return self._packets[0], self._packets[1]
+
+    def _carry(self) -> None:
+        while True:
+            now = time.monotonic()
+            while self._on_the_way and self._on_the_way[0][0] <= now:
+                _, _, device, packet = heapq.heappop(self._on_the_way)
+                os.write(device, packet)
+            wait = max(0.0, self._on_the_way[0][0] - now) if self._on_the_way else None
+            ready, _, _ = select.select([*self._devices, self._end], [], [], wait)
+            if self._end in ready:
+                return
+            for end in (0, 1):
+                if self._devices[end] in ready:
+                    for packet in _packets(self._devices[end]):
+                        self._send(end, packet)
+
+    def _send(self, end: int, packet: bytes) -> None:
+        weather = self.weather
+        if weather is None:
+            return
+        with self._lock:
+            self._sent[end][_port(packet)] += len(packet)
+            self._packets[end] += 1
+        leaves = time.monotonic()
+        if weather.rate is not None:
+            self._free[end] = leaves = max(self._free[end], leaves) + len(packet) / weather.rate
+        if self._random.random() < weather.loss:
+            return
+        for _ in range(2 if self._random.random() < weather.doubled else 1):
+            arrives = leaves + self._random.uniform(*weather.delay)
+            heapq.heappush(self._on_the_way, (arrives, next(self._numbers), self._devices[1 - end], packet))
+
+
+def _open_device(namespace: NetworkNamespace, address: str) -> int:
+    def open_tun() -> int:
+        file = os.open('/dev/net/tun', os.O_RDWR | os.O_NONBLOCK)
+        fcntl.ioctl(file, TUNSETIFF, struct.pack('16sH', DEVICE.encode(), IFF_TUN | IFF_NO_PI))
+        return file
+
+    file = namespace.call(open_tun)
+    namespace.run('ip', 'link', 'set', DEVICE, 'addrgenmode', 'none')  # no chatter of IPv6
+    namespace.run('ip', 'address', 'add', f'{address}/24', 'dev', DEVICE)
+    namespace.run('ip', 'link', 'set', DEVICE, 'up')
+    namespace.run('ip', 'route', 'add', '224.0.0.0/4', 'dev', DEVICE)
+    return file
+
+
+def _packets(device: int) -> Iterator[bytes]:
+    while True:
+        try:
+            yield os.read(device, LARGEST_PACKET)
+        except BlockingIOError:
+            return
+
+
+def _port(packet: bytes) -> int:
+    """The UDP port that an IPv4 packet is for, or 0."""
+    header = (packet[0] & 0xF) * 4
+    (fragment,) = struct.unpack_from('!H', packet, 6)
+    if packet[0] >> 4 != 4 or packet[9] != UDP or fragment & FRAGMENT_OFFSET or len(packet) < header + 8:
+        return 0
+    return int(struct.unpack_from('!H', packet, header + 2)[0])

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Consoles and observers in processes of their own, in any network, and with any settings of the middleware."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from multiprocessing.managers import BaseManager
+from typing import Any, Final
+
+from rclpy.serialization import serialize_message
+
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.requests import Requests
+from flexbt_console.link import messages
+from flexbt_console.link.operator_link import OperatorLink
+from flexbt_console.mirror import Mirror, TrackedCommand, View
+from flexbt_console.mirror.records import Snapshot
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
+
+from .network_namespace import NetworkNamespace, enter
+
+LOOK_SECONDS: Final = 0.02
+
+
+@dataclass(slots=True)
+class Shown:
+    """What a console showed from a first to a last look at it, in seconds of the machine's monotonic clock."""
+
+    first: float
+    last: float
+    live: bool
+    snapshot: Snapshot | None
+
+
+class Console:
+    """A console, and what it shows."""
+
+    def __init__(self, operator: str) -> None:
+        self._runtime = NodeRuntime('console', args=())
+        self._mirror = Mirror(self._runtime.steady)
+        self._link = OperatorLink(self._runtime, self._mirror, operator)
+        self._requests = Requests(operator, {})
+        self._shown: list[Shown] = []
+        self._end = threading.Event()
+        self._eye = threading.Thread(target=self._watch, daemon=True)
+        self._eye.start()
+
+    def close(self) -> None:
+        """Leave in order."""
+        self._end.set()
+        self._eye.join()
+        self._runtime.close()
+
+    def view(self) -> View:
+        """What is shown now."""
+        return self._mirror.view()
+
+    def shown(self) -> list[Shown]:
+        """All that was shown."""
+        return list(self._shown)
+
+    def send(self, request: str, *arguments: Any, timeout: float = 30.0) -> str:
+        """Make a command by that method of ``Requests``, from what is shown now; gives its identifier."""
+        command = getattr(self._requests, request)(self._mirror.view(), *arguments)
+        return self._link.send(command, timeout).command.id
+
+    def tracked(self, command_id: str) -> TrackedCommand | None:
+        """What became of a command."""
+        return self._mirror.command(command_id)
+
+    def _watch(self) -> None:
+        while not self._end.wait(LOOK_SECONDS):
+            before, view, after = time.monotonic(), self._mirror.view(), time.monotonic()
+            last = self._shown[-1] if self._shown else None
+            if last is not None and (last.live, last.snapshot) == (view.live, view.snapshot):
+                last.last = before
+            else:
+                self._shown.append(Shown(after, before, view.live, view.snapshot))
+
+
+class Observer:
+    """What an executive publishes, and when; not an operator, and on a link without faults."""
+
+    def __init__(self) -> None:
+        self._runtime = NodeRuntime('observer', args=())
+        self._published: dict[int, tuple[float, Snapshot]] = {}
+        self._bytes = 0
+        self._runtime.call(self._subscribe)
+
+    def close(self) -> None:
+        """Leave in order."""
+        self._runtime.close()
+
+    def published(self) -> dict[int, tuple[float, Snapshot]]:
+        """Monotonic time and content of each status, by its sequence number."""
+        return dict(self._published)
+
+    def latest(self) -> Snapshot | None:
+        """The newest status."""
+        return self._published[max(self._published)][1] if self._published else None
+
+    def payload(self) -> int:
+        """Bytes of all serialized messages for consoles until now."""
+        return self._bytes
+
+    def _subscribe(self) -> None:
+        for type, topic in (
+            (BehaviorStructure, names.EXECUTIVE_STRUCTURE),
+            (BehaviorList, names.EXECUTIVE_BEHAVIORS),
+            (ExecutiveLog, names.EXECUTIVE_LOG),
+        ):
+            self._runtime.node.create_subscription(type, topic, self._count, names.latched(names.LOG_DEPTH))
+        self._runtime.node.create_subscription(
+            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(100)
+        )
+
+    def _on_status(self, status: ExecutiveStatus) -> None:
+        self._published[status.sequence] = (time.monotonic(), messages.snapshot(status))
+        self._count(status)
+
+    def _count(self, message: Any) -> None:
+        self._bytes += len(serialize_message(message))
+
+
+class _Process(BaseManager):
+    """Serves the classes above from another process."""
+
+
+_Process.register('Console', Console)
+_Process.register('Observer', Observer)
+
+
+@contextlib.contextmanager
+def remote_console(network: NetworkNamespace, environment: Mapping[str, str], operator: str) -> Iterator[Console]:
+    """A console in a process in that network; its values are copied between the processes."""
+    with _remote(network, environment, 'Console', operator) as console:
+        yield console
+
+
+@contextlib.contextmanager
+def remote_observer(network: NetworkNamespace, environment: Mapping[str, str]) -> Iterator[Observer]:
+    """An observer in a process in that network; its values are copied between the processes."""
+    with _remote(network, environment, 'Observer') as observer:
+        yield observer
+
+
+@contextlib.contextmanager
+def _remote(network: NetworkNamespace, environment: Mapping[str, str], kind: str, *arguments: str) -> Iterator[Any]:
+    process = _Process(ctx=multiprocessing.get_context('spawn'))
+    process.start(_begin, (network.path, dict(environment)))
+    with process:
+        served = getattr(process, kind)(*arguments)
+        yield served
+        served.close()
+
+
+def _begin(network: str, environment: Mapping[str, str]) -> None:
+    enter(network)
+    os.environ.update(environment)

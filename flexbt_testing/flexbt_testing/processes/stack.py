@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The processes of a robot, started from the installed executables, and whatever a test wants to do to them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+from ament_index_python.packages import get_package_prefix
+
+from flexbt_testing.network.network_namespace import NetworkNamespace
+
+PACKAGES: Final[Mapping[str, str]] = {
+    'simulator': 'flexbt_sim',
+    'navigation': 'flexbt_sim',
+    'bt_server': 'flexbt_server',
+    'onboard_executive': 'flexbt_onboard',
+    'console': 'flexbt_console',
+}
+"""The package of each executable."""
+
+LAST_CHARACTERS: Final = 3000
+
+
+def executable(name: str) -> str:
+    """Path of an installed executable."""
+    package = PACKAGES[name]
+    return str(Path(get_package_prefix(package)) / 'lib' / package / name)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a process ended: its exit code, the seconds from the signal on, and what it has said."""
+
+    exit_code: int
+    seconds: float
+    output: str
+
+
+class Stack:
+    """Processes by the names of their executables; leaving the context kills those that are left."""
+
+    def __init__(self, directory: Path, network: NetworkNamespace | None = None) -> None:
+        """``directory`` takes the logs; the processes are in ``network``, or in that of this process."""
+        self.directory = directory
+        self._network = network
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._starts = 0
+
+    def __enter__(self) -> Stack:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for name, process in self._processes.items():
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+            # Shown by pytest when the test fails.
+            print(f'--- {name}, exit code {process.returncode}\n{self.output(name)[-LAST_CHARACTERS:]}')
+
+    def start(
+        self, name: str, parameters: Mapping[str, str] | None = None, environment: Mapping[str, str] | None = None
+    ) -> None:
+        """Start an executable, again if it has run before; ``robot/name`` runs in the namespace ``robot``.
+
+        Everything but the simulator follows simulated time, unless the parameters say otherwise.
+        """
+        self._starts += 1
+        namespace, _, base = name.rpartition('/')
+        settings = {} if base == 'simulator' else {'use_sim_time': 'true'}
+        if base == 'onboard_executive':
+            settings['record_directory'] = str(self.directory)
+        words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
+        for key, value in {**settings, **(parameters or {})}.items():
+            words += ['-p', f'{key}:={value}']
+        if self._network is not None:
+            words = self._network.command(words)
+        variables = {**os.environ, **(environment or {})}
+        with self._log(name).open('ab') as log:
+            self._processes[name] = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables
+            )
+
+    def start_all(self, simulator: Mapping[str, str] | None = None) -> None:
+        """Start everything but the console."""
+        self.start('simulator', simulator)
+        for name in ('navigation', 'bt_server', 'onboard_executive'):
+            self.start(name)
+
+    def kill(self, name: str) -> float:
+        """kill -9; the monotonic time when."""
+        process = self._processes[name]
+        process.kill()
+        killed = time.monotonic()
+        process.wait()
+        return killed
+
+    def running(self) -> set[str]:
+        """The names of those that run."""
+        return {name for name, process in self._processes.items() if process.poll() is None}
+
+    def end(self, name: str, number: signal.Signals, timeout: float) -> Ending:
+        """Send a signal and wait for the end.
+
+        Raises:
+            subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
+        """
+        process = self._processes[name]
+        sent = time.monotonic()
+        process.send_signal(number)
+        exit_code = process.wait(timeout)
+        return Ending(exit_code, time.monotonic() - sent, self.output(name))
+
+    def output(self, name: str) -> str:
+        """Everything that a process has said."""
+        log = self._log(name)
+        return log.read_text(errors='replace') if log.exists() else ''
+
+    def _log(self, name: str) -> Path:
+        return self.directory / f'{name.replace("/", ".")}.log'

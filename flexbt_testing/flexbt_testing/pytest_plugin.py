@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A pytest plugin: every test run has a ROS domain of its own, messages that check their fields, and the time it needs.
+
+The workspace's pyproject.toml loads it (``-p flexbt_testing.pytest_plugin``). Test runs can then go on at the same
+time, and beside a robot, without meeting.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import pytest
+
+HOSTILE_YAML: Final[Mapping[str, str]] = {
+    'nested lists': '[' * 100_000 + ']' * 100_000,
+    'never closed': '[' * 100_000,
+    'nested maps': '{"a":' * 50_000 + '1' + '}' * 50_000,
+    'nested blocks': '- ' * 5000,
+    'nested keys': '? ' * 20_000,
+    'billion laughs': 'a0: &a0 [x, x]\n'
+    + ''.join(f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 10)}]\n' for n in range(1, 12)),
+    'laughs that are merged': 'a0: &a0 {k: 1}\n'
+    + ''.join(f'a{n}: &a{n} {{<<: [{", ".join([f"*a{n - 1}"] * 10)}]}}\n' for n in range(1, 12)),
+    'a cycle': '&a [*a]',
+    'sexagesimal': ':'.join(['1'] * 300_000),
+    'sexagesimal float': ':'.join(['1'] * 2000) + '.5',
+    'code': '!!python/object/apply:os.system ["true"]',
+    'an integer that is none': '!!int ""',
+    'a truth value that is none': '!!bool perhaps',
+    'a time that is none': '!!timestamp noon',
+    'quotes': '"' * 100_000,
+    'NUL': '\0',
+}
+"""Texts that keep a careless reader of YAML busy, end its process, or make it raise what nobody expects."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests() -> None:
+    """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later."""
+    os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+
+
+def pytest_configure() -> None:
+    """How examples of hypothesis are drawn.
+
+    They are the same in each run, so that a test that fails was broken by a change; with FLEXBT_FUZZ (`make fuzz`) they
+    are new ones. One may take long on a busy machine; what has to be fast says so by itself.
+    """
+    from hypothesis import settings
+
+    settings.register_profile('flexbt', deadline=None, derandomize='FLEXBT_FUZZ' not in os.environ)
+    settings.load_profile('flexbt')
+
+
+def entities_of(node: Any) -> Counter[type]:
+    """What there is on a node, by kind; to be called on its executor thread."""
+    kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
+    return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
+
+
+@pytest.fixture(scope='session', autouse=True)
+def ros_domain() -> Iterator[int]:
+    """The ROS domain of this run, in the environment of this process and of those that it starts."""
+    from domain_coordinator import domain_id
+
+    settings = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+    before = {name: os.environ.get(name) for name in settings}
+    with domain_id() as domain:
+        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        yield domain
+    for name, value in before.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A BT server, real action and service servers that stand in for navigation, and a client: all in this process."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.task import Future
+
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding, to_entry
+from flexbt_msgs.action import (
+    BackUp,
+    BtExecute,
+    BtGetData,
+    BtLoad,
+    BtSetData,
+    ComputePathThroughPoses,
+    ComputePathToPose,
+    DriveOnHeading,
+    FollowPath,
+    Spin,
+    Wait,
+)
+from flexbt_msgs.srv import ClearEntireCostmap, IsPathValid
+from flexbt_server.node.bt_server import BtServer
+
+DEADLINE = 20.0
+INTERFACES = {'navigation_interfaces': 'flexbt_msgs'}
+
+
+def until(condition: Callable[[], Any], what: str = 'the condition', timeout: float = DEADLINE) -> None:
+    """Wait for something that has no event of its own."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, f'{what} did not come'
+        time.sleep(0.002)
+
+
+def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
+    """A pose in the map."""
+    stamped = PoseStamped()
+    stamped.header.frame_id = frame
+    stamped.pose.position.x, stamped.pose.position.y = float(x), float(y)
+    stamped.pose.orientation.w = 1.0
+    return stamped
+
+
+class ScriptedAction:
+    """An action server. Goal number n ends by ``script(n, goal)``: a result and how ('succeed', 'abort'), or None to
+    hold it until :meth:`end`, a cancel, or a newer goal."""
+
+    def __init__(self, runtime: NodeRuntime, action: Any, name: str, script: Callable[[int, Any], Any]) -> None:
+        self.runtime = runtime
+        self.action = action
+        self.script = script
+        self.preempting = False
+        self.delay_accept = 0.0
+        self.delay_cancel = 0.0
+        self.goals: list[Any] = []
+        self.ends: list[Any] = []
+        self.statuses: dict[int, str] = {}
+        self.handles: list[Any] = []
+        self.server = runtime.call(
+            lambda: ActionServer(
+                runtime.node,
+                action,
+                name,
+                self._execute,
+                goal_callback=self._goal,
+                cancel_callback=self._cancel,
+                result_timeout=10,
+                **names.deep_action_services(),
+            )
+        )
+
+    @property
+    def running(self) -> list[int]:
+        """Numbers of the goals that have not ended."""
+        return [number for number in range(len(self.goals)) if number not in self.statuses]
+
+    def end(self, number: int, how: str = 'succeed', result: Any = None) -> None:
+        """End a goal that is held."""
+        until(lambda: len(self.ends) > number, f'goal {number}')
+        self.runtime.post(lambda: self._end(number, how, result))
+
+    def _end(self, number: int, how: str, result: Any = None) -> None:
+        if not self.ends[number].done():
+            self.ends[number].set_result((how, result if result is not None else self.action.Result()))
+
+    def _goal(self, goal: Any) -> GoalResponse:
+        time.sleep(self.delay_accept)
+        return GoalResponse.ACCEPT
+
+    def _cancel(self, handle: Any) -> CancelResponse:
+        number = self.handles.index(handle) if handle in self.handles else -1
+        steady = self.runtime.steady
+        steady.call_at(
+            steady.now() + self.delay_cancel, lambda: self.runtime.post(lambda: self._end(number, 'canceled'))
+        )
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle: Any) -> Any:
+        number = len(self.goals)
+        end: Any = Future(executor=self.runtime.node.executor)
+        self.ends.append(end)
+        self.handles.append(handle)
+        self.goals.append(handle.request)
+        if self.preempting:
+            for older in self.running[:-1]:
+                self._end(older, 'abort')
+        scripted = self.script(number, handle.request)
+        if scripted is None:
+            if handle.is_cancel_requested:
+                self._end(number, 'canceled')
+            how, result = await end
+        else:
+            how, result = scripted
+        getattr(handle, how)()
+        self.statuses[number] = how
+        return result
+
+
+class Navigation:
+    """Stand-ins for the navigation servers, with counts; every one succeeds unless told to fail its first goals."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.fail: dict[str, tuple[int, int]] = {}
+        """Server: how many of its first goals fail, and with which error code."""
+        self.hold: set[str] = set()
+        self.cleared = {'global': 0, 'local': 0}
+        self.path_valid = True
+        self.actions = {
+            name: ScriptedAction(runtime, action, name, self._script(name, action))
+            for name, action in {
+                names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
+                names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
+                names.FOLLOW_PATH: FollowPath,
+                names.SPIN: Spin,
+                names.BACKUP: BackUp,
+                names.WAIT: Wait,
+                names.DRIVE_ON_HEADING: DriveOnHeading,
+            }.items()
+        }
+        self.actions[names.FOLLOW_PATH].preempting = True
+
+        def services() -> None:
+            node = runtime.node
+            for which, name in (('global', names.CLEAR_GLOBAL_COSTMAP), ('local', names.CLEAR_LOCAL_COSTMAP)):
+                node.create_service(ClearEntireCostmap, name, self._clear(which), qos_profile=names.deep_services())
+            node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
+
+        runtime.call(services)
+
+    def count(self, name: str) -> int:
+        """Goals that a server has got."""
+        return len(self.actions[name].goals)
+
+    def _script(self, name: str, action: Any) -> Callable[[int, Any], Any]:
+        def script(number: int, goal: Any) -> Any:
+            failures, code = self.fail.get(name, (0, 0))
+            if number < failures:
+                return 'abort', action.Result(error_code=code, error_msg=f'scripted failure {number}')
+            if name in self.hold:
+                return None
+            result = action.Result()
+            if hasattr(result, 'path'):
+                target = goal.goal if hasattr(goal, 'goal') else goal.goals[-1]
+                result.path.header.frame_id = 'map'
+                result.path.poses = [pose(0.0), target]
+            return 'succeed', result
+
+        return script
+
+    def _clear(self, which: str) -> Callable[[Any, Any], Any]:
+        def clear(request: Any, response: Any) -> Any:
+            self.cleared[which] += 1
+            return response
+
+        return clear
+
+    def _is_path_valid(self, request: Any, response: Any) -> Any:
+        response.is_valid = self.path_valid and bool(request.path.poses)
+        return response
+
+
+class Client:
+    """A node that uses the BT server."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
+        links = ActionLinks(runtime)
+        self.loader = links.link(BtLoad, names.BT_LOADER)
+        self.executor = links.link(BtExecute, names.BT_EXECUTOR)
+        self.getter = links.link(BtGetData, names.BT_GET_DATA)
+        self.setter = links.link(BtSetData, names.BT_SET_DATA)
+
+    def load(self, *files: str, xml: str = '') -> Any:
+        """Load, and give the result."""
+        return SentGoal(self.loader, BtLoad.Goal(files=list(files), xml=xml)).result
+
+    def load_tree(self, body: str, tree: str = 'Main') -> None:
+        """Load one tree with this body; it has to be accepted."""
+        result = self.load(xml=document(body, tree))
+        assert result.code == BtLoad.Result.SUCCESS, result.message
+
+    def execute(
+        self, tree: str = 'Main', goals: Sequence[PoseStamped] = (), inputs: dict[str, Any] | None = None, **fields: Any
+    ) -> SentGoal:
+        """Send a goal."""
+        entries = [to_entry(key, value, encoding=Encoding.BINARY) for key, value in (inputs or {}).items()]
+        return SentGoal(self.executor, BtExecute.Goal(behavior_tree=tree, goals=list(goals), inputs=entries, **fields))
+
+    def get(self, *keys: str, blackboard: str = '', encoding: int = BtGetData.Goal.BINARY) -> Any:
+        """Read entries, and give the result."""
+        goal = BtGetData.Goal(keys=list(keys), blackboard=blackboard, encoding=encoding)
+        return SentGoal(self.getter, goal).result
+
+    def set(self, *entries: Any, blackboard: str = '') -> Any:
+        """Write entries, and give the result."""
+        return SentGoal(self.setter, BtSetData.Goal(entries=list(entries), blackboard=blackboard)).result
+
+
+def document(body: str, tree: str = 'Main') -> str:
+    """A document with one tree, which is its main tree."""
+    return (
+        f'<root BTCPP_format="4" main_tree_to_execute="{tree}"><BehaviorTree ID="{tree}">{body}</BehaviorTree></root>'
+    )
+
+
+class World:
+    """Everything together."""
+
+    def __init__(self, server: NodeRuntime, navigation: NodeRuntime, client: NodeRuntime) -> None:
+        self.server_runtime = server
+        self.navigation_runtime = navigation
+        self.server = BtServer(server)
+        self.navigation = Navigation(navigation)
+        self.client = Client(client)
+
+
+@contextlib.contextmanager
+def open_world(**parameters: Any) -> Iterator[World]:
+    """A server with these parameters, navigation and client."""
+    with (
+        NodeRuntime.open('navigation') as navigation,
+        NodeRuntime.open('bt_server', parameters=INTERFACES | {'server_timeout': 10.0} | parameters) as server,
+        NodeRuntime.open('client') as client,
+    ):
+        yield World(server, navigation, client)
+
+
+def install_nodes(directory: Path, module: str) -> None:
+    """Make ``module:register`` an entry point of an installed package, as far as Python can tell."""
+    info = directory / 'flexbt_test_nodes-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: flexbt-test-nodes\nVersion: 1.0\n')
+    (info / 'entry_points.txt').write_text(f'[flexbt.bt_nodes]\nnodes = {module}:register\n')
+    sys.path.insert(0, str(directory))

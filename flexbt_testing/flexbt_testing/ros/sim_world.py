@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A simulator, navigation servers and somebody who uses them: real nodes in this process."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise, takewhile
+from typing import Any, NamedTuple, TypeVar
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Path
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+
+from flexbt_common import navigation_interfaces
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_sim.nodes.navigation_servers import Navigation
+from flexbt_sim.nodes.ros_messages import pose_of
+from flexbt_sim.nodes.simulator import Simulator
+
+T = TypeVar('T')
+
+DEADLINE = 20.0
+INTERFACES = navigation_interfaces.load('flexbt_msgs')
+
+DOCK = (0.8, 4.45, 0.0)
+"""Where the robot starts: at the west end of the corridor, heading along it."""
+
+OFFICE = (3.8, 1.2, -1.57)
+
+ACTIONS = {
+    names.COMPUTE_PATH_TO_POSE: INTERFACES.ComputePathToPose,
+    names.COMPUTE_PATH_THROUGH_POSES: INTERFACES.ComputePathThroughPoses,
+    names.FOLLOW_PATH: INTERFACES.FollowPath,
+    names.SPIN: INTERFACES.Spin,
+    names.BACKUP: INTERFACES.BackUp,
+    names.DRIVE_ON_HEADING: INTERFACES.DriveOnHeading,
+    names.WAIT: INTERFACES.Wait,
+}
+
+
+class Sighting(NamedTuple):
+    """Where the robot was at a time: s, m, m, rad."""
+
+    time: float
+    x: float
+    y: float
+    yaw: float
+
+    def distance(self, place: Sequence[float]) -> float:
+        """To a place (x, y, ...), m."""
+        return math.hypot(place[0] - self.x, place[1] - self.y)
+
+
+def pose(place: Sequence[float], frame: str = 'map') -> PoseStamped:
+    """A message of a place (x, y) or (x, y, yaw)."""
+    x, y, yaw = (*map(float, place), 0.0)[:3]
+    stamped = PoseStamped()
+    stamped.header.frame_id = frame
+    stamped.pose.position.x, stamped.pose.position.y = x, y
+    stamped.pose.orientation.z, stamped.pose.orientation.w = math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+    return stamped
+
+
+def line(start: Sequence[float], end: Sequence[float], frame: str = 'map', spacing: float = 0.05) -> Path:
+    """A straight path."""
+    count = max(1, math.ceil(math.dist(start[:2], end[:2]) / spacing))
+    yaw = math.atan2(end[1] - start[1], end[0] - start[0])
+    path = Path()
+    path.header.frame_id = frame
+    path.poses = [
+        pose((start[0] + (end[0] - start[0]) * i / count, start[1] + (end[1] - start[1]) * i / count, yaw), frame)
+        for i in range(count + 1)
+    ]
+    return path
+
+
+class Probe:
+    """Sees the robot, sends it goals, commands and to other places."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
+        self.links = ActionLinks(runtime)
+        self.services = ServiceLinks(runtime)
+        self.changed = threading.Condition()
+        self.sightings: list[Sighting] = []
+        self.commands: list[tuple[float, float]] = []
+
+        def connect() -> None:
+            node = runtime.node
+            node.create_subscription(PoseStamped, names.POSE, self._on_pose, 100)
+            node.create_subscription(Twist, names.CMD_VEL, self._on_command, 100)
+            self._drive = node.create_publisher(Twist, names.CMD_VEL, 1)
+            self._places = node.create_publisher(PoseWithCovarianceStamped, names.INITIAL_POSE, 1)
+
+        runtime.call(connect)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        x, y, yaw = pose_of(message.pose)
+        with self.changed:
+            self.sightings.append(Sighting(Time.from_msg(message.header.stamp).nanoseconds * 1e-9, x, y, yaw))
+            self.changed.notify_all()
+
+    def _on_command(self, message: Twist) -> None:
+        with self.changed:
+            self.commands.append((message.linear.x, message.angular.z))
+            self.changed.notify_all()
+
+    def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
+        """The first true value of a condition; it is asked whenever something is seen, and now and then."""
+        end = time.monotonic() + timeout
+        with self.changed:
+            while not (value := condition()):
+                assert time.monotonic() < end, f'{what}: not within {timeout:g} s; last seen: {self.sightings[-1:]}'
+                self.changed.wait(0.02)
+            return value
+
+    @property
+    def now(self) -> Sighting:
+        """The last sighting."""
+        self.wait(lambda: self.sightings, 'a pose of the robot')
+        return self.sightings[-1]
+
+    def later(self, seconds: float) -> Sighting:
+        """The robot after so much simulated time."""
+        until = self.now.time + seconds
+        self.wait(lambda: self.sightings[-1].time >= until, f'{seconds:g} s of simulated time')
+        return self.sightings[-1]
+
+    def moving(self, seconds: float = 0.1) -> bool:
+        """Whether the robot has moved within the last so many seconds of what was seen."""
+        last = self.sightings[-1]
+        recent = [seen for seen in self.sightings[-200:] if seen.time >= last.time - seconds - 0.02]
+        return any(seen.distance(last[1:]) > 1e-6 or abs(seen.yaw - last.yaw) > 1e-6 for seen in recent)
+
+    def wait_at_rest(self) -> Sighting:
+        """The first sighting of the robot at rest, once it has been for 0.3 s."""
+        since = self.now.time + 0.3
+        self.wait(lambda: self.sightings[-1].time > since and not self.moving(0.3), 'the robot at rest')
+        with self.changed:
+            last = self.sightings[-1]
+            return list(takewhile(lambda seen: seen[1:] == last[1:], reversed(self.sightings)))[-1]
+
+    def wait_driving(self, speed: float = 0.2) -> Sighting:
+        """The first sighting, from now on, of the robot at a speed, m/s."""
+        seen = len(self.sightings)
+        self.wait(lambda: any(v >= speed for v in self.speeds(self.sightings[seen:])), f'{speed:g} m/s')
+        return self.now
+
+    @staticmethod
+    def speeds(sightings: Sequence[Sighting]) -> list[float]:
+        """Speed from each sighting to the next, m/s."""
+        return [here.distance(ahead[1:]) / (ahead.time - here.time) for here, ahead in pairwise(sightings)]
+
+    def set_speed_factor(self, factor: float) -> None:
+        """Change the speed of the simulated time."""
+        change = Parameter('speed_factor', value=factor).to_parameter_msg()
+        response = self.ask(SetParameters, 'simulator/set_parameters', SetParameters.Request(parameters=[change]))
+        assert response.results[0].successful, response.results[0].reason
+
+    def drive(self, linear: float, angular: float = 0.0) -> None:
+        """Give one velocity command."""
+        command = Twist()
+        command.linear.x, command.angular.z = float(linear), float(angular)
+        self._drive.publish(command)
+
+    def put(self, place: Sequence[float], frame: str = 'map') -> None:
+        """Send the robot's place, once."""
+        stamped = pose(place, frame)
+        message = PoseWithCovarianceStamped(header=stamped.header)
+        message.pose.pose = stamped.pose
+        self._places.publish(message)
+
+    def place(self, place: Sequence[float]) -> Sighting:
+        """Put the robot somewhere, at rest; the first sighting there."""
+        self.wait(lambda: self._places.get_subscription_count(), 'the simulator')
+        seen = len(self.sightings)
+        self.put(place)
+        self.wait(lambda: any(one.distance(place) < 1e-6 for one in self.sightings[seen:]), f'the robot at {place}')
+        return self.wait_at_rest()
+
+    def send(self, action: str, **fields: Any) -> SentGoal:
+        """Send a goal of a navigation action."""
+        return SentGoal(self.links.link(ACTIONS[action], action), ACTIONS[action].Goal(**fields), DEADLINE)
+
+    def plan(self, goal: Sequence[float], **fields: Any) -> SentGoal:
+        """Ask for a path to a place."""
+        return self.send(names.COMPUTE_PATH_TO_POSE, goal=pose(goal), **fields)
+
+    def follow(self, path: Path, **fields: Any) -> SentGoal:
+        """Have a path followed."""
+        return self.send(names.FOLLOW_PATH, path=path, **fields)
+
+    def ask(self, service_type: Any, name: str, request: Any) -> Any:
+        """Ask a service; the response."""
+        outcomes: list[ServiceOutcome] = []
+        done = threading.Event()
+
+        def on_done(outcome: ServiceOutcome) -> None:
+            outcomes.append(outcome)
+            done.set()
+
+        link = self.services.link(service_type, name)
+        ServiceCall(link, request, on_done=on_done, server_timeout=DEADLINE, response_timeout=DEADLINE)
+        assert done.wait(2.0 * DEADLINE)
+        assert outcomes[0].ok, outcomes[0].reason
+        return outcomes[0].response
+
+
+def aborted(goal: SentGoal, code: int) -> Any:
+    """The result of a goal that has to end aborted, with this error code."""
+    assert goal.wait().status is GoalStatus.ABORTED, goal.wait()
+    assert goal.result.error_code == code, goal.result.error_msg
+    return goal.result
+
+
+@contextlib.contextmanager
+def without_faults(name: str, **settings: Any) -> Iterator[NodeRuntime]:
+    """A runtime; at the end, no callback may have let an exception escape."""
+    faults: list[BaseException] = []
+    with NodeRuntime.open(name, **settings) as runtime:
+        runtime.on_fault(faults.append)
+        yield runtime
+    assert faults == []
+
+
+@contextlib.contextmanager
+def open_probe() -> Iterator[Probe]:
+    """A probe, before there is anything to see."""
+    with without_faults('probe') as runtime:
+        yield Probe(runtime)
+
+
+@contextlib.contextmanager
+def open_simulator(**parameters: Any) -> Iterator[Probe]:
+    """A simulator and its probe."""
+    with without_faults(names.SIMULATOR, parameters=parameters) as simulator, open_probe() as probe:
+        Simulator(simulator)
+        probe.wait(lambda: probe.sightings, 'a pose of the robot')
+        yield probe
+
+
+@contextlib.contextmanager
+def open_navigation(**parameters: Any) -> Iterator[NodeRuntime]:
+    """Navigation servers on simulated time."""
+    settings = {'use_sim_time': True, names.NAVIGATION_INTERFACES: 'flexbt_msgs'} | parameters
+    with without_faults(names.NAVIGATION, parameters=settings) as runtime:
+        Navigation(runtime)
+        yield runtime
+
+
+FAST = {'speed_factor': 10.0}
+
+
+@contextlib.contextmanager
+def open_world(simulator: Mapping[str, Any] = FAST, navigation: Mapping[str, Any] | None = None) -> Iterator[Probe]:
+    """Simulator, navigation servers, probe."""
+    with open_simulator(**simulator) as probe, open_navigation(**(navigation or {})):
+        yield probe

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bench for the state machine: scripted states, and a host that runs a machine on a manual clock.
+
+As the executive does, the host steps the run after each ring and when it is due, and never otherwise: what is forgotten
+here hangs there.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine import (
+    Answer,
+    Autonomy,
+    ConcurrencyContainer,
+    Decision,
+    EventState,
+    ExitReason,
+    MachineRun,
+    OperatableStateMachine,
+    Position,
+    PriorityContainer,
+    Severity,
+    define,
+)
+from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS
+
+Do = Callable[['Scripted', Any], Any]
+"""What a callback of a scripted state does, with the state and its userdata (None where it gets none)."""
+
+STEPS_AT_ONCE = 50
+"""Steps without a pause that count as a busy loop."""
+
+
+class Scripted(EventState):
+    """Keeps a trace of its callbacks; ``do`` says what each of them does besides, by its name.
+
+    Unless ``execute`` gives something, the state is left by ``outcome``, as soon as there is one.
+    """
+
+    def __init__(
+        self,
+        *outcomes: str,
+        outcome: str | None = None,
+        do: Mapping[str, Do] | None = None,
+        rate: float | None = None,
+        input_keys: Iterable[str] = (),
+        output_keys: Iterable[str] = (),
+        io_keys: Iterable[str] = (),
+    ) -> None:
+        super().__init__(outcomes or ('done',), input_keys, output_keys, io_keys, desired_rate=rate)
+        self.outcome = outcome
+        self.do = dict(do or {})
+        self.trace: list[str] = []
+        self._calls: Counter[str] = Counter()
+
+    def calls(self, callback: str) -> int:
+        """How often a callback was called."""
+        return self._calls[callback]
+
+    def end(self, outcome: str) -> None:
+        """News for the state: it is to be left by an outcome."""
+        self.outcome = outcome
+        self.wake()
+
+    def on_start(self) -> None:
+        self._called('on_start')
+
+    def on_enter(self, userdata: Any) -> None:
+        self._called('on_enter', userdata, ' again' if self.is_resumed else '')
+
+    def execute(self, userdata: Any) -> str | None:
+        own = self._called('execute', userdata)
+        return own if own is not None else self.outcome
+
+    def on_exit(self, userdata: Any) -> None:
+        assert self.exit_reason is not None
+        self._called('on_exit', userdata, f' {self.exit_reason.name}')
+
+    def on_pause(self) -> None:
+        self._called('on_pause')
+
+    def on_resume(self, userdata: Any) -> None:
+        self._called('on_resume', userdata)
+
+    def on_stop(self) -> None:
+        self._called('on_stop')
+
+    def settled(self) -> str | None:
+        return self.do['settled'](self, None) if 'settled' in self.do else None
+
+    def _called(self, callback: str, userdata: Any = None, detail: str = '') -> Any:
+        self._calls[callback] += 1
+        self.trace.append(callback + detail)
+        if isinstance(self.services, Bench):
+            self.services.trace.append(f'{callback} {self.path}{detail}')
+        return self.do[callback](self, userdata) if callback in self.do else None
+
+
+def passing(*, outcome: str = 'done', outcomes: Iterable[str] = ('done',)) -> Scripted:
+    """A state that is left at once."""
+    return Scripted(*outcomes, outcome=outcome)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A state or machine in a machine."""
+
+    label: str
+    state: EventState | OperatableStateMachine
+    transitions: Mapping[str, str] = field(default_factory=dict)
+    autonomy: Mapping[str, int] = field(default_factory=dict)
+    remapping: Mapping[str, str] = field(default_factory=dict)
+
+
+def machine(
+    *places: Place,
+    outcomes: Iterable[str] = ('ended',),
+    input_keys: Iterable[str] = (),
+    output_keys: Iterable[str] = (),
+    io_keys: Iterable[str] = (),
+    defaults: Mapping[str, Any] | None = None,
+    conditions: Iterable[tuple[str, Iterable[tuple[str, str]]]] = (),
+    priority: bool = False,
+) -> OperatableStateMachine:
+    """A machine of states; with ``conditions`` a concurrency container."""
+    made: OperatableStateMachine
+    keys = outcomes, input_keys, output_keys, io_keys
+    if conditions:
+        made = ConcurrencyContainer(*keys, conditions)
+    else:
+        made = PriorityContainer(*keys) if priority else OperatableStateMachine(*keys)
+    for key, value in (defaults or {}).items():
+        made.userdata[key] = value
+    with made:
+        for place in places:
+            OperatableStateMachine.add(place.label, place.state, place.transitions, place.autonomy, place.remapping)
+    return made
+
+
+def nested(state: EventState, labels: str, autonomy: Mapping[str, int] | None = None) -> OperatableStateMachine:
+    """Machines around a state whose outcomes are all handed out. ``labels`` from outside to inside, as in 'A/B/C'."""
+    first, _, rest = labels.partition('/')
+    inner = nested(state, rest, autonomy) if rest else state
+    ways = {outcome: outcome for outcome in state.outcomes}
+    return machine(Place(first, inner, ways, (autonomy or {}) if not rest else {}), outcomes=state.outcomes)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What the operator is shown at some time."""
+
+    active: tuple[str, ...]
+    decisions: tuple[Decision, ...]
+    paused: tuple[str, ...]
+    controls: tuple[bool | str, ...]
+
+
+class Bench:
+    """The host and observer of one run. States get it as ``services``, and write to the common ``trace``."""
+
+    def __init__(
+        self,
+        machine: OperatableStateMachine,
+        *,
+        autonomy: int = Autonomy.Full,
+        userdata: Mapping[str, Any] | None = None,
+        steady: ManualClock | None = None,
+        start: bool = True,
+        at: Position | None = None,
+        max_transitions: int = MAX_TRANSITIONS,
+    ) -> None:
+        self.clock = ManualClock()
+        self.steady = steady or self.clock
+        self.trace: list[str] = []
+        self.faults: list[tuple[str, str]] = []
+        self.lines: list[tuple[Severity, str, str]] = []
+        self.transitions: list[tuple[str, str, str, ExitReason]] = []
+        self.pictures: list[Picture] = []
+        self.steps = 0
+        self._rung = False
+        self.run = MachineRun(
+            define(machine),
+            self.clock,
+            self,
+            autonomy=autonomy,
+            userdata=userdata,
+            services=self,
+            steady=self.steady,
+            exit_timeout=3.0,
+            max_transitions=max_transitions,
+            on_wake=self._ring,
+        )
+        if start:
+            self.run.start(at)
+            self.settle()
+
+    # -- the observer ------------------------------------------------------------------------------------------------
+
+    def changed(self) -> None:
+        active = self.active
+        decisions = tuple(self.run.decisions)
+        if decisions:
+            known = {region.child.path for region in self.run.regions() if region.child is not None}
+            assert known.issuperset(decision.path for decision in decisions), (decisions, known)
+        paused = tuple(leaf.path for leaf in self.run.active_states() if leaf.is_paused)
+        controls: tuple[bool | str, ...] = (self.run.is_paused, *self.run.locked, '', *self.run.breakpoints)
+        self.pictures.append(Picture(active, decisions, paused, controls))
+
+    def log(self, severity: Severity, path: str, text: str) -> None:
+        self.lines.append((severity, path, text))
+
+    def fault(self, path: str, text: str) -> None:
+        self.faults.append((path, text))
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+        self.transitions.append((path, outcome, target, reason))
+
+    # -- the host ----------------------------------------------------------------------------------------------------
+
+    def _ring(self) -> None:
+        self._rung = True
+
+    def settle(self) -> None:
+        """Step the run until nobody rings any more."""
+        at_once = 0
+        while self._rung and self.run.outcome is None:
+            self._rung = False
+            self._step()
+            at_once += 1
+            assert at_once <= STEPS_AT_ONCE, f'busy: {self.trace[-8:]}'
+
+    def pass_time(self, seconds: float) -> None:
+        """Let time go by, waking up in between exactly when something is due."""
+        end = self.clock.now() + seconds
+        while self.run.outcome is None:
+            due, alarm = self.run.next_wake, self.clock.next_alarm()
+            times = [time for time in (due, alarm) if time is not None and time <= end]
+            if not times:
+                break
+            self.clock.set(max(min(times), self.clock.now()))
+            if due is not None and due <= self.clock.now():
+                self._rung = True
+            self.settle()
+            assert (self.run.next_wake or end + 1.0) > self.clock.now(), f'still due: {self.trace[-8:]}'
+        self.clock.set(end)
+
+    def _step(self) -> None:
+        self.steps += 1
+        self.run.step()
+
+    # -- the operator ------------------------------------------------------------------------------------------------
+
+    @property
+    def outcome(self) -> str | None:
+        """Of the run."""
+        return self.run.outcome
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Paths of the active states."""
+        return tuple(leaf.path for leaf in self.run.active_states())
+
+    @property
+    def decision(self) -> Decision:
+        """The only one that is pending."""
+        (decision,) = self.run.decisions
+        return decision
+
+    def confirm(self, decision_id: str | None = None) -> str | None:
+        """Confirm the pending decision, or one of an id; gives the refusal."""
+        chosen = self.decision.id if decision_id is None else decision_id
+        return self.answer_to(lambda answer: self.run.confirm(chosen, answer))
+
+    def force(self, path: str, outcome: str, decision_id: str = '') -> str | None:
+        """Force an outcome; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.force(path, outcome, decision_id, answer))
+
+    def set_autonomy(self, level: int, path: str = '') -> str | None:
+        """Change the autonomy; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.set_autonomy(level, path, answer))
+
+    def repeat(self, path: str) -> str | None:
+        """Repeat a state or machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.repeat(path, answer))
+
+    def lock(self, path: str) -> str | None:
+        """Lock a state or machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.lock(path, answer))
+
+    def unlock(self, path: str) -> str | None:
+        """Unlock a state or machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.unlock(path, answer))
+
+    def set_breakpoint(self, path: str) -> str | None:
+        """Set a breakpoint; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.set_breakpoint(path, answer))
+
+    def clear_breakpoint(self, path: str) -> str | None:
+        """Clear a breakpoint; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.clear_breakpoint(path, answer))
+
+    def pause(self) -> str | None:
+        """Pause the run; gives the refusal."""
+        return self.answer_to(self.run.pause)
+
+    def resume(self) -> str | None:
+        """Resume the run; gives the refusal."""
+        return self.answer_to(self.run.resume)
+
+    def switch(self, made: OperatableStateMachine) -> str | None:
+        """Go on with another machine; gives the refusal."""
+        return self.answer_to(lambda answer: self.run.switch(define(made), answer))
+
+    def stop(self, reason: str = 'test') -> None:
+        """Preempt the run."""
+        self.run.preempt(reason)
+        self.settle()
+
+    def answer_to(self, command: Callable[[Answer], None]) -> str | None:
+        """Give a command; gives its answer, of which there has to be exactly one."""
+        answers: list[str | None] = []
+        command(answers.append)
+        self.settle()
+        (answer,) = answers
+        return answer

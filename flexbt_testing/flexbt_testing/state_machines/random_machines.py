@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Random machines for the test of the engine against a model: what they are, and as machines that run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from random import Random
+from typing import Any, Final
+
+from flexbt_core.state_machine import EventState, OperatableStateMachine, StateKind
+
+from .bench import Place, Scripted, machine
+
+DEPTH: Final = 4
+"""Most machines around a state, the root not counted."""
+
+STATES: Final = int(os.environ.get('HFSM_STATES', '40'))
+"""About as many states a machine may have."""
+
+UNDECLARED: Final = -1
+_LABELS: Final = 'ABCDEF'
+
+
+@dataclass(frozen=True)
+class Visit:
+    """What a state does in one of its visits.
+
+    ``kind``: 'go' by ``outcome`` at once, 'wait' for news, 'ask' the operator and suggest ``outcome`` (None for none),
+    or raise in 'on_enter' or 'execute'. ``leaving``: '', 'raise' in on_exit, or 'slow': not at rest before it is told.
+    """
+
+    kind: str
+    outcome: str | None
+    leaving: str
+
+
+@dataclass(eq=False)
+class Node:
+    """A state or machine of a random machine. ``ways`` leads an outcome to a sibling, or to an outcome around it.
+
+    The children of a concurrency container have no ways: its ``conditions`` are tried in their order.
+    """
+
+    path: str
+    outcomes: list[str]
+    parent: Node | None = None
+    children: list[Node] = field(default_factory=list)
+    visits: list[Visit] = field(default_factory=list)
+    ways: dict[str, Node | str] = field(default_factory=dict)
+    required: dict[str, int] = field(default_factory=dict)
+    kind: StateKind = StateKind.STATE
+    conditions: list[tuple[str, list[tuple[Node, str]]]] = field(default_factory=list)
+    runs_on: bool = False
+    """Whether it is executed while it is blocked."""
+
+    def all(self) -> Iterator[Node]:
+        """This node and everything in it."""
+        yield self
+        for child in self.children:
+            yield from child.all()
+
+
+def random_machine(random: Random) -> Node:
+    """A machine of up to DEPTH levels below the root, all states of which can be reached."""
+    root = Node('/', _outcomes(random, ['x', 'y', 'z']))
+    _fill(random, root, DEPTH, [STATES])
+    return root
+
+
+def _outcomes(random: Random, names: list[str]) -> list[str]:
+    return random.sample(names, random.randint(1, len(names)))
+
+
+def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
+    kinds = [StateKind.MACHINE] * 4 + [StateKind.CONCURRENCY] * 3 + [StateKind.PRIORITY] * 2
+    node.kind = random.choice(kinds)
+    most = 3 if node.kind is StateKind.CONCURRENCY else len(_LABELS)
+    for label in _LABELS[: random.randint(1, most)]:
+        path = f'{node.path.rstrip("/")}/{label}'
+        is_machine = depth > 0 and left[0] > 0 and random.random() < 0.4
+        names = ['x', 'y', 'z'] if is_machine else ['done', 'other', 'failed']
+        child = Node(path, _outcomes(random, names), node)
+        if is_machine:
+            _fill(random, child, depth - 1, left)
+        else:
+            left[0] -= 1
+            child.visits = [_visit(random, child.outcomes) for _ in range(random.randint(1, 3))]
+            child.runs_on = random.random() < 0.2
+        node.children.append(child)
+    for number, child in enumerate(node.children):
+        # By the first outcome the next sibling can be reached, the others lead anywhere.
+        following = node.children[number + 1 : number + 2]
+        for outcome in child.outcomes:
+            outwards = node.outcomes if node.parent is not None or random.random() < 0.1 else []
+            anywhere: list[Node | str] = [*node.children, *outwards]
+            if node.kind is not StateKind.CONCURRENCY:
+                child.ways[outcome] = following.pop() if following else random.choice(anywhere)
+            child.required[outcome] = random.choice([UNDECLARED, 0, 0, 1, 1, 2, 3])
+    if node.kind is StateKind.CONCURRENCY:
+        node.conditions = list(_conditions(random, node))
+
+
+def _conditions(random: Random, node: Node) -> Iterator[tuple[str, list[tuple[Node, str]]]]:
+    for _ in range(random.randint(0, 3)):
+        children = random.sample(node.children, random.randint(1, len(node.children)))
+        yield random.choice(node.outcomes), [(child, random.choice(child.outcomes)) for child in children]
+    last = random.choice(node.children)  # so that some condition holds when all have ended
+    for outcome in last.outcomes:
+        yield random.choice(node.outcomes), [(last, outcome)]
+
+
+def _visit(random: Random, outcomes: list[str]) -> Visit:
+    faults = ['on_enter', 'execute'] if 'failed' in outcomes or random.random() < 0.1 else []
+    kind = random.choice([*('go', 'wait', 'ask') * 4, *faults])
+    outcome = None if kind == 'ask' and random.random() < 0.5 else random.choice(outcomes)
+    return Visit(kind, outcome, random.choice([*('', '', 'slow') * 4, *(['raise'] if faults else [])]))
+
+
+class Puppet(Scripted):
+    """A state that does as its visits say, over and over."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(*node.outcomes)
+        self.node = node
+        self.runs_while_blocked = node.runs_on  # type: ignore[misc]
+        self.at_rest = True
+        self._visit = node.visits[-1]
+
+    def forget(self) -> None:
+        """Begin with the first visit again."""
+        self.trace.clear()
+        self._calls.clear()
+
+    def rest(self) -> None:
+        """Whatever it was doing, it is at rest now."""
+        self.at_rest = True
+        self.wake()
+
+    def on_enter(self, userdata: Any) -> None:
+        self._visit = self.node.visits[self.calls('on_enter') % len(self.node.visits)]
+        self.outcome = self._visit.outcome if self._visit.kind == 'go' else None
+        self.at_rest = self._visit.leaving != 'slow'
+        super().on_enter(userdata)
+        self._raise_in('on_enter')
+
+    def execute(self, userdata: Any) -> str | None:
+        self._raise_in('execute')
+        if self._visit.kind == 'ask':
+            self.ask('?', self._visit.outcome)
+            return None
+        return super().execute(userdata)
+
+    def on_exit(self, userdata: Any) -> None:
+        super().on_exit(userdata)
+        if self._visit.leaving == 'raise':
+            raise ArithmeticError
+
+    def settled(self) -> str | None:
+        return None if self.at_rest else 'busy'
+
+    def _raise_in(self, callback: str) -> None:
+        if self._visit.kind == callback:
+            raise ArithmeticError
+
+
+def build(node: Node) -> tuple[OperatableStateMachine, list[Puppet]]:
+    """The machine of a node, and its states."""
+    places, puppets = [], []
+    for child in node.children:
+        state: EventState | OperatableStateMachine
+        if child.children:
+            state, inner = build(child)
+        else:
+            state = Puppet(child)
+            inner = [state]
+        puppets += inner
+        ways = {name: way if isinstance(way, str) else way.path.rpartition('/')[2] for name, way in child.ways.items()}
+        levels = {name: level for name, level in child.required.items() if level != UNDECLARED}
+        places.append(Place(child.path.rpartition('/')[2], state, ways, levels))
+    conditions = [
+        (outcome, [(child.path.rpartition('/')[2], wanted) for child, wanted in children])
+        for outcome, children in node.conditions
+    ]
+    made = machine(*places, outcomes=node.outcomes, conditions=conditions, priority=node.kind is StateKind.PRIORITY)
+    return made, puppets

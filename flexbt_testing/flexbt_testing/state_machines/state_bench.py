@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bench to test states with: they run in a real machine on a real thread, with scripted action servers."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.task import Future
+
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.service_call import ServiceLinks
+from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine import EventState, MachineRun, OperatableStateMachine
+from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
+from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.commands.command_answers import Decided
+from flexbt_onboard.runs.behavior_run import BehaviorRun
+from flexbt_onboard.runs.state_services import StateServices
+
+DEADLINE = 10.0
+"""Seconds within which what a test waits for has to happen, on a busy machine too."""
+
+Script = Callable[[ServerGoalHandle], Awaitable[Any]]
+
+
+def wait_until(condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> Any:
+    """The first true value of the condition.
+
+    Raises:
+        AssertionError: it has not become true in time.
+    """
+    end = time.monotonic() + deadline
+    pause = threading.Event()
+    while not (value := condition()):
+        assert time.monotonic() < end, f'not within {deadline} s: {what}'
+        pause.wait(0.002)
+    return value
+
+
+class ScriptedServer:
+    """An action server whose goals follow a script. In a process of its own as far as ROS can tell."""
+
+    def __init__(
+        self,
+        action_type: Any,
+        name: str,
+        script: Script,
+        *,
+        accept: Callable[[], bool] = lambda: True,
+        on_cancel: Callable[[ServerGoalHandle], CancelResponse] | None = None,
+    ) -> None:
+        self.runtime = NodeRuntime('scripted_server', args=())
+        self.goals: list[Any] = []
+        self.ended: list[int] = []
+        self.cancels = 0
+        self._script = script
+        self._on_cancel = on_cancel
+        self._release: dict[int, Future] = {}
+        self.server = self.runtime.call(
+            lambda: ActionServer(
+                self.runtime.node,
+                action_type,
+                name,
+                execute_callback=self._execute,
+                goal_callback=lambda _goal: GoalResponse.ACCEPT if accept() else GoalResponse.REJECT,
+                cancel_callback=self._cancel,
+                result_timeout=10,
+                **names.deep_action_services(),
+            )
+        )
+
+    @property
+    def active(self) -> int:
+        """Goals that were accepted and have not ended."""
+        return len(self.goals) - len(self.ended)
+
+    def future(self) -> Future:
+        """Something for a script to wait for."""
+        return self.runtime.call(Future)
+
+    def resolve(self, future: Future) -> None:
+        """Let a script go on."""
+        self.runtime.post(lambda: None if future.done() else future.set_result(None))
+
+    def close(self) -> None:
+        """The server goes away."""
+        self.runtime.close()
+
+    async def _execute(self, goal_handle: ServerGoalHandle) -> Any:
+        self.goals.append(goal_handle.request)
+        try:
+            return await self._script(goal_handle)
+        finally:
+            self.ended.append(goal_handle.status)
+
+    def _cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
+        self.cancels += 1
+        if self._on_cancel is not None:
+            return self._on_cancel(goal_handle)
+        return CancelResponse.ACCEPT
+
+
+def ends(result: Any, how: str = 'succeed') -> Script:
+    """A script that ends at once: succeed, abort."""
+
+    async def script(goal_handle: ServerGoalHandle) -> Any:
+        getattr(goal_handle, how)()
+        return result
+
+    return script
+
+
+class Run:
+    """A run of a behavior, and what was seen of it."""
+
+    def __init__(
+        self, entry: BehaviorEntry, services: StateServices, autonomy: int, arguments: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        self.lines: list[tuple[int, str, str]] = []
+        self.structure: BehaviorStructure | None = None
+        self.refusal: str | None = None
+        self.outcome: str | None = None
+        self.message = ''
+        self.behavior_run = BehaviorRun(RunRequest(entry, arguments, (), autonomy), 'run', services, self)
+        self.behavior_run.start()
+
+    # What the run tells (RunObserver).
+    def changed(self) -> None: ...
+
+    def run_built(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        self.structure = structure
+        run.announce()
+
+    def run_refused(self, run: BehaviorRun, reason: str) -> None:
+        self.refusal = reason
+
+    def run_log(self, run: BehaviorRun, severity: int, path: str, text: str) -> None:
+        self.lines.append((severity, path, text))
+
+    def run_moved(self, run: BehaviorRun, machine: MachineRun, decided: Sequence[Decided]) -> None:
+        pass
+
+    def run_switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        pass
+
+    def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
+        pass
+
+    def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
+        self.outcome, self.message = outcome, message
+
+    def wait(self) -> str:
+        """The outcome, when the run has ended."""
+        wait_until(lambda: self.outcome is not None or self.refusal is not None, f'end of the run; said: {self.lines}')
+        assert self.refusal is None, self.refusal
+        assert self.outcome is not None
+        return self.outcome
+
+    def stop(self) -> str:
+        """Stop the run and wait for it."""
+        self.behavior_run.stop('test')
+        return self.wait()
+
+    def errors(self) -> str:
+        """What was told to the operator as warnings and errors."""
+        return '\n'.join(text for severity, _, text in self.lines if severity >= ExecutiveLog.WARN)
+
+
+class StateBench:
+    """Makes servers and runs states."""
+
+    def __init__(self) -> None:
+        self.runtime = NodeRuntime('bench_executive', args=())
+        self.changes = 0
+        self.services = self.runtime.call(
+            lambda: StateServices(
+                runtime=self.runtime,
+                actions=ActionLinks(self.runtime),
+                services=ServiceLinks(self.runtime),
+                node_name=self.runtime.node.get_fully_qualified_name(),
+                changed=self._count,
+            )
+        )
+        self.closing: list[Callable[[], object]] = []
+        """What else is to be closed at the end."""
+        self._servers: list[ScriptedServer] = []
+        self._runs: list[Run] = []
+
+    def serve(self, action_type: Any, name: str, script: Script, **options: Any) -> ScriptedServer:
+        """Start an action server."""
+        server = ScriptedServer(action_type, name, script, **options)
+        self._servers.append(server)
+        link = self.services.actions.link(action_type, name)
+        wait_until(lambda: self.runtime.call(link.is_ready), f'{name} discovered')
+        return server
+
+    def run_state(
+        self,
+        make: Callable[[], EventState],
+        userdata: Mapping[str, Any] | None = None,
+        *,
+        outputs: Sequence[str] = (),
+        read: dict[str, Any] | None = None,
+        autonomy: int = 3,
+    ) -> Run:
+        """Run one state; each outcome of it is an outcome of the run. Output keys are copied to ``read``."""
+
+        def machine() -> OperatableStateMachine:
+            state = make()
+            root = OperatableStateMachine(outcomes=list(state.outcomes))
+            for key, value in (userdata or {}).items():
+                root.userdata[key] = value
+            with root:
+                if not outputs:
+                    OperatableStateMachine.add('State', state, {name: name for name in state.outcomes})
+                    return root
+                taken = {name: f'Read_{name}' for name in state.outcomes}
+                OperatableStateMachine.add('State', state, taken)
+                for name, label in taken.items():
+                    keys = list(outputs) if name in ('done', 'received') else []
+                    OperatableStateMachine.add(label, _Reader(keys, {} if read is None else read), {'read': name})
+            return root
+
+        return self.run(machine, autonomy)
+
+    def run(self, machine: Callable[[], OperatableStateMachine], autonomy: int = 3) -> Run:
+        """Run a machine."""
+
+        class Bench(Behavior):
+            manifest = BehaviorManifest('Bench')
+
+            def create(self) -> OperatableStateMachine:
+                return machine()
+
+        return self.run_behavior(BehaviorEntry('Bench', 'test', Bench.manifest, (), Bench), autonomy=autonomy)
+
+    def run_behavior(self, entry: BehaviorEntry, *arguments: tuple[str, str], autonomy: int = 3) -> Run:
+        """Run a behavior, with parameters as an operator writes them."""
+        run = Run(entry, self.services, autonomy, arguments)
+        self._runs.append(run)
+        return run
+
+    def close(self) -> None:
+        """End runs and servers."""
+        for run in self._runs:
+            run.behavior_run.stop('end of the test')
+            run.behavior_run.join(DEADLINE)
+        for server in self._servers:
+            server.close()
+        for close in self.closing:
+            close()
+        self.runtime.close()
+
+    def _count(self) -> None:
+        self.changes += 1
+
+
+class _Reader(EventState):
+    """Copies userdata keys for the test."""
+
+    def __init__(self, keys: list[str], read: dict[str, Any]) -> None:
+        super().__init__(outcomes=['read'], input_keys=keys, desired_rate=None)
+        self._keys = keys
+        self._read = read
+
+    def execute(self, userdata: Any) -> str:
+        for key in self._keys:
+            self._read[key] = userdata[key]
+        return 'read'

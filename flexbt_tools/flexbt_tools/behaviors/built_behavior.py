@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Behaviors as the tools see them: built with the values of their parameters, never run."""
+
+from __future__ import annotations
+
+import argparse
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexbt_core.state_machine import MachineError
+from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behaviors.building import building
+from flexbt_onboard.behaviors.run_building import definition_of
+from flexbt_onboard.errors import OnboardError
+from flexbt_tools.errors import UsageError
+
+
+@dataclass(frozen=True)
+class BuiltBehavior:
+    """A behavior and its state machine, which is None when there are ``problems``."""
+
+    name: str
+    machine: MachineDefinition | None
+    problems: Sequence[str] = ()
+
+
+def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBehavior:
+    """Make the machine of an installed behavior, as the executive does at a start."""
+    try:
+        with building():
+            behavior = entry.instantiate()
+            behavior.set_arguments(arguments)
+            return BuiltBehavior(entry.name, definition_of(behavior))
+    except MachineError as error:
+        return BuiltBehavior(entry.name, None, error.problems)
+    except OnboardError as error:
+        return BuiltBehavior(entry.name, None, [str(error)])
+    except Exception as error:  # code of the behavior
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        text = f'create() raised {type(error).__name__}: {error} ({frame.filename}:{frame.lineno})'
+        return BuiltBehavior(entry.name, None, [text])
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Values of parameters: ``options.parameters``."""
+    parser.add_argument(
+        '--param',
+        metavar='NAME=VALUE',
+        dest='parameters',
+        action='append',
+        default=[],
+        help='value of a parameter of the behavior; repeatable (the defaults hold for the rest)',
+    )
+
+
+def parameters(options: argparse.Namespace) -> list[tuple[str, str]]:
+    """Pairs of name and text. Raises UsageError."""
+    pairs = []
+    for text in options.parameters:
+        name, equals, value = text.partition('=')
+        if not equals:
+            raise UsageError(f'--param {text}: write NAME=VALUE')
+        pairs.append((name, value))
+    return pairs
+
+
+def installed(names: Sequence[str]) -> list[BehaviorEntry]:
+    """The behaviors of these names, or all. Raises UsageError."""
+    library = BehaviorLibrary.discover()
+    try:
+        return [library.find(name) for name in names] if names else list(library.entries.values())
+    except OnboardError as error:
+        raise UsageError(str(error)) from error

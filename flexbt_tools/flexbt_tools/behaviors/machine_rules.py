@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is suspicious about a state machine that the engine takes.
+
+A machine is looked at as a graph: its states and its outcomes are the nodes, the transitions are the edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+
+from flexbt_core.state_machine import Autonomy, Read, races, unsure_reads
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind, Transition
+
+from .findings import (
+    ALWAYS_ASKS,
+    DEAD_OUTCOME,
+    ENDLESS_LOOP,
+    NO_END,
+    UNSURE_READ,
+    WRITE_RACE,
+    Finding,
+)
+
+Node = StateDefinition | MachineDefinition
+
+Graph = Mapping[str, Iterable[str]]
+"""Where the edges of each node lead."""
+
+
+def findings_of(machine: MachineDefinition) -> Iterator[Finding]:
+    """What is found in a machine and everything in it."""
+    for node in machine.nodes():
+        yield from _always_asks(node)
+        if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
+            yield from _never(node, {condition.outcome for condition in node.conditions})
+        elif isinstance(node, MachineDefinition):
+            yield from _ends(node)
+            yield from _endless_loops(node)
+    for read in unsure_reads(machine):
+        yield Finding(UNSURE_READ, read.path, f'{_shown(read)} is not written on every way that leads here')
+    for race in races(machine):
+        message = f'userdata key {race.name!r} is written by {" and ".join(race.writers)}: it is chance who is the last'
+        yield Finding(WRITE_RACE, race.path, message)
+
+
+def _shown(read: Read) -> str:
+    writers = f' ({" or ".join(read.writers)} writes it)' if read.writers else ''
+    remapped = f' (remapped to {read.name!r})' if read.name != read.key else ''
+    return f'userdata key {read.key!r}{remapped}{writers}'
+
+
+def _always_asks(node: Node) -> Iterator[Finding]:
+    for outcome, transition in node.transitions.items():
+        if transition.autonomy >= Autonomy.Full:
+            message = (
+                f"outcome '{outcome}' requires autonomy Full, and passes only at a level above it: there is none, so "
+                'the operator is always asked'
+            )
+            yield Finding(ALWAYS_ASKS, node.path, message)
+
+
+def _ends(machine: MachineDefinition) -> Iterator[Finding]:
+    """States from which the machine cannot end, and outcomes by which it never does."""
+    ways = {label: {_target(transition) for transition in child.transitions.values()}
+            for label, child in machine.children.items()}  # fmt: skip
+    reached = _reachable({machine.initial}, ways)
+    back: dict[str, set[str]] = {}
+    for label, targets in ways.items():
+        for target in targets:
+            back.setdefault(target, set()).add(label)
+    ending = _reachable({f'={outcome}' for outcome in machine.outcomes}, back)
+    stuck = [label for label in machine.children if label not in ending]
+    if len(stuck) == len(machine.children):
+        yield Finding(NO_END, machine.path, 'it cannot end: no transition leads to one of its outcomes')
+    else:
+        for label in stuck:
+            message = f'once here, {machine.path} cannot end any more: no way leads to one of its outcomes'
+            yield Finding(NO_END, machine.children[label].path, message)
+        yield from _never(machine, {target.removeprefix('=') for target in reached if target.startswith('=')})
+
+
+def _never(machine: MachineDefinition, outcomes: Collection[str]) -> Iterator[Finding]:
+    for outcome in machine.outcomes:
+        if outcome not in outcomes:
+            yield Finding(DEAD_OUTCOME, machine.path, f"it never ends by its outcome '{outcome}'")
+
+
+def _endless_loops(machine: MachineDefinition) -> Iterator[Finding]:
+    """Loops of states that leave at once, by transitions that pass at the level Low."""
+    ways = {
+        label: {
+            transition.state
+            for transition in child.transitions.values()
+            if transition.state is not None and transition.autonomy <= Autonomy.Off
+        }
+        for label, child in machine.children.items()
+        if isinstance(child, StateDefinition) and child.state.is_instant
+    }
+    for loop in _loops(ways):
+        path = machine.children[loop[0]].path
+        shown = ' -> '.join([*loop, loop[0]])
+        message = f'{shown} waits neither for the operator nor for a time nor for the world'
+        yield Finding(ENDLESS_LOOP, path, message)
+
+
+def _target(transition: Transition) -> str:
+    return transition.state if transition.state is not None else f'={transition.outcome}'
+
+
+def _reachable(starts: Iterable[str], ways: Graph) -> set[str]:
+    reached: set[str] = set()
+    ahead = list(starts)
+    while ahead:
+        node = ahead.pop()
+        if node not in reached:
+            reached.add(node)
+            ahead.extend(ways.get(node, ()))
+    return reached
+
+
+def _loops(ways: Graph) -> Iterator[list[str]]:
+    """One loop for each set of nodes that can all reach each other, in the order of the nodes."""
+    done: set[str] = set()
+    for start in ways:
+        if start in done:
+            continue
+        loop = _way_back(start, ways)
+        if loop:
+            around = _reachable(ways[start], ways)
+            done |= {node for node in around if start in _reachable(ways.get(node, ()), ways)}
+            yield loop
+
+
+def _way_back(start: str, ways: Graph) -> list[str]:
+    """A shortest way from a node to itself; empty when there is none."""
+    before: dict[str, str] = {}
+    ahead = [start]
+    for node in ahead:
+        for target in sorted(ways.get(node, ())):
+            if target == start:
+                way = [node]
+                while way[-1] != start:
+                    way.append(before[way[-1]])
+                return way[::-1]
+            if target in ways and target not in before:
+                before[target] = node
+                ahead.append(target)
+    return []

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool show``: the state machine of a behavior as text."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+
+from flexbt_core.state_machine.model.autonomy import NAMES
+from flexbt_core.state_machine.model.definition import MachineDefinition, StructureEntry, Transition
+from flexbt_core.values.escaping import one_line
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode, UsageError
+
+from . import built_behavior as behaviors
+from .built_behavior import BuiltBehavior
+
+_INDENT = '  '
+
+
+def lines_of(behavior: BuiltBehavior) -> Iterator[str]:
+    """A line for each state, and one for each of its outcomes."""
+    assert behavior.machine is not None
+    yield one_line(f'{behavior.name}: {", ".join(behavior.machine.outcomes)}')
+    nodes = zip(behavior.machine.nodes(), behavior.machine.structure(), strict=True)
+    for node, entry in list(nodes)[1:]:
+        margin = _INDENT * node.path.count('/')
+        kind = '' if entry.kind.name == 'STATE' else f'  {entry.kind.name.lower()}'
+        yield one_line(f'{margin}{node.label}  ({entry.type_name}){kind}')
+        for outcome, transition in node.transitions.items():
+            yield one_line(f'{margin}{_INDENT}{outcome}{_target(transition)}{_autonomy(transition)}')
+        for condition in node.conditions if isinstance(node, MachineDefinition) else ():
+            ended = ', '.join(f'{label}: {outcome}' for label, outcome in condition.children)
+            yield one_line(f'{margin}{_INDENT}{condition.outcome} when {ended}')
+
+
+def _target(transition: Transition) -> str:
+    if transition.state is not None:
+        return f' -> {transition.state}'
+    return f' -> ={transition.outcome}' if transition.outcome is not None else ''
+
+
+def _autonomy(transition: Transition) -> str:
+    return f'  [{NAMES[transition.autonomy]}]' if transition.autonomy > 0 else ''
+
+
+def to_json(entry: StructureEntry) -> dict[str, object]:
+    """A node with the fields of flexbt_msgs/msg/StateStructure."""
+    return {
+        'path': entry.path,
+        'kind': entry.kind.name.lower(),
+        'type': entry.type_name,
+        'children': entry.children,
+        'outcomes': entry.outcomes,
+        'targets': entry.targets,
+        'autonomy': entry.autonomy,
+    }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('name', metavar='NAME', help='installed behavior')
+    behaviors.add_arguments(parser)
+    arguments.add_json(parser)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    behavior = built(options)
+    assert behavior.machine is not None
+    if options.json:
+        print(json.dumps({'behavior': behavior.name, 'states': [to_json(one) for one in behavior.machine.structure()]}))
+    else:
+        for line in lines_of(behavior):
+            print(line)
+    return ExitCode.OK
+
+
+def built(options: argparse.Namespace) -> BuiltBehavior:
+    """The behavior that is meant. Raises UsageError when it cannot be built."""
+    (entry,) = behaviors.installed([options.name])
+    behavior = behaviors.build(entry, behaviors.parameters(options))
+    if behavior.machine is None:
+        raise UsageError('\n'.join(f'{behavior.name}: {problem}' for problem in behavior.problems))
+    return behavior

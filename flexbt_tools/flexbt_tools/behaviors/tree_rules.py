@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether the states of a behavior and the trees that they run agree about the blackboards.
+
+All trees that a behavior runs on a blackboard, and all states that write to it or read from it, are looked at
+together: what one of them writes another may read, whatever the order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+
+from flexbt_core.behavior_tree import Blackboard, Entry, TreeKey, TreeLoadError
+from flexbt_tools.tree_checks.diagnostics import Diagnostic
+from flexbt_tools.tree_checks.lint import HOST_KEYS
+from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage
+
+from .findings import KEY_CLASH, UNREAD_KEY, UNWRITTEN_KEY, Finding
+from .used_trees import TreeUse, UsedTrees
+
+
+def findings_of(trees: UsedTrees) -> Iterator[Finding]:
+    """What is found between the states and the trees, blackboard by blackboard."""
+    usage = KeyUsage(trees.library)
+    for name, uses in groupby(sorted(trees.uses, key=_blackboard), key=_blackboard):
+        yield from _of_blackboard(name, list(uses), usage)
+
+
+def _blackboard(use: TreeUse) -> str:
+    return use.use.blackboard
+
+
+def _of_blackboard(name: str, uses: Sequence[TreeUse], usage: KeyUsage) -> Iterator[Finding]:
+    board = Blackboard()
+    usages: dict[Entry, EntryUsage] = {}
+    runners = {use.key: use.path for use in uses if use.key is not None}
+    for key in runners:
+        try:
+            usage.add(key, board, usages)
+        except TreeLoadError:
+            return  # the file was refused, or clashes with another on this blackboard: reported as such
+    board_name = f'blackboard {name!r}' if name else 'the shared blackboard'
+    keys = _Keys(board, usages, uses)
+    yield from keys.clashes()
+    if any(use.runs_unknown for use in uses):
+        return
+    yield from keys.unread(board_name)
+    yield from keys.unwritten_for_states(board_name)
+    yield from keys.unwritten_for_trees(board_name, runners)
+
+
+class _Keys:
+    """The keys of one blackboard."""
+
+    def __init__(self, board: Blackboard, usages: dict[Entry, EntryUsage], uses: Sequence[TreeUse]) -> None:
+        self._uses = uses
+        self._usages = usages
+        self._of_key = {
+            key: usages[entry] for key in board if (entry := board.entry(key)) is not None and entry in usages
+        }
+        self._written = {key for use in uses for key in use.use.writes}
+        self._read = {key for use in uses for key in use.use.reads}
+
+    def clashes(self) -> Iterator[Finding]:
+        """A state and a tree that cannot mean the same by a key."""
+        for use in self._uses:
+            for verb, types in (('writes', use.use.writes), ('reads', use.use.reads)):
+                for key, type in types.items():
+                    usage = self._of_key.get(key)
+                    declared = usage.entry.type if usage is not None else None
+                    if declared is not None and _clash(type, declared.name):
+                        message = f'{verb} the key {key!r} as {type}; for the trees there it is {declared.name}'
+                        yield Finding(KEY_CLASH, use.path, message)
+
+    def unread(self, board: str) -> Iterator[Finding]:
+        """Keys that a state writes and nothing reads."""
+        for use in self._uses:
+            for key in use.use.writes:
+                usage = self._of_key.get(key)
+                is_read = usage is not None and (usage.readers or usage.may_be_read)
+                if not is_read and key not in self._read:
+                    yield Finding(UNREAD_KEY, use.path, f'writes the key {key!r}, which nothing on {board} reads')
+
+    def unwritten_for_states(self, board: str) -> Iterator[Finding]:
+        """Keys that a state reads and nothing writes."""
+        for use in self._uses:
+            for key in use.use.reads:
+                usage = self._of_key.get(key)
+                is_written = usage is not None and (usage.writers or usage.given)
+                if not is_written and key not in self._written:
+                    yield Finding(UNWRITTEN_KEY, use.path, f'reads the key {key!r}, which nothing on {board} writes')
+
+    def unwritten_for_trees(self, board: str, runners: Mapping[TreeKey, str]) -> Iterator[Finding]:
+        """Keys that a tree reads and nothing writes."""
+        names = {id(usage): key for key, usage in self._of_key.items()}
+        for usage in self._usages.values():
+            key = names.get(id(usage))
+            if not usage.readers or usage.writers or usage.given or key in self._written or key in HOST_KEYS:
+                continue
+            place = usage.readers[0]
+            message = f'key [{place.use.key}] is read, and neither a state nor a tree on {board} writes it'
+            path = next((path for tree, path in runners.items() if tree.file == place.tree.source.file), '')
+            yield Finding(UNWRITTEN_KEY, path, message, Diagnostic(UNWRITTEN_KEY, place.error(message)))
+
+
+def _clash(type: str, declared: str) -> bool:
+    """Whether a value of a state's type cannot be that of a port. Numbers and text convert to each other."""
+    if type == declared or 'string' in (type, declared):
+        return False
+    return '/' in type or '/' in declared

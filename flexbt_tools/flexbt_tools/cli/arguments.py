@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Arguments that several commands have."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from flexbt_core.behavior_tree import NodeRegistry
+from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS
+from flexbt_core.values.escaping import one_line
+from flexbt_server.trees.node_types import node_registry
+from flexbt_tools.trees.files import read_models
+from flexbt_tools.trees.stand_ins import OpenRegistry
+
+
+def add_files(parser: argparse.ArgumentParser) -> None:
+    """One or several tree files: ``options.files``."""
+    parser.add_argument('files', metavar='FILE', nargs='+', help='XML file of trees; - is the standard input')
+
+
+def add_file(parser: argparse.ArgumentParser) -> None:
+    """One tree file: ``options.file``."""
+    parser.add_argument('file', metavar='FILE', help='XML file of trees; - is the standard input')
+
+
+def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = True) -> None:
+    """Which node types are known: ``options.models``, ``options.nav2_dialect``, ``options.allow_unknown``."""
+    parser.add_argument(
+        '--models',
+        metavar='FILE',
+        action='append',
+        default=[],
+        help='XML file whose <TreeNodesModel> describes node types that are not installed here; repeatable',
+    )
+    parser.add_argument(
+        '--nav2-dialect',
+        choices=DIALECTS,
+        default=DIALECTS[0],
+        help='branch of Nav2 whose nodes are known (default: %(default)s)',
+    )
+    if allow_unknown:
+        parser.add_argument('--allow-unknown', action='store_true', help='node types may be unknown')
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """``options.json``."""
+    parser.add_argument('--json', action='store_true', help='print JSON for programs')
+
+
+def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistry:
+    """The node types of installed packages, and of the models that are given. Raises RefusedError.
+
+    Tells of packages whose nodes cannot be used.
+    """
+    known = node_registry(
+        lambda source, error: print(one_line(f'note: without the nodes of {source}: {error}'), file=sys.stderr),
+        options.nav2_dialect,
+    )
+    read_models(options.models, known)
+    return OpenRegistry(known) if allow_unknown else known

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``behavior_tool``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from flexbt_tools.behaviors import check, draw, show
+
+from .bt_tool import run_command
+
+EXIT_CODES: Final = (
+    ('0', 'nothing is wrong'),
+    ('1', 'check: something is wrong'),
+    ('2', 'wrong usage, or something is missing on this computer'),
+    ('3', 'a file cannot be used; the reasons are printed'),
+    ('130', 'interrupted'),
+)
+
+COMMANDS: Final = (
+    ('check', check, 'find what is wrong, and what is suspicious, in behaviors and their trees'),
+    ('show', show, 'show the state machine of a behavior as text'),
+    ('draw', draw, 'draw a behavior with its trees'),
+)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Runs ``behavior_tool`` and gives its exit code."""
+    return run_command('behavior_tool', 'Behaviors at the desk: built, but not run.', COMMANDS, EXIT_CODES, words)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a command that checks tells what it has found: as lines or as JSON, with a summary and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from flexbt_tools.errors import ExitCode
+from flexbt_tools.tree_checks.diagnostics import Rule, Severity
+
+from . import arguments
+
+
+class Reported(NamedTuple):
+    """A finding as it is reported: as a line of text, or as an object of JSON."""
+
+    rule: Rule
+    line: str
+    document: dict[str, Any]
+
+
+def add_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[Rule]) -> None:
+    """What counts and how it is told: ``options.ignore``, ``options.strict``, ``options.json``."""
+    parser.add_argument(
+        '--ignore',
+        metavar='RULE',
+        action='append',
+        default=[],
+        choices=[rule.name for rule in ignorable],
+        help='do not look for this; repeatable: %(choices)s',
+    )
+    parser.add_argument('--strict', action='store_true', help='warnings count as errors do for the exit code')
+    arguments.add_json(parser)
+
+
+def report(options: argparse.Namespace, found: Iterable[Reported], noun: str, number: int) -> ExitCode:
+    """Prints what was found in a ``number`` of things, for each of which the ``noun`` stands."""
+    shown = [one for one in found if one.rule.name not in options.ignore]
+    counts = {severity: sum(one.rule.severity is severity for one in shown) for severity in Severity}
+    if options.json:
+        summary = {f'{noun}s': number, **{severity.value: count for severity, count in counts.items()}}
+        print(json.dumps({'findings': [one.document for one in shown], 'summary': summary}))
+    else:
+        for one in shown:
+            print(one.line)
+        parts = [_counted(count, severity) for severity, count in counts.items() if count]
+        print(f'{_plural(number, noun)}: {", ".join(parts) or "nothing to complain about"}', file=sys.stderr)
+    bad = counts[Severity.ERROR] + (counts[Severity.WARNING] if options.strict else 0)
+    return ExitCode.NEGATIVE if bad else ExitCode.OK
+
+
+def _counted(count: int, severity: Severity) -> str:
+    return f'{count} {severity.value}' if severity is Severity.INFO else _plural(count, severity.value)
+
+
+def _plural(count: int, noun: str) -> str:
+    return f'{count} {noun}{"" if count == 1 else "s"}'

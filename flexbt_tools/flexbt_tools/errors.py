@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The errors and exit codes of ``bt_tool``. Each error is one exit code.
+
+::
+
+    DeskError
+    ├── UsageError      2  the command is not written as it has to be, or this computer lacks what it needs
+    └── RefusedError    3  a file that is needed cannot be used
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import IntEnum
+from typing import ClassVar
+
+from flexbt_core.behavior_tree import LoadError
+
+
+class ExitCode(IntEnum):
+    """What the exit code tells a script."""
+
+    OK = 0
+    NEGATIVE = 1
+    USAGE = 2
+    REFUSED = 3
+    NODE_ERROR = 4
+    UNFINISHED = 5
+    INTERRUPTED = 130
+
+
+class DeskError(Exception):
+    """Base of the errors; the text is fit for the user."""
+
+    exit_code: ClassVar[ExitCode]
+
+
+class UsageError(DeskError):
+    """The command cannot be carried out as it is written, on this computer."""
+
+    exit_code = ExitCode.USAGE
+
+
+class RefusedError(DeskError):
+    """Files that are needed cannot be used; ``errors`` say why, and where."""
+
+    exit_code = ExitCode.REFUSED
+
+    def __init__(self, errors: Iterable[LoadError]) -> None:
+        self.errors = tuple(errors)
+        super().__init__('\n'.join(map(str, self.errors)))

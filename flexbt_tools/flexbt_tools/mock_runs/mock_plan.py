@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What mocks are to do: read from YAML files, and from the command line.
+
+::
+
+    blackboard:
+      speed: 0.5
+    mocks:
+      IsBatteryLow: FAILURE                     # the ID of a node type, a name or a path: what its nodes give
+      ComputePathToPose:                        # one step for each activation; the last one is repeated
+        - {gives: FAILURE, reason: no path}
+        - {gives: SUCCESS, after: 1.5, outputs: {path: "json:{}"}}
+      left_arm/grasp: [RUNNING]                 # never ends
+      PathShorterThan: real                     # the installed node itself
+      DistanceController: pass                  # a decorator that only ticks its child
+      Clear*: SUCCESS                           # all other leaves that need a mock
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from flexbt_core.behavior_tree import LoadError, NodeStatus
+from flexbt_core.values.nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
+from flexbt_tools.errors import RefusedError, UsageError
+
+REAL: Final = 'real'
+PASS: Final = 'pass'  # noqa: S105
+_STATUSES: Final = tuple(status.name for status in NodeStatus if status is not NodeStatus.IDLE)
+_STEP_KEYS: Final = ('gives', 'after', 'outputs', 'reason')
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One activation: RUNNING for ``after`` seconds, then ``gives``. ``outputs`` are written at its end, by ports;
+    ``reason`` is why it fails."""
+
+    gives: NodeStatus
+    after: float = 0.0
+    outputs: Mapping[str, Any] = field(default_factory=dict)
+    reason: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What the nodes that ``pattern`` means do: they follow ``steps``, or are ``REAL``, or ``PASS`` the ticks to their
+    child. ``place`` is where the rule is written."""
+
+    pattern: str
+    does: tuple[Step, ...] | str
+    place: LoadError
+
+    @property
+    def is_wildcard(self) -> bool:
+        return '*' in self.pattern or '?' in self.pattern
+
+    def matches(self, name: str) -> bool:
+        # Of the patterns of file names only * and ? mean something here.
+        return fnmatchcase(name, self.pattern.replace('[', '[[]')) if self.is_wildcard else name == self.pattern
+
+
+@dataclass(slots=True)
+class MockPlan:
+    """Rules, the ones that are to be tried first in front, and what is on the blackboard at the beginning."""
+
+    rules: list[Rule] = field(default_factory=list)
+    blackboard: dict[str, Any] = field(default_factory=dict)
+
+
+def read_plan(mocks: list[str], values: list[str]) -> MockPlan:
+    """The plan of the command line: ``mocks`` are files and ``PATTERN=STATUS,...``, ``values`` are ``KEY=VALUE``.
+
+    What is written on the command line counts more than what is in files. Raises RefusedError or UsageError.
+    """
+    plan = MockPlan()
+    errors: list[LoadError] = []
+    for word in mocks:
+        if '=' in word:
+            plan.rules.append(_rule_of_word(word))
+    for word in mocks:
+        if '=' not in word:
+            reader = _Reader(word)
+            reader.read(plan)
+            errors += reader.errors
+    if errors:
+        raise RefusedError(errors)
+    for word in values:
+        key, equals, text = word.partition('=')
+        if not key or not equals:
+            raise UsageError(f'--set {word}: expected KEY=VALUE')
+        plan.blackboard[key] = _value_of_word(word, text)
+    return plan
+
+
+def _rule_of_word(word: str) -> Rule:
+    pattern, _, names = word.rpartition('=')
+    place = LoadError('--mock', 1, 1, '', word)
+    if names in (REAL, PASS):
+        return Rule(pattern, names, place)
+    for name in names.split(','):
+        if name not in _STATUSES:
+            raise UsageError(f'--mock {word}: {_no_status(name)}')
+    return Rule(pattern, tuple(Step(NodeStatus[name]) for name in names.split(',')), place)
+
+
+def _value_of_word(word: str, text: str) -> Any:
+    try:
+        return load_yaml(text, aliases=True)
+    except YamlError as error:
+        raise UsageError(f'--set {word:.200}: {error.reason}') from error
+
+
+def _no_status(name: object) -> str:
+    similar = difflib.get_close_matches(str(name).upper(), _STATUSES, n=1)
+    hint = f'did you mean {similar[0]}?' if similar else f'expected one of {", ".join(_STATUSES)}'
+    return f'{name!r} is no status; {hint}'
+
+
+class _Reader:
+    """Reads one file; adds what is wrong to ``errors``, and goes on."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self.errors: list[LoadError] = []
+
+    def read(self, plan: MockPlan) -> None:
+        root = self._root()
+        if root is None:
+            return
+        for key, value in self._items(root, 'the file'):
+            if key == 'blackboard':
+                plan.blackboard.update((name, self._value(inner)) for name, inner in self._items(value, key))
+            elif key == 'mocks':
+                plan.rules += [self._rule(pattern, inner) for pattern, inner in self._items(value, key)]
+            else:
+                self._error(value, f'{key!r} means nothing here; expected mocks or blackboard')
+
+    def _root(self) -> yaml.Node | None:
+        try:
+            root = compose_yaml(Path(self._file).read_text(encoding='utf-8'), aliases=True)
+        except YamlError as error:
+            self.errors.append(LoadError(self._file, error.line, error.column, '', error.reason))
+            return None
+        except (OSError, UnicodeDecodeError) as error:
+            self.errors.append(LoadError(self._file, 1, 1, '', f'cannot be read: {error}'))
+            return None
+        if root is None:
+            self.errors.append(LoadError(self._file, 1, 1, '', 'the file is empty; expected mocks: {PATTERN: STATUS}'))
+        return root
+
+    def _items(self, node: yaml.Node, what: str) -> Iterator[tuple[str, yaml.Node]]:
+        if not isinstance(node, yaml.MappingNode):
+            self._error(node, f'{what} has to be a mapping, key: value')
+            return
+        for key, value in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                yield str(key.value), value
+            else:
+                self._error(key, f'a key of {what} has to be a text')
+
+    def _value(self, node: yaml.Node) -> Any:
+        try:
+            return construct_yaml(node)
+        except YamlError as error:
+            self._error(node, f'no value: {error.reason}')
+            return None
+
+    def _rule(self, pattern: str, node: yaml.Node) -> Rule:
+        place = self._place(node, '')
+        if isinstance(node, yaml.ScalarNode) and node.value in (REAL, PASS):
+            return Rule(pattern, node.value, place)
+        nodes = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        if not nodes:
+            self._error(node, f'{pattern!r} has no step; write a status, or a list of them')
+        return Rule(pattern, tuple(self._step(pattern, inner) for inner in nodes), place)
+
+    def _step(self, pattern: str, node: yaml.Node) -> Step:
+        if not isinstance(node, yaml.MappingNode):
+            return Step(self._status(node))
+        parts = dict(self._items(node, f'a step of {pattern!r}'))
+        for key in parts.keys() - set(_STEP_KEYS):
+            self._error(parts[key], f'{key!r} means nothing in a step; expected {", ".join(_STEP_KEYS)}')
+        if 'gives' not in parts:
+            self._error(node, f'a step of {pattern!r} does not say what it gives: gives: SUCCESS')
+        return Step(
+            self._status(parts['gives']) if 'gives' in parts else NodeStatus.FAILURE,
+            self._seconds(parts['after']) if 'after' in parts else 0.0,
+            {name: self._value(inner) for name, inner in self._items(parts['outputs'], 'outputs')}
+            if 'outputs' in parts
+            else {},
+            str(self._value(parts['reason'])) if 'reason' in parts else '',
+        )
+
+    def _status(self, node: yaml.Node) -> NodeStatus:
+        name = node.value if isinstance(node, yaml.ScalarNode) else self._value(node)
+        if name in _STATUSES:
+            return NodeStatus[name]
+        self._error(node, _no_status(name))
+        return NodeStatus.FAILURE
+
+    def _seconds(self, node: yaml.Node) -> float:
+        value = self._value(node)
+        if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value < math.inf:
+            return float(value)
+        self._error(node, f'{value!r} is no duration in seconds')
+        return 0.0
+
+    def _place(self, node: yaml.Node, message: str) -> LoadError:
+        return LoadError(self._file, node.start_mark.line + 1, node.start_mark.column + 1, '', message)
+
+    def _error(self, node: yaml.Node, message: str) -> None:
+        self.errors.append(self._place(node, message))

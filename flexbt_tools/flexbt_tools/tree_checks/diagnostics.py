@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ``check`` finds: errors, for which the engine refuses a file, and what is only suspicious."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final
+
+from flexbt_core.behavior_tree import LoadError
+from flexbt_core.values.escaping import one_line
+
+
+class Severity(Enum):
+    """How bad it is. Only errors keep the engine from running a tree."""
+
+    ERROR = 'error'
+    WARNING = 'warning'
+    INFO = 'info'
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A sort of findings. ``name`` is what ``--ignore`` takes."""
+
+    name: str
+    severity: Severity
+    summary: str
+
+
+REFUSED: Final = Rule('refused', Severity.ERROR, 'the engine refuses it')
+ODDITY: Final = Rule('oddity', Severity.WARNING, 'the reader takes it, but it is not what it may look like')
+NEVER_WRITTEN: Final = Rule('never-written', Severity.WARNING, 'a key is read that nothing writes')
+NEVER_READ: Final = Rule('never-read', Severity.INFO, 'a key is written that nothing reads')
+UNREACHABLE: Final = Rule('unreachable', Severity.WARNING, 'a child is never ticked')
+UNUSED_PORT: Final = Rule('unused-port', Severity.WARNING, 'a sub-tree is given a port that it does not use')
+TYPE_CLASH: Final = Rule('type-clash', Severity.WARNING, 'what is written to a key is not what is read from it')
+INCOMPLETE: Final = Rule(
+    'incomplete', Severity.WARNING, 'a node has a number of children with which it cannot be ticked'
+)
+UNUSED_TREE: Final = Rule('unused-tree', Severity.WARNING, 'a tree is neither the main one nor a sub-tree')
+
+RULES: Final = (
+    REFUSED,
+    ODDITY,
+    INCOMPLETE,
+    NEVER_WRITTEN,
+    NEVER_READ,
+    UNREACHABLE,
+    UNUSED_PORT,
+    TYPE_CLASH,
+    UNUSED_TREE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostic:
+    """One finding, at its place."""
+
+    rule: Rule
+    place: LoadError
+
+    def __str__(self) -> str:
+        """``file:line:column: severity: node: message [rule]``, as compilers write it."""
+        place = self.place
+        node = f'{place.node}: ' if place.node else ''
+        rule = '' if self.rule is REFUSED else f' [{self.rule.name}]'
+        return one_line(
+            f'{place.file}:{place.line}:{place.column}: {self.rule.severity.value}: {node}{place.message}{rule}'
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        place = self.place
+        return {
+            'file': place.file,
+            'line': place.line,
+            'column': place.column,
+            'severity': self.rule.severity.value,
+            'rule': self.rule.name,
+            'node': place.node,
+            'message': place.message,
+        }

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tree files of this computer: reading them, with what they include, and everything that is wrong with them."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from flexbt_common.errors import FlexbtError
+from flexbt_core.behavior_tree import LoadError, NodeRegistry, TreeDocument, TreeLibrary, TreeLoadError, load_xml
+from flexbt_core.behavior_tree.model.ports import model_name_problem
+from flexbt_core.behavior_tree.xml.parser import MAX_BYTES
+from flexbt_tools.errors import RefusedError
+
+from .stand_ins import OpenRegistry, add_models
+
+STDIN: Final = '-'
+"""Stands for the standard input as a file."""
+
+_TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
+
+
+def read_library(
+    files: Sequence[str], registry: NodeRegistry, texts: Mapping[str, bytes] = MappingProxyType({})
+) -> TreeLibrary:
+    """The files as one library; ``texts`` has the contents of those that are no files. With an OpenRegistry node types
+    may be unknown.
+
+    Raises RefusedError with all errors of all files; then also with references that lead nowhere.
+    """
+    documents: list[TreeDocument] = []
+    errors: list[LoadError] = []
+    for file in dict.fromkeys(files):
+        content = b''
+        try:
+            content = texts[file] if file in texts else _content(file)
+            document = load_xml(content, shown_name(file), registry, include=_include)
+        except OSError as error:
+            errors.append(LoadError(shown_name(file), 1, 1, '', f'cannot be read: {error.strerror or error}'))
+        except TreeLoadError as error:
+            errors.extend(error.errors)
+        else:
+            documents.append(registry.settled(document) if isinstance(registry, OpenRegistry) else document)
+            continue
+        documents += _place_holders(file, content, registry)
+    try:
+        library = TreeLibrary(documents)
+    except TreeLoadError as error:
+        errors.extend(error.errors)
+    if errors:
+        raise RefusedError(dict.fromkeys(errors))
+    return library
+
+
+def read_models(files: Sequence[str], registry: NodeRegistry) -> None:
+    """Makes the node types known that the files describe in a <TreeNodesModel>. Raises RefusedError."""
+    errors: list[LoadError] = []
+    for file in files:
+        try:
+            errors += add_models(registry, shown_name(file), _content(file).decode('utf-8-sig'))
+        except (OSError, UnicodeDecodeError) as error:
+            errors.append(LoadError(shown_name(file), 1, 1, '', f'cannot be read: {error}'))
+        except TreeLoadError as error:
+            errors.extend(error.errors)
+    if errors:
+        raise RefusedError(errors)
+
+
+def _place_holders(file: str, content: bytes, registry: NodeRegistry) -> list[TreeDocument]:
+    """What stands for a file that is refused: trees of the same names, so that others find what they refer to."""
+    found = dict.fromkeys(_TREE_ID.findall(content.decode('utf-8', 'replace')))
+    ids = [id for id in found if not model_name_problem(id) and id not in registry]
+    trees = ''.join(f'<BehaviorTree ID="{id}"><AlwaysSuccess/></BehaviorTree>' for id in ids)
+    return [load_xml(f'<root BTCPP_format="4">{trees}</root>', shown_name(file), registry)] if ids else []
+
+
+def shown_name(file: str) -> str:
+    """The name of a file in messages: the same whether it was named by the user or by another file."""
+    return '<stdin>' if file == STDIN else os.path.normpath(file)
+
+
+def _content(file: str) -> bytes:
+    # One byte more than may be read: the reader refuses it as too long, with its place.
+    if file == STDIN:
+        return sys.stdin.buffer.read(MAX_BYTES + 1)
+    with Path(file).open('rb') as content:
+        return content.read(MAX_BYTES + 1)
+
+
+def _include(path: str, package: str | None, including: str) -> tuple[str, bytes]:
+    """As BehaviorTree.CPP: relative to the file that includes, or to the share directory of a package."""
+    if package is not None and not path.startswith('/'):
+        file = str(_resource(f'{package}/{path}'))
+    else:
+        file = os.path.normpath(Path(including).parent / path)
+    return file, _content(file)
+
+
+def _resource(name: str) -> Path:
+    try:
+        from flexbt_common.runtime.resources import resolve_file
+    except ImportError as error:
+        raise OSError(f'packages are found by ROS, which is not here: {error}') from error
+    try:
+        return resolve_file(name)
+    except FlexbtError as error:
+        raise OSError(str(error)) from error

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who reads and who writes the blackboard entries of a tree, sub-trees included.
+
+The tree is made as if it were to run, of nodes that do nothing. So it is the engine that says which entry a key means,
+through remappings, defaults of models and ``@``, and which types clash.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from flexbt_core.behavior_tree import (
+    EMPTY,
+    Blackboard,
+    BlackboardError,
+    Entry,
+    LoadError,
+    NodeDefinition,
+    NodeStatus,
+    Tree,
+    TreeDefinition,
+    TreeKey,
+    TreeLibrary,
+)
+from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
+from flexbt_core.behavior_tree.model.definition import NO_CONDITIONS
+
+from .keys import KeyUse, uses
+
+
+class Place(NamedTuple):
+    """Where an entry is used."""
+
+    tree: TreeDefinition
+    node: NodeDefinition
+    use: KeyUse
+
+    def error(self, message: str) -> LoadError:
+        return self.tree.error(self.node, message, self.use.attribute)
+
+
+@dataclass
+class EntryUsage:
+    """An entry of the running tree. ``constants`` are the places that give it a text when the tree is made."""
+
+    entry: Entry
+    readers: list[Place] = field(default_factory=list)
+    writers: list[Place] = field(default_factory=list)
+    constants: list[tuple[Place, str]] = field(default_factory=list)
+    may_be_read: bool = False
+
+    def add(self, place: Place) -> None:
+        if place.use.reads:
+            self.readers.append(place)
+        if place.use.writes:
+            self.writers.append(place)
+        self.may_be_read |= place.use.may_read
+
+    @property
+    def given(self) -> bool:
+        """Whether it has a value from the start, by an attribute of a sub-tree or a default of a model."""
+        return self.entry.value is not EMPTY
+
+
+class _Inert(ControlNode):
+    """Takes the place of any node."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        raise self.fault('this tree is not made to be ticked')
+
+
+class KeyUsage:
+    """The uses of all entries of the trees of a library."""
+
+    def __init__(self, library: TreeLibrary) -> None:
+        self._library = library
+        self._uses: dict[int, tuple[TreeDefinition, tuple[KeyUse, ...]]] = {}
+        for document in library.documents.values():
+            for tree in document.trees.values():
+                for node in tree.nodes():
+                    self._uses[id(node)] = tree, tuple(uses(node, document.scripts.enums))
+
+    def add(self, key: TreeKey, board: Blackboard, usages: dict[Entry, EntryUsage]) -> None:
+        """Adds the uses of a tree that runs on ``board``. Raises TreeLoadError when the tree cannot be made."""
+        definitions: list[NodeDefinition] = []
+
+        def inert(node: NodeDefinition, path: str) -> NodeDefinition:
+            definitions.append(node)
+            return node._replace(manifest=replace(node.manifest, node_class=_Inert), conditions=NO_CONDITIONS)
+
+        tree = Tree(self._library, key.id, file=key.file, blackboard=board, substitute=inert)
+        boards = {sub_tree.path: sub_tree.blackboard for sub_tree in tree.subtrees}
+
+        def usage(of: Blackboard, key: str) -> EntryUsage:
+            entry = of.declare(key, None)
+            return usages.setdefault(entry, EntryUsage(entry))
+
+        for node, definition in zip(tree.nodes, definitions, strict=True):
+            owner, node_uses = self._uses[id(definition)]
+            for use in node_uses:
+                # What cannot be declared was reported, or is an error when a script runs.
+                with contextlib.suppress(BlackboardError):
+                    usage(node.blackboard, use.key).add(Place(owner, definition, use))
+            if definition.tree_id is not None:
+                for place, text in _constants(owner, definition):
+                    usage(boards[node.path], place.use.key).constants.append((place, text))
+
+
+def _constants(tree: TreeDefinition, node: NodeDefinition) -> Iterator[tuple[Place, str]]:
+    for name, value in node.values.items():
+        if value.key is None:
+            yield Place(tree, node, KeyUse(name, name)), value.text

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees as lists of nodes, parents first: what ``show`` and ``draw`` make their pictures of."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from flexbt_core.behavior_tree import NodeDefinition, NodeKind, PortDirection, TreeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.engine.registry import similar_names
+from flexbt_core.values.escaping import one_line
+from flexbt_tools.errors import UsageError
+
+from .stand_ins import UNKNOWN_PORT
+from .tree_order import roots
+
+_ARROWS: Final = {None: '=', PortDirection.INPUT: '=', PortDirection.OUTPUT: '→', PortDirection.INOUT: '↔'}
+_ASCII_ARROWS: Final = {**_ARROWS, PortDirection.OUTPUT: '->', PortDirection.INOUT: '<->'}
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A node in its place. ``parent`` is the position of its parent in the list, None for the root of the tree;
+    ``last`` tells that no sibling follows it. ``tree`` has the definition of the node."""
+
+    node: NodeDefinition
+    tree: TreeDefinition
+    depth: int
+    parent: int | None
+    last: bool
+
+    @property
+    def kind(self) -> NodeKind:
+        return self.node.manifest.kind
+
+    @property
+    def type(self) -> str:
+        """The ID of the node type; of a sub-tree that of the tree."""
+        return self.node.tree_id or self.node.manifest.id
+
+    @property
+    def name(self) -> str:
+        """The name that the file gives to the node; '' when it gives none."""
+        return '' if self.node.name == self.type else self.node.name
+
+    def direction(self, port: str) -> PortDirection | None:
+        """The direction of a port; None when it is not known, as for those of a sub-tree."""
+        declared = self.node.manifest.ports.get(port)
+        return None if declared is None or declared is UNKNOWN_PORT else declared.direction
+
+    def attributes(self, *, all_ports: bool = False, ascii_only: bool = False) -> list[str]:
+        """Ports as ``input=text`` and ``output→{key}``, and conditions; with ``all_ports`` also those by default."""
+        shown = []
+        arrows = _ASCII_ARROWS if ascii_only else _ARROWS
+        for port, value in self.node.values.items():
+            if all_ports or port in self.node.offsets:
+                shown.append(f'{one_line(port)}{arrows[self.direction(port)]}{_quoted(value.text)}')
+        if self.node.autoremap:
+            shown.append('_autoremap')
+        shown += [f'{name}={_quoted(script.text)}' for name, script in self.node.conditions.items()]
+        return shown
+
+
+def _quoted(text: str) -> str:
+    shown = one_line(text)
+    return f'"{shown}"' if not shown or ' ' in shown or '"' in shown else shown
+
+
+def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[Item]:
+    """The nodes of a tree, in the order in which the engine makes them; with ``expand`` also those of sub-trees."""
+    tree = library.definition(key)
+    stack: list[tuple[NodeDefinition, TreeKey, TreeDefinition, int, int | None, bool]] = [
+        (tree.root, key, tree, 0, None, True)
+    ]
+    position = 0
+    while stack:
+        node, owner, tree, depth, parent, last = stack.pop()
+        yield Item(node, tree, depth, parent, last)
+        if expand and node.tree_id is not None:
+            target = library.find(node.tree_id, owner.file)
+            assert target is not None
+            inner = library.definition(target)
+            stack.append((inner.root, target, inner, depth + 1, position, True))
+        for child in reversed(node.children):
+            stack.append((child, owner, tree, depth + 1, position, child is node.children[-1]))
+        position += 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which trees: ``options.tree``, ``options.expand``."""
+    parser.add_argument('--tree', metavar='ID', help='only this tree')
+    parser.add_argument('--expand', action='store_true', help='sub-trees in their place instead of by themselves')
+
+
+def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[TreeKey]:
+    """The trees that are meant: one; or with --expand those that are no sub-trees; or all, the main ones first."""
+    if options.tree is not None:
+        return [find_tree(library, options.tree)]
+    if options.expand:
+        return roots(library)
+    return sorted(library.tree_keys(), key=lambda key: not is_main(library, key))
+
+
+def is_main(library: TreeLibrary, key: TreeKey) -> bool:
+    return library.documents[key.file].main == key.id
+
+
+def find_tree(library: TreeLibrary, id: str) -> TreeKey:
+    """The tree of this ID. Raises UsageError."""
+    key = library.find(id)
+    if key is None:
+        known = library.tree_ids()
+        similar = similar_names(id, known)
+        hint = f'did you mean {similar[0]!r}?' if similar else f'there are: {", ".join(known)}'
+        raise UsageError(f'there is no tree {id!r}; {hint}')
+    return key

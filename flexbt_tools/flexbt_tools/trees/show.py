@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool show``: trees as text."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Iterator
+from typing import Any, Final, NamedTuple
+
+from flexbt_core.behavior_tree import NodeKind, TreeKey, TreeLibrary
+from flexbt_core.values.escaping import one_line
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode
+
+from . import outline
+from .files import read_library
+from .outline import Item, is_main, items_of
+
+
+class _Lines(NamedTuple):
+    """What the branches of a tree are drawn with."""
+
+    child: str
+    last_child: str
+    past: str
+    past_last: str
+
+
+_UNICODE: Final = _Lines('├─ ', '└─ ', '│  ', '   ')
+_ASCII: Final = _Lines('|- ', '`- ', '|  ', '   ')
+
+
+def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool) -> Iterator[str]:
+    """A line for each node. ``ports``: ``given``, ``all`` (defaults, too) or ``none``."""
+    lines = _ASCII if ascii_only else _UNICODE
+    # What stands in front of the children of each node of the path to the current one.
+    margins: list[str] = []
+    for item in items:
+        del margins[max(item.depth - 1, 0) :]
+        margin = ''.join(margins)
+        if item.depth:
+            branch = lines.last_child if item.last else lines.child
+            margins.append(lines.past_last if item.last else lines.past)
+        else:
+            branch = ''
+        words = [_title(item)]
+        if ports != 'none':
+            words += item.attributes(all_ports=ports == 'all', ascii_only=ascii_only)
+        yield f'{margin}{branch}{"  ".join(words)}'
+
+
+def _title(item: Item) -> str:
+    sub_tree = 'SubTree ' if item.kind is NodeKind.SUBTREE else ''
+    name = f' "{one_line(item.name)}"' if item.name else ''
+    return f'{sub_tree}{one_line(item.type)}{name}'
+
+
+def tree_as_json(library: TreeLibrary, key: TreeKey, *, expand: bool) -> dict[str, Any]:
+    """A tree as a list of nodes, parents first; ``parent`` is the index in it."""
+    tree = library.definition(key)
+    return {
+        'id': key.id,
+        'file': tree.source.file,
+        'line': tree.source.position(tree.offset)[0],
+        'main': is_main(library, key),
+        'nodes': [_node_as_json(item) for item in items_of(library, key, expand=expand)],
+    }
+
+
+def _node_as_json(item: Item) -> dict[str, Any]:
+    line, column = item.tree.source.position(item.node.offset)
+    return {
+        'parent': item.parent,
+        'depth': item.depth,
+        'kind': item.kind.value,
+        'type': item.type,
+        'name': item.node.name,
+        'ports': {
+            port: {
+                'direction': direction.value if (direction := item.direction(port)) else None,
+                'text': value.text,
+                'key': value.key,
+                'given': port in item.node.offsets,
+            }
+            for port, value in item.node.values.items()
+        },
+        'autoremap': item.node.autoremap,
+        'conditions': {attribute: script.text for attribute, script in item.node.conditions.items()},
+        'file': item.tree.source.file,
+        'line': line,
+        'column': column,
+    }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_file(parser)
+    outline.add_arguments(parser)
+    parser.add_argument('--ports', choices=('given', 'all', 'none'), default='given', help='(default: given)')
+    parser.add_argument('--ascii', action='store_true', help='only ASCII characters')
+    arguments.add_node_types(parser, allow_unknown=False)
+    arguments.add_json(parser)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    library = read_library([options.file], arguments.registry(options, allow_unknown=True))
+    keys = outline.chosen_trees(library, options)
+    if options.json:
+        print(json.dumps({'trees': [tree_as_json(library, key, expand=options.expand) for key in keys]}))
+        return ExitCode.OK
+    for index, key in enumerate(keys):
+        if index:
+            print()
+        for line in _tree(library, key, options):
+            print(line.encode('ascii', 'backslashreplace').decode() if options.ascii else line)
+    return ExitCode.OK
+
+
+def _tree(library: TreeLibrary, key: TreeKey, options: argparse.Namespace) -> Iterator[str]:
+    tree = library.definition(key)
+    main = ' (main)' if is_main(library, key) else ''
+    place = f'{tree.source.file}:{tree.source.position(tree.offset)[0]}'
+    yield one_line(f'{key.id}{main}  {place}')
+    yield from tree_lines(items_of(library, key, expand=options.expand), options.ports, ascii_only=options.ascii)

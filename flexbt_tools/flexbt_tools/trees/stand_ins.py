@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Node types that are not installed here: as a TreeNodesModel describes them, or as a file uses them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+from flexbt_core.behavior_tree import (
+    LoadError,
+    NodeDefinition,
+    NodeKind,
+    NodeManifest,
+    NodeRegistry,
+    NodeStatus,
+    Port,
+    PortDirection,
+    PortType,
+    RegistrationError,
+    TreeDefinition,
+    TreeDocument,
+    TreeNode,
+)
+from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, DecoratorNode
+from flexbt_core.behavior_tree.engine.leaf import LeafNode
+from flexbt_core.behavior_tree.model import port_types as types
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_core.behavior_tree.xml.parser import Element, Source, parse
+
+_BASES: Final[Mapping[NodeKind, Any]] = {
+    NodeKind.ACTION: LeafNode,
+    NodeKind.CONDITION: LeafNode,
+    NodeKind.DECORATOR: DecoratorNode,
+    NodeKind.CONTROL: ControlNode,
+}
+_KINDS: Final = {kind.value: kind for kind in _BASES}
+_DIRECTIONS: Final = {f'{direction.value}_port': direction for direction in PortDirection}
+_UNTYPED: Final = frozenset(('', 'BT::AnyTypeAllowed'))
+# What C++ compilers call the types that have other names here.
+_ALIASES: Final = {
+    'short': types.INT16,
+    'unsigned short': types.UINT16,
+    'signed char': types.INT8,
+    'unsigned char': types.UINT8,
+    'long': types.INT64,
+    'unsigned long': types.UINT64,
+    'long long': types.INT64,
+    'unsigned long long': types.UINT64,
+}
+_TYPES: Final = {kind.name: kind for kind in vars(types).values() if isinstance(kind, PortType)} | _ALIASES
+_TAG: Final = re.compile(r'<(\w+)')
+UNKNOWN_PORT: Final = Port(PortDirection.INOUT)
+"""A port of which only the name is known."""
+
+
+class StandIn:
+    """Marks the classes of node types that are not installed here. They cannot be ticked."""
+
+    __slots__ = ()
+
+
+def _stand_in(kind: NodeKind, ports: Mapping[str, Port]) -> type[TreeNode]:
+    def execute(self: TreeNode) -> NodeStatus:
+        raise self.fault('this node type is not installed here')
+
+    return type('StandIn', (StandIn, _BASES[kind]), {'kind': kind, 'ports': ports, 'execute': execute})
+
+
+def is_stand_in(manifest: NodeManifest) -> bool:
+    """Whether nodes of this type can be shown and checked, but not ticked."""
+    return issubclass(manifest.node_class, StandIn)
+
+
+# -- as a model describes them ---------------------------------------------------------------------------------------
+
+
+def add_models(registry: NodeRegistry, file: str, text: str) -> list[LoadError]:
+    """Registers the node types that a <TreeNodesModel> of the file describes, if they are not registered yet.
+
+    Gives what is wrong with those that cannot be. Raises TreeLoadError when the file is no XML.
+    """
+    source = Source(file, text)
+    errors = []
+    known = _TYPES | {
+        port.type.name: port.type for manifest in registry for port in manifest.ports.values() if port.type
+    }
+    for element in _models(parse(source)):
+        kind = _KINDS.get(element.tag)
+        id = element.attributes.get('ID')
+        if kind is None or id is None or id in registry:
+            continue
+        ports = {
+            port.attributes.get('name', ''): _port(port, known) for port in element.children if port.tag in _DIRECTIONS
+        }
+        try:
+            registry.register(id, _stand_in(kind, ports))
+        except RegistrationError as error:
+            errors.append(source.error(element.offset, str(error), str(element)))
+    return errors
+
+
+def _models(root: Element) -> Iterator[Element]:
+    for element in root.children:
+        if element.tag == 'TreeNodesModel':
+            yield from element.children
+
+
+def _port(element: Element, known: dict[str, PortType]) -> Port:
+    attributes = element.attributes
+    name = attributes.get('type', '')
+    if name not in _UNTYPED and name not in known:
+        # A type of its own: nothing is known of its values but their text.
+        text = type(name, (str,), {})
+        known[name] = PortType(name, text, from_text=text, immutable=True)
+    return Port(
+        _DIRECTIONS[element.tag],
+        None if name in _UNTYPED else known[name],
+        attributes.get('default', NO_DEFAULT),
+        attributes.get('description', ''),
+    )
+
+
+# -- as a file uses them ---------------------------------------------------------------------------------------------
+
+
+class _AnyPorts(Mapping[str, Port]):
+    """Every name is a port, and none has to be given."""
+
+    def __getitem__(self, name: str) -> Port:
+        return UNKNOWN_PORT
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+class OpenRegistry(NodeRegistry):
+    """A registry that knows a type for every ID. What was read with it is to be :meth:`settled`."""
+
+    def __init__(self, known: NodeRegistry) -> None:
+        super().__init__()
+        self.scripts = known.scripts
+        for manifest in known:
+            self.register(manifest.id, manifest.node_class)
+
+    def get(self, id: str) -> NodeManifest | None:
+        known = super().get(id)
+        if known is not None:
+            return known
+        return NodeManifest(id, NodeKind.CONTROL, _stand_in(NodeKind.CONTROL, {}), _AnyPorts(), (0, None), '')
+
+    def settled(self, document: TreeDocument) -> TreeDocument:
+        """The document, in which types that are not registered have the kind and the ports by which they are used."""
+        trees = {id: tree._replace(root=self._settled_root(tree)) for id, tree in document.trees.items()}
+        return document._replace(trees=trees)
+
+    def _settled_root(self, tree: TreeDefinition) -> NodeDefinition:
+        settled: dict[int, NodeDefinition] = {}
+        # Parents come first in the order of the document: from its end, children are there when they are needed.
+        for node in reversed(list(tree.nodes())):
+            children = tuple(settled.pop(id(child)) for child in node.children)
+            settled[id(node)] = self._settle(tree, node._replace(children=children))
+        return settled[id(tree.root)]
+
+    def _settle(self, tree: TreeDefinition, node: NodeDefinition) -> NodeDefinition:
+        if not isinstance(node.manifest.ports, _AnyPorts):
+            return node
+        tag = _TAG.match(tree.source.text, node.offset)
+        kind = _KINDS.get(tag.group(1)) if tag is not None else None
+        count = len(node.children)
+        if kind is None or (count > 0) != (kind in (NodeKind.CONTROL, NodeKind.DECORATOR)):
+            kind = (NodeKind.ACTION, NodeKind.DECORATOR, NodeKind.CONTROL)[min(count, 2)]
+        ports: dict[str, Any] = dict.fromkeys(node.values, UNKNOWN_PORT)
+        manifest = replace(node.manifest, kind=kind, ports=ports, node_class=_stand_in(kind, ports))
+        return node._replace(manifest=manifest)

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: BSD-3-Clause
+from setuptools import find_packages, setup
+
+package_name = 'flexbt_tools'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
+    package_data={package_name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
+        ('share/' + package_name, ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test looks for it
+    zip_safe=True,
+    maintainer='The FlexBT developers',
+    maintainer_email='maintainers@flexbt.invalid',
+    description='Trees and behaviors without a robot: check, show, draw, run with mocks.',
+    license='BSD-3-Clause',
+    entry_points={
+        'console_scripts': [
+            'behavior_tool = flexbt_tools.cli.behavior_tool:main',
+            'bt_tool = flexbt_tools.cli.bt_tool:main',
+        ],
+    },
+)

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Behaviors for the tests, and the tool as they call it."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+from typing import NamedTuple
+
+from flexbt_core.behavior_tree import NodeRegistry
+from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_core.state_machine.authoring.machine import define
+from flexbt_server.trees.node_types import node_registry
+from flexbt_tools.behaviors.built_behavior import BuiltBehavior
+from flexbt_tools.behaviors.check import check
+from flexbt_tools.cli.behavior_tool import main
+
+
+class Done(NamedTuple):
+    """What a command has left."""
+
+    code: int
+    out: str
+    err: str
+
+
+def tool(*words: str) -> Done:
+    """Runs a command; the standard streams are caught."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main(words)
+        except SystemExit as exit:  # of argparse
+            assert isinstance(exit.code, int)
+            code = exit.code
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+class Leaf(EventState):
+    """A state of which only the declarations count."""
+
+    def __init__(self, *outcomes: str, is_instant: bool = False) -> None:
+        super().__init__(outcomes=outcomes)
+        self.is_instant = is_instant  # type: ignore[misc]
+
+
+def found(machine: OperatableStateMachine, *files: str) -> list[tuple[str, str]]:
+    """Rule and path of what ``check`` finds in a machine."""
+    behavior = BuiltBehavior('Test', define(machine))
+    return [(one.rule.name, one.path) for one in check(behavior, files, _registry())]
+
+
+@functools.cache
+def _registry() -> NodeRegistry:
+    return node_registry(_fail)
+
+
+def _fail(source: str, error: object) -> None:
+    raise AssertionError(f'{source}: {error}')

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the check says of state machines, compared with what walks through them say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from desk_behaviors import Leaf, found
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_core.state_machine import Autonomy, ConcurrencyContainer, MachineError, OperatableStateMachine
+
+LABELS = ('A', 'B', 'C', 'D', 'E')
+ENDS = ('done', 'failed')
+OUTCOMES = ('one', 'two')
+
+ways = st.dictionaries(st.sampled_from(OUTCOMES), st.sampled_from([*LABELS, *ENDS]), min_size=1)
+machines = st.fixed_dictionaries({label: st.tuples(ways, st.booleans(), st.booleans()) for label in LABELS})
+"""For each state: where its outcomes lead, whether it leaves at once, whether its outcomes require Low."""
+
+
+def machine_of(drawn: Mapping[str, tuple[dict[str, str], bool, bool]]) -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=ENDS)
+    with machine:
+        for label in LABELS:
+            targets, is_instant, is_gated = drawn[label]
+            autonomy = dict.fromkeys(targets, Autonomy.Low) if is_gated else {}
+            OperatableStateMachine.add(label, Leaf(*targets, is_instant=is_instant), targets, autonomy)
+    return machine
+
+
+@given(machines)
+def test_as_walks_tell(drawn: Mapping[str, tuple[dict[str, str], bool, bool]]) -> None:
+    steps = {label: set(targets.values()) for label, (targets, _, _) in drawn.items()}
+    walks = dict(steps)  # where walks of any length lead
+    for _ in LABELS:
+        walks = {label: reached.union(*(walks.get(one, ()) for one in reached)) for label, reached in walks.items()}
+    if {'A'} | walks['A'] < {*LABELS}:
+        return  # the engine refuses it
+    try:
+        rules = found(machine_of(drawn))
+    except MachineError:
+        assert not walks['A'] >= {*LABELS} - {'A'}
+        return
+    stuck = {label for label in LABELS if not walks[label] & {*ENDS}}
+    if stuck == {*LABELS}:
+        assert rules.count(('no-end', '/')) == 1
+    else:
+        assert {path for rule, path in rules if rule == 'no-end'} == {f'/{label}' for label in stuck}
+        assert rules.count(('dead-outcome', '/')) == len({*ENDS} - walks['A'])
+    instant = {label for label, (_, is_instant, is_gated) in drawn.items() if is_instant and not is_gated}
+    loops = {label: steps[label] & instant for label in instant}
+    for _ in LABELS:
+        loops = {label: reached.union(*(loops[one] for one in reached)) for label, reached in loops.items()}
+    circles = {
+        frozenset(one for one in loops[start] if start in loops[one]) for start in loops if start in loops[start]
+    }
+    named = [path.removeprefix('/') for rule, path in rules if rule == 'endless-loop']
+    assert len(named) == len(circles)
+    assert all(any(label in circle for label in named) for circle in circles)
+
+
+def test_a_loop_that_asks_the_operator_waits() -> None:
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add(
+            'A', Leaf('again', 'out', is_instant=True), {'again': 'A', 'out': 'done'}, {'again': Autonomy.Low}
+        )
+    assert found(machine) == []
+
+
+def test_machines_in_machines() -> None:
+    inner = OperatableStateMachine(outcomes=['left', 'right'])
+    with inner:
+        OperatableStateMachine.add('Spin', Leaf('go', is_instant=True), {'go': 'Spin'})
+    outer = OperatableStateMachine(outcomes=['done'])
+    with outer:
+        OperatableStateMachine.add('Inner', inner, {'left': 'done', 'right': 'done'}, {'left': Autonomy.Full})
+    assert sorted(found(outer)) == [('always-asks', '/Inner'), ('endless-loop', '/Inner/Spin'), ('no-end', '/Inner')]
+
+
+def test_containers_end_by_their_conditions() -> None:
+    both = ConcurrencyContainer(outcomes=['done', 'never'], conditions=[('done', [('Left', 'go'), ('Right', 'go')])])
+    with both:
+        for label in ('Left', 'Right'):
+            OperatableStateMachine.add(label, Leaf('go', is_instant=True), {'go': 'done'})
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Both', both, {'done': 'done', 'never': 'done'})
+    assert found(machine) == [('dead-outcome', '/Both')]
+
+
+def test_what_several_write_at_a_time() -> None:
+    both = ConcurrencyContainer(['done'], [], ['data'], [], [('done', [('Left', 'go'), ('Right', 'go')])])
+    with both:
+        for label in ('Left', 'Right'):
+            writer = Leaf('go')
+            writer.output_keys = ('data',)
+            OperatableStateMachine.add(label, writer, {'go': 'done'})
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Both', both, {'done': 'done'})
+    assert found(machine) == [('write-race', '/Both')]
+
+
+def test_what_only_some_ways_write() -> None:
+    machine = OperatableStateMachine(outcomes=['done'])
+    writer, reader = Leaf('next'), Leaf('out')
+    writer.output_keys, reader.input_keys = ('data',), ('data',)
+    with machine:
+        OperatableStateMachine.add('Ask', Leaf('yes', 'no'), {'yes': 'Write', 'no': 'Read'})
+        OperatableStateMachine.add('Write', writer, {'next': 'Read'})
+        OperatableStateMachine.add('Read', reader, {'out': 'done'})
+    assert found(machine) == [('unsure-read', '/Read')]

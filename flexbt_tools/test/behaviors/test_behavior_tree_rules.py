@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the check says of behaviors and the trees that they run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from desk_behaviors import found
+
+from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_states import (
+    BtExecuteGoalState,
+    BtExecuteState,
+    BtGetDataState,
+    BtLoaderState,
+    BtSetDataState,
+)
+
+POSE = 'geometry_msgs/msg/PoseStamped'
+PATH = 'nav_msgs/msg/Path'
+
+
+def chain(*states: EventState) -> OperatableStateMachine:
+    """States one after the other, S0, S1 ..., as long as each is done."""
+    keys = sorted({key for state in states for key in state.input_keys})
+    machine = OperatableStateMachine(outcomes=['done', 'failed'], input_keys=keys)
+    with machine:
+        for index, state in enumerate(states):
+            after = f'S{index + 1}' if index + 1 < len(states) else 'done'
+            ways = {outcome: after if outcome == 'done' else 'failed' for outcome in state.outcomes}
+            OperatableStateMachine.add(f'S{index}', state, ways)
+    return machine
+
+
+def xml(body: str, tree: str = 'Main') -> str:
+    return f'<root BTCPP_format="4"><BehaviorTree ID="{tree}">{body}</BehaviorTree></root>'
+
+
+PLAN = '<ComputePathToPose goal="{goal}" path="{path}"/>'
+FOLLOW = '<FollowPath path="{path}"/>'
+
+
+def test_states_and_trees_that_agree() -> None:
+    machine = chain(
+        BtLoaderState(xml=xml(PLAN, 'Plan')),
+        BtLoaderState(xml=xml(FOLLOW, 'Follow')),
+        BtExecuteGoalState(bt_file='Plan'),
+        BtGetDataState(request_id='path', request_msg_type=PATH),
+        BtExecuteState(bt_file='Follow'),
+    )
+    assert found(machine) == []
+
+
+@pytest.mark.parametrize(
+    ('states', 'expected'),
+    [
+        pytest.param(
+            [BtLoaderState(xml=xml(PLAN)), BtExecuteState(bt_file='Mian')],
+            [('no-tree', '/S1')],
+            id='no such tree',
+        ),
+        pytest.param(
+            [BtLoaderState(xml=xml('<NoSuchNode/>')), BtExecuteState(bt_file='Main')],
+            [('broken-tree', '/S0')],
+            id='unknown node',
+        ),
+        pytest.param(
+            [BtLoaderState(xml=xml(PLAN)), BtExecuteGoalState(bt_file='Main', inputs={'gaol': POSE})],
+            [('unread-key', '/S1')],
+            id='a key that the tree does not read',
+        ),
+        pytest.param(
+            [BtLoaderState(xml=xml(PLAN)), BtExecuteGoalState(bt_file='Main', outputs={'paht': PATH})],
+            [('unwritten-key', '/S1')],
+            id='an output that the tree does not write',
+        ),
+        pytest.param(
+            [BtLoaderState(xml=xml(FOLLOW)), BtExecuteState(bt_file='Main')],
+            [('unwritten-key', '/S1')],
+            id='a key of the tree that nobody writes',
+        ),
+        pytest.param(
+            [BtLoaderState(xml=xml(FOLLOW)), BtExecuteState(bt_file='Main', inputs={'path': POSE})],
+            [('key-clash', '/S1')],
+            id='a key of another type',
+        ),
+        pytest.param(
+            [
+                BtLoaderState(xml=xml(FOLLOW)),
+                BtSetDataState(goal_id='path', goal_msg_type=PATH, blackboard='other'),
+                BtExecuteState(bt_file='Main'),
+            ],
+            [('unread-key', '/S1'), ('unwritten-key', '/S2')],
+            id='the key of another blackboard',
+        ),
+        pytest.param(
+            [BtSetDataState(goal_id='path', goal_msg_type=PATH), BtExecuteState(bt_file='')],
+            [],
+            id='nothing is known of the default tree',
+        ),
+    ],
+)  # fmt: skip
+def test_disagreements(states: list[EventState], expected: list[tuple[str, str]]) -> None:
+    assert found(chain(*states)) == expected
+
+
+def test_files_of_the_server_and_their_errors_have_a_place(tmp_path: Path) -> None:
+    file = tmp_path / 'trees.xml'
+    file.write_text(xml(FOLLOW))
+    machine = chain(BtExecuteState(bt_file='Main', inputs={'path': PATH}))
+    assert found(machine) == [('no-tree', '/S0')]
+    again = chain(BtExecuteState(bt_file='Main', inputs={'path': PATH}))
+    assert found(again, str(file)) == []
+    broken = tmp_path / 'broken.xml'
+    broken.write_text('<root BTCPP_format="4">\n<BehaviorTree ID="B"><Nonsense/></BehaviorTree></root>')
+    both = chain(BtExecuteState(bt_file='Main', inputs={'path': PATH}))
+    assert found(both, str(file), str(broken)) == [('broken-tree', '')]

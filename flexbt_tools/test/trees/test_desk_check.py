@@ -1,0 +1,395 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool check``: what it finds in files, at which place, and with which exit code."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree import NodeRegistry, NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING, PortType
+from flexbt_server.trees.node_types import node_registry
+from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool, without_marks
+from flexbt_tools.tree_checks.check import check
+from flexbt_tools.tree_checks.diagnostics import REFUSED
+from flexbt_tools.trees.files import read_library
+from flexbt_tools.trees.show import tree_as_json
+from flexbt_tools.trees.stand_ins import OpenRegistry
+
+THING = PortType('Thing', object)
+
+
+class Make(SyncAction):
+    """Writes what it is asked for."""
+
+    ports = {
+        'int': output_port(INT),
+        'real': output_port(DOUBLE),
+        'text': output_port(STRING),
+        'thing': output_port(THING),
+    }
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.SUCCESS
+
+
+class Use(SyncAction):
+    """Reads what it is given."""
+
+    ports = {name: input_port(port.type, optional=True) for name, port in Make.ports.items()}
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.SUCCESS
+
+
+@functools.cache
+def registry() -> NodeRegistry:
+    nodes = node_registry(lambda source, error: None)
+    nodes.register('Make', Make)
+    nodes.register('Use', Use)
+    return nodes
+
+
+def found(directory: Path, *texts: str, shared: bool = False) -> list[str]:
+    """The findings in files a.xml, b.xml, ...: ``file:line:column rule message``."""
+    files = []
+    for letter, text in zip('abcdef', texts, strict=False):
+        (directory / f'{letter}.xml').write_text(text, encoding='utf-8')
+        files.append(str(directory / f'{letter}.xml'))
+    return [
+        f'{Path(one.place.file).stem}:{one.place.line}:{one.place.column} {one.rule.name} {one.place.message}'
+        for one in check(files, registry(), shared=shared)
+    ]
+
+
+# (why, trees of a file with a ^ at the place of each finding, the beginnings of the findings)
+LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
+    ('clean', ('Main: <Sequence><Make int="{a}"/><Use int="{a}"/></Sequence>',), []),
+    (
+        'a slip in a key',
+        ('Main: <Sequence><Make ^int="{path}"/><Use ^int="{pth}"/></Sequence>',),
+        [
+            'never-read key [path] is written, and nothing reads it',
+            'never-written key [pth] is read, and nothing writes it; did you mean [path]?',
+        ],
+    ),
+    (
+        'an input of the tree',
+        ('Main: <Use ^int="{a}"/>',),
+        ['never-written key [a] is read, and nothing writes it; if the tree is given it, say --input a'],
+    ),
+    ('what the BT server gives', ('Main: <Sequence><Use text="{goal}"/><Use text="{goals}"/></Sequence>',), []),
+    (
+        'a key that is not handed on',
+        ('Main: <Sequence><Make int="{a}"/><SubTree ID="S"/><Use int="{a}"/></Sequence>', 'S: <Use ^int="{a}"/>'),
+        [
+            'never-written key [a] is read, and nothing writes it; '
+            'another scope has such a key, so hand it to the sub-tree: a="{a}"'
+        ],
+    ),
+    ('remapped', ('Main: <Sequence><Make int="{a}"/><SubTree ID="S" b="{a}"/></Sequence>', 'S: <Use int="{b}"/>'), []),
+    (
+        'autoremapped',
+        ('Main: <Sequence><Make int="{a}"/><SubTree ID="S" _autoremap="1"/></Sequence>', 'S: <Use int="{a}"/>'),
+        [],
+    ),
+    ('by the root', ('Main: <Sequence><Make int="{a}"/><SubTree ID="S"/></Sequence>', 'S: <Use int="{@a}"/>'), []),
+    ('a constant', ('Main: <SubTree ID="S" b="3"/>', 'S: <Use int="{b}"/>'), []),
+    (
+        'written in a sub-tree',
+        ('Main: <Sequence><SubTree ID="S" b="{a}"/><Use int="{a}"/></Sequence>', 'S: <Make int="{b}"/>'),
+        [],
+    ),
+    (
+        'a private key',
+        (
+            'Main: <Sequence><Make int="{_a}"/><SubTree ID="S" _autoremap="1"/><Use int="{_a}"/></Sequence>',
+            'S: <Use ^int="{_a}"/>',
+        ),
+        ['never-written key [_a]'],
+    ),
+    ('scripts', ('Main: <Sequence><Script code="a := 1; b := a"/><ScriptCondition code="b == 1"/></Sequence>',), []),
+    (
+        'scripts that read what is not there',
+        ('Main: <Sequence ^_skipIf="never > 1"><ScriptCondition ^code="1 + (-other)"/></Sequence>',),
+        ['never-written key [never]', 'never-written key [other]'],
+    ),
+    ('conditions write', ('Main: <Sequence><AlwaysSuccess _onSuccess="a := 1"/><Use int="{a}"/></Sequence>',), []),
+    (
+        'a script of a sub-tree belongs to the caller',
+        ('Main: <SubTree ID="S" ^_post="a := 1"/>', 'S: <Use ^int="{a}"/>'),
+        ['never-read key [a]', 'never-written key [a]'],
+    ),
+    (
+        'named keys',
+        ('Main: <Sequence><SetBlackboard value="1" output_key="k"/><WasEntryUpdated entry="k"/></Sequence>',),
+        [],
+    ),
+    (
+        'keys that a behavior takes and gives',
+        (
+            'Main: <Sequence><Make int="{a}"/><Script code="list := \'e\'"/>'
+            '<ExecuteBehavior behavior="B" ^inputs="a; b" ^outputs=" c ;; d"/><Use int="{c}"/>'
+            '<ExecuteBehavior behavior="B" inputs="{list}" outputs=""/></Sequence>',
+        ),
+        ['never-written key [b] is read, and nothing writes it', 'never-read key [d] is written, and nothing reads it'],
+    ),
+    (
+        'a named key that nobody writes',
+        ('Main: <SkipUnlessUpdated ^entry="k"><AlwaysSuccess/></SkipUnlessUpdated>',),
+        ['never-written key [k]'],
+    ),
+    (
+        'a port of a sub-tree that it does not use',
+        (
+            'Main: <Sequence><Make ^int="{a}"/><SubTree ID="S" ^speeed="{a}"/></Sequence>',
+            'S: <Use ^_skipIf="speed > 1"/>',
+        ),
+        [
+            'never-read key [a]',
+            'unused-port tree [S] does not use the key [speeed]; did you mean [speed]?',
+            'never-written key [speed]',
+        ],
+    ),
+    (
+        'a port that a sub-tree of the sub-tree uses',
+        (
+            'Main: <Sequence><Make int="{a}"/><SubTree ID="S" a="{a}"/></Sequence>',
+            'S: <SubTree ID="T" _autoremap="1"/>',
+            'T: <Use int="{a}"/>',
+        ),
+        [],
+    ),
+    ('a port that Nav2 takes by its name', ('Main: <SubTree ID="S" goal="{goal}"/>', 'S: <GoalUpdated/>'), []),
+    (
+        'loaded, and never to be ticked',
+        (
+            'Main: <Fallback>^<IfThenElse><Use/></IfThenElse>^<Switch2 variable="1"><Use/><Use/></Switch2>'
+            '^<WhileDoElse><Use/><Use/><Use/><Use/></WhileDoElse></Fallback>',
+        ),
+        [
+            'incomplete IfThenElse has 2 to 3 children, not 1: an error as soon as the node is ticked',
+            'incomplete Switch2 has 3 children, not 2',
+            'incomplete WhileDoElse has 2 to 3 children, not 4',
+        ],
+    ),
+    (
+        'all that can be ticked',
+        (
+            'Main: <Fallback><IfThenElse><Use/><Use/></IfThenElse><WhileDoElse><Use/><Use/><Use/></WhileDoElse>'
+            '<Switch2 variable="1"><Use/><Use/><Use/></Switch2></Fallback>',
+        ),
+        [],
+    ),
+    ('never used', ('Main: <AlwaysSuccess/>', 'S: <AlwaysSuccess/>'), ['unused-tree tree [S] is never used']),
+    (
+        'a constant of the wrong type',
+        ('Main: <SubTree ID="S" ^b="three" c="2.5"/>', 'S: <Sequence><Use int="{b}"/><Use real="{c}"/></Sequence>'),
+        ["type-clash port [int] of <Use> reads it as int: can't convert text 'three' to int"],
+    ),
+    (
+        'text for what cannot be text',
+        ('Main: <Sequence><Make text="{a}"/><Use ^thing="{a}"/></Sequence>',),
+        ['type-clash key [a] holds text, which cannot be read as Thing'],
+    ),
+    (
+        'two types of one key',
+        (
+            'Main: <Sequence><Make int="{a}"/><SubTree ID="S" b="{a}"/></Sequence>',
+            'S: <Sequence><Use ^real="{b}"/><Use ^thing="{b}"/></Sequence>',
+        ),
+        [
+            'refused port [real] uses the blackboard entry [b] with the type double, but it has the type int',
+            'refused port [thing] uses the blackboard entry [b] with the type Thing, but it has the type int',
+        ],
+    ),
+    (
+        'two sub-trees with one path',
+        ('Main: <Sequence><SubTree ID="S" name="s"/><SubTree ID="S" ^name="s"/></Sequence>', 'S: <AlwaysSuccess/>'),
+        ['refused two sub-trees have the path [s]'],
+    ),
+]
+
+
+@pytest.mark.parametrize(('trees', 'expected'), [row[1:] for row in LINTS], ids=[row[0] for row in LINTS])
+def test_what_is_found(tmp_path: Path, trees: tuple[str, ...], expected: list[str]) -> None:
+    text, places = without_marks(document(*trees))
+    shown = found(tmp_path, text)
+    if 'unused-tree' in ''.join(expected):
+        places = ['3:1']  # the tree itself
+    assert len(shown) == len(expected), shown
+    for line, place, beginning in zip(shown, places, expected, strict=True):
+        assert line.startswith(f'a:{place} {beginning}')
+
+
+def test_trees_that_share_a_blackboard_are_looked_at_together(tmp_path: Path) -> None:
+    planner, follower = document('Main: <Make int="{path}"/>'), document('Main: <Use int="{path}"/>')
+    assert [line.split()[1] for line in found(tmp_path, planner, follower)] == ['never-read', 'never-written']
+    assert found(tmp_path, planner, follower, shared=True) == []
+    clash, [place] = without_marks(document('Main: <Use ^thing="{path}"/>'))
+    assert found(tmp_path, planner, clash, shared=True)[0].startswith(f'b:{place} refused port [thing]')
+
+
+def test_errors_of_all_files_are_reported_at_once(tmp_path: Path) -> None:
+    marked = [
+        document('Main: <Sequence>^<Mak/><SubTree ID="FromB"/><SubTree ID="Nowhere"/></Sequence>'),
+        document('FromB: <Use ^int="x"/>', main=None),
+        '<root BTCPP_format="4">\n^<BehaviorTree ID="Cut">',
+        document('Main: <Sequence><SubTree ID="FromB"/><SubTree ^ID="Nowhere"/></Sequence>'),
+    ]
+    texts, places = zip(*map(without_marks, marked), strict=True)
+    assert [line.partition(';')[0] for line in found(tmp_path, *texts)] == [
+        f'a:{places[0][0]} refused node type [Mak] is not registered',
+        f"b:{places[1][0]} refused port [int] of type int: can't convert text 'x' to int",
+        f'c:{places[2][0]} refused <BehaviorTree> is never closed',
+        f'd:{places[3][0]} refused there is no tree [Nowhere]',
+    ]
+
+
+def test_a_file_and_what_it_includes_are_one(tmp_path: Path) -> None:
+    (tmp_path / 'lib').mkdir()
+    (tmp_path / 'lib' / 'b.xml').write_text(document('S: <Use int="{a}"/>', 'Spare: <AlwaysSuccess/>', main=None))
+    (tmp_path / 'a.xml').write_text(
+        document('Main: <SubTree ID="S"/>').replace('<Beh', '<include path="lib/b.xml"/>\n<Beh')
+    )
+    shown = tool('check', '--allow-unknown', str(tmp_path / 'a.xml'))
+    assert shown == (0, '', '1 file: nothing to complain about\n')
+    # Also when it is looked at by itself, too, under another name.
+    with contextlib.chdir(tmp_path):
+        shown = tool('check', '--allow-unknown', '--strict', '--ignore', 'unused-tree', './lib/../a.xml', 'lib/b.xml')
+    assert (shown.code, 'warning' in shown.out) == (0, False), shown
+    (tmp_path / 'lib' / 'b.xml').unlink()
+    shown = tool('check', '--allow-unknown', str(tmp_path / 'a.xml'))
+    assert shown.code == 1
+    assert 'a.xml:2:10: error: <include>:' in shown.out
+    assert 'lib/b.xml' in shown.out
+
+
+def test_exit_codes_and_output(tmp_path: Path) -> None:
+    clean, slip, broken = (tmp_path / name for name in ('clean.xml', 'slip.xml', 'broken.xml'))
+    clean.write_text(document('Main: <AlwaysSuccess/>'))
+    slip.write_text(document('Main: <Fallback><AlwaysSuccess/><AlwaysFailure/></Fallback>'))
+    broken.write_text(document('Main: <Nothing/>'))
+    assert tool('check', str(clean)) == (0, '', '1 file: nothing to complain about\n')
+    finding = 'it is never ticked: <AlwaysSuccess> gives only SUCCESS'
+    text = f'{slip}:2:51: warning: <AlwaysFailure>: {finding} [unreachable]\n'
+    assert tool('check', str(clean), str(slip)) == (0, text, '2 files: 1 warning\n')
+    assert tool('check', '--strict', str(slip)) == (1, text, '1 file: 1 warning\n')
+    assert tool('check', '--strict', '--ignore', 'unreachable', str(slip)).code == 0
+    assert tool('check', str(slip), str(broken)).code == 1
+    assert (
+        tool('check', str(tmp_path / 'nowhere.xml')).out
+        == f'{tmp_path}/nowhere.xml:1:1: error: cannot be read: No such file or directory\n'
+    )
+    assert tool('check').code == 2
+    assert tool('check', '--ignore', 'everything', str(clean)).code == 2
+    done = tool('check', '--json', str(slip))
+    assert (done.code, done.err) == (0, '')
+    assert json.loads(done.out) == {
+        'findings': [
+            {
+                'file': str(slip),
+                'line': 2,
+                'column': 51,
+                'severity': 'warning',
+                'rule': 'unreachable',
+                'node': '<AlwaysFailure>',
+                'message': finding,
+            }
+        ],
+        'summary': {'files': 1, 'error': 0, 'warning': 1, 'info': 0},
+    }
+
+
+def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
+    tree, models = tmp_path / 'tree.xml', tmp_path / 'models.xml'
+    tree.write_text(document('Main: <Sequence><Grasp object="{cup}" force="hard"/><Condition ID="Held"/></Sequence>'))
+    assert [line.split(': ')[3] for line in tool('check', str(tree)).out.splitlines()] == [
+        'node type [Grasp] is not registered',
+        'node type [Held] is not registered',
+    ]
+    assert tool('check', '--allow-unknown', str(tree)) == (0, '', '1 file: nothing to complain about\n')
+    models.write_text(
+        '<root BTCPP_format="4"><TreeNodesModel><Condition ID="Held"/><Action ID="Grasp">'
+        '<input_port name="object" type="Cup"/><input_port name="force" type="double"/></Action>'
+        '</TreeNodesModel></root>'
+    )
+    done = tool('check', '--models', str(models), str(tree))
+    assert done.out.endswith(": error: <Grasp>: port [force] of type double: can't convert text 'hard' to double\n")
+    tree.write_text(tree.read_text().replace('hard', '2.5'))
+    done = tool('check', '--models', str(models), str(tree))
+    assert ': warning: <Grasp>: key [cup] is read, and nothing writes it' in done.out
+    models.write_text(models.read_text().replace('"Held"', '"He ld"'))
+    done = tool('check', '--models', str(models), str(tree))
+    assert (done.code, done.out) == (3, '')
+    assert done.err.startswith(f"{models}:1:40: <Condition 'He ld'>: node ID [He ld]: ")
+
+
+@pytest.mark.skipif(not STOCK_TREES, reason='the trees of Nav2 are not at hand')
+def test_the_trees_of_nav2_have_no_errors_and_no_warnings() -> None:
+    done = tool('check', '--strict', '--allow-unknown', *map(str, STOCK_TREES))
+    assert done.code == 0, done.out
+    # The only tree that calls this code by another name than all others do.
+    [slip] = [line for line in done.out.splitlines() if 'backup_code_id' in line]
+    assert 'navigate_to_pose_w_replanning_and_recovery.xml:44:60: info: <BackUp>' in slip
+
+
+HOSTILE: dict[str, bytes] = {
+    'empty': b'',
+    'not_xml': b'trees: [1, 2]',
+    'not_utf8': b'<root>\xff\xfe</root>',
+    'zeros': bytes(2_000_000),
+    'truncated': document('Main: <Sequence><AlwaysSuccess/></Sequence>').encode()[:80],
+    'doctype': b'<!DOCTYPE x [<!ENTITY a "b">]><root/>',
+    'deep': document('Main: ' + '<Inverter>' * 300 + '<AlwaysSuccess/>' + '</Inverter>' * 300).encode(),
+    'recursive': document('Main: <SubTree ID="Main"/>').encode(),
+    'explosion': document(
+        'Main: <SubTree ID="T0"/>',
+        *(f'T{i}: <Sequence><SubTree ID="T{i + 1}"/><SubTree ID="T{i + 1}"/></Sequence>' for i in range(40)),
+        'T40: <AlwaysSuccess/>',
+    ).encode(),
+    'escapes': document('Main: <Un\x9bknown name="&#x1b;]0;x&#x7; \u202e"/>').encode(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('name', HOSTILE)
+def test_hostile_files_are_refused_without_harm_to_the_terminal(tmp_path: Path, name: str) -> None:
+    file = tmp_path / f'{name}.xml'
+    file.write_bytes(HOSTILE[name])
+    done = tool('check', str(file), str(tmp_path))
+    assert done.code == 1
+    first, *_, last = done.out.splitlines()
+    assert first.startswith(f'{file}:')
+    assert ': error: ' in first
+    assert 'Is a directory' in last
+    assert not set(done.out) & set('\x1b\x07\x9b\u202e')
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_damaged_file_gives_findings_and_never_a_crash(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    text = data.draw(st.sampled_from([document(*trees) for _, trees, _ in LINTS]))
+    for _ in range(data.draw(st.integers(1, 3))):
+        position = data.draw(st.integers(0, len(text)))
+        length = data.draw(st.integers(0, 12))
+        text = (
+            text[:position]
+            + data.draw(st.text(st.sampled_from('<>/"{}=@ &;aSMain\x00é'), max_size=6))
+            + text[position + length :]
+        )
+    file = tmp_path_factory.getbasetemp() / 'damaged.xml'
+    file.write_text(text, encoding='utf-8')
+    findings = check([str(file)], registry())
+    count = text.count('\n') + 1
+    assert all(1 <= one.place.line <= count for one in findings)
+    if not any(one.rule is REFUSED for one in findings):
+        library = read_library([str(file)], OpenRegistry(registry()))
+        assert all(tree_as_json(library, key, expand=True)['nodes'] for key in library.tree_keys())

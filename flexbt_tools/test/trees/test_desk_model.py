@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool model``: the models and the schema say what the registry knows."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree import (
+    NodeKind,
+    NodeManifest,
+    NodeRegistry,
+    NodeStatus,
+    Port,
+    PortDirection,
+    PortType,
+    SyncAction,
+    TreeLoadError,
+    builtin_registry,
+)
+from flexbt_core.behavior_tree.model import port_types
+from flexbt_core.behavior_tree.model.ports import FORBIDDEN_IN_NAMES, NO_DEFAULT, RESERVED_ATTRIBUTES
+from flexbt_server.groot2.tree_document import models_document
+from flexbt_server.trees.node_types import node_registry
+from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
+from flexbt_testing.behavior_trees.random_nodes import make_case
+from flexbt_testing.behavior_trees.xml_schema import Schema
+from flexbt_tools.trees.schema import schema_lines
+from flexbt_tools.trees.stand_ins import add_models
+
+Signature = dict[str, tuple[PortDirection, str | None, str | None]]
+
+
+def signatures(registry: NodeRegistry) -> dict[str, tuple[NodeKind, Signature]]:
+    """Kinds and ports of all node types: direction, type, default as text."""
+    return {
+        manifest.id: (
+            manifest.kind,
+            {
+                name: (
+                    port.direction,
+                    None if port.type is None else port.type.name,
+                    None if port.default is NO_DEFAULT else str(port.default),
+                )
+                for name, port in manifest.ports.items()
+            },
+        )
+        for manifest in registry
+        if manifest.kind is not NodeKind.SUBTREE
+    }
+
+
+MODEL = tool('model', '--builtin').out
+
+
+def test_the_model_says_what_the_registry_knows() -> None:
+    read = NodeRegistry()
+    assert add_models(read, 'model.xml', MODEL) == []
+    assert signatures(read) == signatures(node_registry(lambda source, error: None))
+
+
+def test_the_nodes_that_groot2_knows_are_left_out() -> None:
+    read = NodeRegistry()
+    add_models(read, 'model.xml', tool('model').out)
+    assert 'Wait' in read
+    assert not {manifest.id for manifest in read} & {manifest.id for manifest in builtin_registry()}
+
+
+NAMES = st.from_regex(r'[A-Za-z][A-Za-z0-9_(){}\u00e9-]{0,8}', fullmatch=True).filter(
+    lambda name: name not in RESERVED_ATTRIBUTES
+)
+TEXTS = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs'], exclude_characters='\ufffe\uffff'))
+TYPES = st.sampled_from([None, *(kind for kind in vars(port_types).values() if isinstance(kind, PortType))])
+
+
+@given(NAMES, st.dictionaries(NAMES, st.tuples(st.sampled_from(PortDirection), TYPES, TEXTS), max_size=4), TEXTS)
+def test_any_ports_go_into_a_model_and_back(
+    id: str, ports: dict[str, tuple[PortDirection, PortType | None, str]], text: str
+) -> None:
+    assert not set(id) & FORBIDDEN_IN_NAMES
+    made = {name: Port(direction, kind, '{=}', words) for name, (direction, kind, words) in ports.items()}
+
+    class Made(SyncAction):
+        __doc__ = text
+        ports = made
+
+        def tick(self) -> NodeStatus:
+            return NodeStatus.SUCCESS
+
+    written, read = NodeRegistry(), NodeRegistry()
+    written.register(id, Made)
+    model = '\n'.join(models_document(written))
+    assert add_models(read, 'model.xml', model) == []
+    assert signatures(read) == signatures(written)
+    described = {port.get('name'): port.text or '' for port in ElementTree.fromstring(model)[0][0] if port.get('name')}  # noqa: S314
+    assert {name: words.replace('\r', '\n') for name, (_, _, words) in ports.items()} == described
+
+
+SCHEMA = Schema(tool('model', '--xsd').out)
+
+
+@pytest.mark.parametrize('file', STOCK_TREES, ids=lambda file: file.stem)
+def test_the_trees_of_nav2_are_valid_by_the_schema(file: Path) -> None:
+    installed = {manifest.id for manifest in node_registry(lambda source, error: None)}
+    text = file.read_text(encoding='utf-8')
+    missing = {tag for tag in re.findall(r'<([A-Z]\w+)', text) if tag not in installed} - {'BehaviorTree'}
+    errors = SCHEMA.errors(text)
+    assert len(errors) == len(missing)
+    assert all(any(f'<{tag}>' in error for tag in missing) for error in errors)
+
+
+@pytest.mark.parametrize(
+    ('tree', 'expected'),
+    [
+        ('<Sequence><AlwaysSuccess name="x" _skipIf="a &lt; 1"/></Sequence>', []),
+        ('<Action ID="Sleep" msec="0"/>', []),
+        ('<SubTree ID="Other" at="all"/>', []),
+        ('<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>', []),
+        ('<Repeat num_cycles=" = "><AlwaysSuccess/></Repeat>', []),
+        ('<Sleep msec="1500"/>', []),
+        ('<SetBlackboard value="x" output_key="y"/>', []),
+        ('<Nothing/>', ['<BehaviorTree> contains <Nothing>']),
+        ('<AlwaysSuccess><AlwaysSuccess/></AlwaysSuccess>', ['<AlwaysSuccess> contains <AlwaysSuccess>']),
+        ('<Sequence/>', ['<Sequence> has 0 children']),
+        ('<Inverter><AlwaysSuccess/><AlwaysSuccess/></Inverter>', ['<Inverter> has 2 children']),
+        ('<Sleep/>', ['<Sleep> lacks msec']),
+        ('<Sleep msec="long"/>', ['<Sleep> has msec="long"']),
+        ('<RunOnce then_skip="yes"><AlwaysSuccess/></RunOnce>', ['<RunOnce> has then_skip="yes"']),
+        ('<RateController hz=""><AlwaysSuccess/></RateController>', ['<RateController> has hz=""']),
+        ('<LoopInt queue="1;2" value="3"><AlwaysSuccess/></LoopInt>', ['<LoopInt> has value="3"']),
+        ('<Sleep msec="1" mesc="1"/>', ['<Sleep> has mesc']),
+        ('<AlwaysSuccess/><AlwaysSuccess/>', ['<BehaviorTree> has 2 children']),
+        ('<SubTree/>', ['<SubTree> lacks ID']),
+    ],
+)  # fmt: skip
+def test_the_schema_refuses_what_the_engine_refuses(tmp_path: Path, tree: str, expected: list[str]) -> None:
+    text = document(f'Main: {tree}', 'Other: <AlwaysSuccess/>')
+    assert SCHEMA.errors(text) == expected
+    file = tmp_path / 'tree.xml'
+    file.write_text(text)
+    assert tool('check', str(file)).code == bool(expected)
+
+
+@pytest.mark.parametrize('seed', range(0, 60, 3))
+def test_random_trees_are_valid_by_the_schema(seed: int) -> None:
+    """Of those types that are registered; their leaves are not."""
+    text = make_case(seed)['xml']
+    assert {error for error in SCHEMA.errors(text) if not re.search('<(Act|Sync|Cond|Deco)>', error)} == set()
+
+
+def test_a_name_that_no_element_can_have_is_left_out() -> None:
+    """Such a node is written in explicit form."""
+
+    class Odd(SyncAction):
+        ports = {'x(y)': Port(PortDirection.INPUT)}
+
+        def tick(self) -> NodeStatus:
+            return NodeStatus.SUCCESS
+
+    registry = NodeRegistry()
+    manifests: list[NodeManifest] = [registry.register(id, Odd) for id in ('2nd', 'é', 'a(b)')]
+    schema = Schema('\n'.join(schema_lines(manifests)))
+    assert schema.errors(document('Main: <Action ID="2nd"/>')) == schema.errors(document('Main: <é/>')) == []
+    assert schema.errors(document('Main: <AlwaysSuccess/>')) == ['<BehaviorTree> contains <AlwaysSuccess>']
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_damaged_models_are_refused_or_read(data: st.DataObject) -> None:
+    text = MODEL
+    for _ in range(data.draw(st.integers(1, 4))):
+        position = data.draw(st.integers(0, len(text)))
+        damage = data.draw(st.text(st.sampled_from('<>/"= &;IDabx:{}'), max_size=8))
+        text = text[:position] + damage + text[position + data.draw(st.integers(0, 20)) :]
+    with contextlib.suppress(TreeLoadError):
+        assert all(error.line >= 1 for error in add_models(NodeRegistry(), 'model.xml', text))

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ``check`` says of children that are never ticked, against what the engine does."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given, reject, settings
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree import (
+    NodeConfig,
+    NodeExecutionError,
+    NodeStatus,
+    StatefulAction,
+    Tree,
+    TreeLibrary,
+    TreeLoadError,
+    TreeNode,
+    builtin_registry,
+    load_xml,
+)
+from flexbt_core.clock.clock import ManualClock
+from flexbt_testing.behavior_trees.steps import LETTERS
+from flexbt_tools.tree_checks.reachability import never_ticked
+
+TICKS = 8
+
+
+class Free(StatefulAction):
+    """Gives what ``services`` says, call by call, and after that succeeds; a leaf of which nothing is known."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.script: Iterator[str] = iter(self.services.get(config.name, ''))
+
+    def on_start(self) -> NodeStatus:
+        return LETTERS[next(self.script, 'S')]
+
+    on_running = on_start
+
+    def on_halted(self) -> None:
+        pass
+
+
+REGISTRY = builtin_registry()
+REGISTRY.register('Free', Free)
+
+
+def library_of(body: str) -> TreeLibrary:
+    text = f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    return TreeLibrary([load_xml(text, 'file', REGISTRY)])
+
+
+def said(library: TreeLibrary) -> set[int]:
+    """Columns of the children that are said never to be ticked."""
+    return {child.offset for row in never_ticked(library) for child in row.parent.children[row.first : row.end]}
+
+
+def ticked(library: TreeLibrary, scripts: dict[str, str]) -> set[int]:
+    """Columns of the nodes that change their status in a run."""
+    seen: set[int] = set()
+    tree: Tree
+
+    def note(node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        seen.add(tree.definitions[tree.nodes.index(node)].offset)
+
+    clock = ManualClock()
+    tree = Tree(library, 'Main', clock=clock, services=scripts, on_transition=note, max_rounds=20)
+    try:
+        for _ in range(TICKS):
+            tree.tick_once()
+            clock.advance(1.0)
+    except NodeExecutionError:
+        pass  # a condition that was skipped, or a wrong number of children
+    return seen
+
+
+LEAVES = ['<AlwaysSuccess/>', '<AlwaysFailure/>', '<Sleep msec="1500"/>', '<Free name="a"/>', '<Free name="b"/>']
+CONTROLS = [
+    *('Sequence', 'ReactiveSequence', 'AsyncSequence', 'SequenceWithMemory'),
+    *('Fallback', 'ReactiveFallback', 'AsyncFallback'),
+    *('IfThenElse', 'WhileDoElse'),
+]
+DECORATORS = [
+    *('Inverter', 'ForceSuccess', 'ForceFailure', 'KeepRunningUntilFailure', 'RunOnce'),
+    *('Repeat num_cycles="-1"', 'Repeat num_cycles="2"'),
+    *('RetryUntilSuccessful num_attempts="-1"', 'RetryUntilSuccessful num_attempts="2"'),
+    *('Delay delay_msec="1000"', 'Timeout msec="2500"'),
+]
+CONDITIONS = ['', '', '', ' _skipIf="false"', ' _failureIf="1 == 1"', ' _successIf="true"', ' _while="0"']
+
+
+def inner(children: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+    def control(tag: str, condition: str, bodies: list[str]) -> str:
+        return f'<{tag}{condition}>{"".join(bodies)}</{tag}>'
+
+    def decorator(head: str, condition: str, body: str) -> str:
+        return f'<{head}{condition}>{body}</{head.split()[0]}>'
+
+    controls = st.sampled_from([*CONTROLS, 'Parallel', 'TryCatch'])
+    conditions = st.sampled_from(CONDITIONS)
+    rows = st.lists(children, min_size=2, max_size=3)
+    return st.builds(control, controls, conditions, rows) | st.builds(
+        decorator, st.sampled_from(DECORATORS), conditions, children
+    )
+
+
+TREES = st.recursive(st.sampled_from(LEAVES), inner, max_leaves=12)
+
+
+@settings(max_examples=300, deadline=None)
+@given(TREES, st.dictionaries(st.sampled_from('ab'), st.text('SFRK', max_size=6)))
+def test_what_is_said_never_to_be_ticked_is_not(body: str, scripts: dict[str, str]) -> None:
+    try:
+        library = library_of(body)
+    except TreeLoadError:  # two asynchronous sequences below a reactive one
+        reject()
+    assert not said(library) & ticked(library, scripts)
+
+
+@pytest.mark.parametrize('tag', CONTROLS)
+def test_all_that_is_never_ticked_is_said(tag: str) -> None:
+    """For all rows of two and three leaves of which nothing, or the result, is known: with all that those may give."""
+    leaves = ('<AlwaysSuccess/>', '<AlwaysFailure/>', '<Free name="{}"/>')
+    for row in itertools.chain(itertools.product(leaves, repeat=2), itertools.product(leaves, repeat=3)):
+        library = library_of(f'<{tag}>{"".join(row)}</{tag}>'.format(*range(3)))
+        free = [str(number) for number in range(''.join(row).count('Free'))]
+        reached: set[int] = set()
+        for letters in itertools.product('SFRK', repeat=len(free)):
+            reached |= ticked(library, dict(zip(free, letters, strict=True)))
+        [key] = library.tree_keys()
+        children = {child.offset for child in library.definition(key).root.children}
+        assert children - reached == said(library), row
+
+
+@pytest.mark.parametrize('decorator', DECORATORS)
+def test_what_a_decorator_can_give_decides_what_follows(decorator: str) -> None:
+    """In a sequence and in a fallback, around each leaf."""
+    tag = decorator.split()[0]
+    # Times are not compared with each other.
+    leaves = [leaf for leaf in LEAVES[:4] if 'Sleep' not in leaf or tag != 'Timeout']
+    for control, leaf in itertools.product(('Sequence', 'Fallback'), leaves):
+        library = library_of(f'<{control}><{decorator}>{leaf}</{tag}><AlwaysSuccess/></{control}>')
+        reached: set[int] = set()
+        for script in ('S', 'F', 'R', 'K', 'RS', 'RF', 'FS', 'FFFFF', 'RRRRRRRRRR'):
+            reached |= ticked(library, {'a': script})
+        last = library.definition(next(library.tree_keys())).root.children[1].offset
+        assert (last in reached) == (last not in said(library)), leaf
