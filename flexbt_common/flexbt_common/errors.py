@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The errors of flexbt_common.
 
-FlexbtError
+flexbt_core.errors.FlexbtError
 ├── UnknownTypeError        no installed type has that name
 ├── ValueConversionError    a value does not fit its type
 ├── ResourceError           a file cannot be used
@@ -11,9 +11,7 @@ FlexbtError
 
 from __future__ import annotations
 
-
-class FlexbtError(Exception):
-    """Base of the errors that FlexBT raises for bad input; its text is fit for the operator."""
+from flexbt_core.errors import FlexbtError
 
 
 class UnknownTypeError(FlexbtError):

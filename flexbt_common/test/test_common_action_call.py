@@ -245,7 +245,7 @@ def cancels_answered(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
     link: ActionServerLink, code: str, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('scripted_servers.ActionServer', OvertakingServer)
+    monkeypatch.setattr('flexbt_testing.ros.scripted_servers.ActionServer', OvertakingServer)
     with NodeRuntime.open('server') as runtime:
         server = ScriptedServer(runtime)
         server.server.cancel_code = getattr(CancelGoal.Response, code)

@@ -25,11 +25,11 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.lifecycle.managed_node import ManagedNode
 from flexbt_common.lifecycle.parameters import declare
 from flexbt_common.liveness.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
 
@@ -281,7 +281,7 @@ def test_parameters_are_read_by_each_configure_and_fixed_in_between() -> None:
 PROGRAM = """
 import sys
 import time
-from flexbt_common.errors import FlexbtError
+from flexbt_core.errors import FlexbtError
 from flexbt_common.lifecycle.managed_node import run_managed_node
 
 class Made:

@@ -6,8 +6,8 @@ from __future__ import annotations
 import re
 from typing import Any, Final
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.runtime.resources import resolve_file
+from flexbt_core.errors import FlexbtError
 from flexbt_core.values.nested_yaml import load_yaml
 from flexbt_onboard.errors import ParameterError
 

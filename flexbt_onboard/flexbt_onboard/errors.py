@@ -12,7 +12,7 @@ OnboardError
 
 from __future__ import annotations
 
-from flexbt_common.errors import FlexbtError
+from flexbt_core.errors import FlexbtError
 
 
 class OnboardError(FlexbtError):

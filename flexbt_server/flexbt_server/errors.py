@@ -10,7 +10,7 @@ FlexbtError
 
 from __future__ import annotations
 
-from flexbt_common.errors import FlexbtError
+from flexbt_core.errors import FlexbtError
 
 
 class BtServerError(FlexbtError):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flexbt_common.errors import FlexbtError
+from flexbt_core.errors import FlexbtError
 
 
 class SimulationError(FlexbtError):

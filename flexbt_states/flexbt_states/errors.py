@@ -6,7 +6,7 @@ StateParameterError    a state was constructed with a parameter that cannot work
 
 from __future__ import annotations
 
-from flexbt_common.errors import FlexbtError
+from flexbt_core.errors import FlexbtError
 
 
 class StateParameterError(FlexbtError, ValueError):

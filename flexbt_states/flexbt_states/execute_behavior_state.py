@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.errors import FlexbtError
 from flexbt_common.runtime import names
 from flexbt_common.values.entries import to_entry
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import Autonomy, EventState, UserData
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.values.entries import to_entry
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, Severity, UserData
 from flexbt_msgs.action import BtExecute
 from flexbt_onboard.runs.state_services import state_services

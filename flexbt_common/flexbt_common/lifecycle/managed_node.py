@@ -35,9 +35,9 @@ from rclpy.lifecycle import LifecycleNode, LifecycleNodeMixin, LifecycleState, T
 from rclpy.node import Node
 from rclpy.task import Future
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.liveness.liveliness import LivelinessToken
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_core.errors import FlexbtError
 
 from .diagnostics import DiagnosticsPublisher, entry
 from .node_scope import NodeScope

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from types import MethodType
 from typing import Any, TypeVar, cast
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.values.entries import resolve_type
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, called_state, innermost
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.runs.run_context import current_run

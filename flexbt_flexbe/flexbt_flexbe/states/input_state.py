@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.errors import FlexbtError
 from flexbt_common.runtime import names
 from flexbt_common.values.entries import check_value, from_entry
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_flexbe.ros_access import RosAccess
 from flexbt_msgs.action import OperatorInput

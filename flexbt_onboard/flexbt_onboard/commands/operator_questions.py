@@ -12,10 +12,10 @@ from builtin_interfaces.msg import Time
 
 from flexbt_common.calls.goal_admission import GoalGate
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.errors import FlexbtError
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry, resolve_type, text_to_value, to_entry
+from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, PendingDecision
 from flexbt_onboard.errors import CommandRefusedError

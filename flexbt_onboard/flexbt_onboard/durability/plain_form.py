@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.values.entries import message_type_name, resolve_type
+from flexbt_core.errors import FlexbtError
 
 _MARK: Final = '$'
 """An object with one key that begins with this is something else than a mapping with texts as keys."""

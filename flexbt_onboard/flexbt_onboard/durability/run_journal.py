@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexbt_common.cli.user_files import home_path
-from flexbt_common.errors import FlexbtError
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.behaviors.run_building import RunRequest

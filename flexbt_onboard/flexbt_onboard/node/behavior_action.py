@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.errors import FlexbtError
 from flexbt_common.runtime import names
 from flexbt_common.values.entries import Encoding, to_entry
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ERROR, PREEMPTED
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_onboard.commands.executive_commands import run_request

@@ -15,8 +15,8 @@ from dataclasses import replace
 from enum import Enum
 from typing import Any, Final, Protocol
 
-from flexbt_common.errors import FlexbtError
 from flexbt_core.clock.wake_event import Bell
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import (
     ERROR,
     Answer,

@@ -9,11 +9,11 @@ from typing import Any
 
 from flexbt_common.calls.goal_admission import GoalGate
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.errors import FlexbtError
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding
 from flexbt_core.behavior_tree import BlackboardError
+from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtGetData, BtSetData
 from flexbt_server.trees.blackboards import Blackboards, entries_of, read_values, write_all
 

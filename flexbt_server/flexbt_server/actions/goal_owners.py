@@ -8,10 +8,10 @@ from typing import Final
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.liveness.liveliness import LivelinessWatch
 from flexbt_common.runtime.names import alive_topic
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.errors import FlexbtError
 
 OWNER_SECONDS: Final = 5.0
 """How long an owner may stay unseen before its goals are stopped: it has died already, or holds no liveliness token."""

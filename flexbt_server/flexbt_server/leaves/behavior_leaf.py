@@ -6,11 +6,11 @@ from __future__ import annotations
 from typing import Any, Final
 
 from flexbt_common.calls.action_call import GoalOutcome
-from flexbt_common.errors import FlexbtError
 from flexbt_common.runtime import names
 from flexbt_common.values.entries import Encoding
 from flexbt_core.behavior_tree import BlackboardError, NodeStatus, inout_port, input_port, output_port
 from flexbt_core.behavior_tree.model.port_types import KEYS, STRING, UNSIGNED, separated
+from flexbt_core.errors import FlexbtError
 from flexbt_msgs import action
 from flexbt_msgs.msg import BehaviorArgument
 from flexbt_server.trees.blackboards import entries_of, read_values, write_all

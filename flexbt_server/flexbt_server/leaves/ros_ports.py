@@ -14,9 +14,9 @@ from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_common.errors import FlexbtError
 from flexbt_common.values.entries import message_type_name, text_to_value
 from flexbt_core.behavior_tree import ConversionError, PortType
+from flexbt_core.errors import FlexbtError
 
 _POSE_FIELDS: Final = 9
 _PATH_HEADER_FIELDS: Final = 2

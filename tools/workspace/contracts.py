@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A contract of our own for import-linter: a folder is entered by its front door.
+
+In pyproject.toml::
+
+    [[tool.importlinter.contracts]]
+    name = "Rooms are entered by their front doors"
+    type = "front_doors"
+    packages = ["flexbt_core", ...]
+"""
+
+from __future__ import annotations
+
+from grimp import ImportGraph
+from importlinter import Contract, ContractCheck, fields, output
+
+
+class FrontDoorsContract(Contract):
+    """A module in a folder below one of ``packages`` is imported from outside of that folder only by way of the folder.
+
+    The folder's ``__init__.py`` names what is for others. Modules directly below a package, such as its ``errors``,
+    are for everybody.
+    """
+
+    type_name = 'front_doors'
+
+    packages = fields.ListField(subfield=fields.StringField())
+
+    def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
+        """Looks at every direct import of a module that is two levels or more below its package, and is no folder."""
+        found: list[str] = []
+        for package in self.packages:  # type: ignore[attr-defined]  # a field gives its value
+            for module in sorted(graph.find_descendants(package)):
+                room = module.rpartition('.')[0]
+                if room == package or graph.find_children(module):
+                    continue
+                for importer in sorted(graph.find_modules_that_directly_import(module)):
+                    if importer != room and not importer.startswith(f'{room}.'):
+                        (first, *_) = graph.get_import_details(importer=importer, imported=module)
+                        found.append(f'{importer}:{first["line_number"]} imports {module}: take it from {room}')
+        return ContractCheck(kept=not found, metadata={'found': found})
+
+    def render_broken_contract(self, check: ContractCheck) -> None:
+        for line in check.metadata['found']:
+            output.print_error(line)
