@@ -11,8 +11,7 @@ from typing import Any
 from _flexbe_stamp import entered
 from flexbe_core import Autonomy, Behavior, EventState, OperatableStateMachine
 from flexbe_core.proxy import ProxyActionClient
-
-from flexbt_common.navigation_interfaces import load
+from nav2_msgs.action import Wait
 
 
 class FlexbeProbe(Behavior):
@@ -58,12 +57,11 @@ class ProbeCall(EventState):
     def __init__(self, rate: float) -> None:
         super().__init__(outcomes=['done'], desired_rate=rate)
         self._action = 'flexbe_benchmark/wait'
-        self._type = load().Wait
-        self._client = ProxyActionClient({self._action: self._type}, wait_duration=5.0)
+        self._client = ProxyActionClient({self._action: Wait}, wait_duration=5.0)
 
     def on_enter(self, userdata: Any) -> None:
         entered('Call')
-        self._client.send_goal(self._action, self._type.Goal(), wait_duration=5.0)
+        self._client.send_goal(self._action, Wait.Goal(), wait_duration=5.0)
 
     def execute(self, userdata: Any) -> str | None:
         if not self._client.has_result(self._action):

@@ -6,8 +6,8 @@ from __future__ import annotations
 from typing import Final
 
 from _flexbe_stamp import entered
+from nav2_msgs.action import Wait
 
-from flexbt_common.navigation_interfaces import load
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, OperatorDecisionState
@@ -29,15 +29,14 @@ class Call(EventState):
 
     def __init__(self) -> None:
         super().__init__(outcomes=['done', 'failed'], desired_rate=None)
-        self._type = load().Wait
-        self._goal = GoalCall(self, self._type, ACTION)
+        self._goal = GoalCall(self, Wait, ACTION)
 
     def on_start(self) -> None:
         self._goal.prepare()
 
     def on_enter(self, userdata: UserData) -> None:
         entered('Call')
-        self._goal.send(self._type.Goal())
+        self._goal.send(Wait.Goal())
 
     def execute(self, userdata: UserData) -> str | None:
         ended = self._goal.poll()

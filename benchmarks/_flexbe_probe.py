@@ -19,9 +19,9 @@ from typing import Any, Final, Protocol
 
 from _flexbe_native import ACTION
 from _flexbe_stamp import Entries
+from nav2_msgs.action import Wait
 
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.navigation_interfaces import load
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 
@@ -38,10 +38,9 @@ class Server:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
-        self._type = load().Wait
         self.seconds = (0.0, 0.0)
         self.result_sent = 0
-        runtime.call(lambda: GoalServer(runtime, self._type, ACTION, self._serve))
+        runtime.call(lambda: GoalServer(runtime, Wait, ACTION, self._serve))
 
     def _serve(self, goal: ServedGoal) -> None:
         steady = self._runtime.steady
@@ -50,7 +49,7 @@ class Server:
 
     def _end(self, goal: ServedGoal) -> None:
         self.result_sent = time.monotonic_ns()
-        goal.succeed(self._type.Result())
+        goal.succeed(Wait.Result())
 
 
 class Operator(Protocol):

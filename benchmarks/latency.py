@@ -42,9 +42,10 @@ class Probe:
     """The leaf's action server and the operator, in this process."""
 
     def __init__(self, runtime: Any) -> None:
+        from nav2_msgs.action import Wait
+
         from flexbt_common.calls.action_call import ActionLinks
         from flexbt_common.calls.goal_server import GoalServer
-        from flexbt_common.navigation_interfaces import load
         from flexbt_common.runtime import names
         from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 
@@ -54,11 +55,11 @@ class Probe:
         self.entered: dict[str, float] = {}
         self.result_sent = 0.0
         self.links = ActionLinks(runtime)
-        self.wait_type = load().Wait
+        self.wait_result = Wait.Result()
 
         def make() -> None:
             node = runtime.node
-            GoalServer(runtime, self.wait_type, 'latency_probe/wait', self._serve)
+            GoalServer(runtime, Wait, 'latency_probe/wait', self._serve)
             node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched())
             self.commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
 
@@ -70,7 +71,7 @@ class Probe:
 
     def _end(self, goal: Any) -> None:
         self.result_sent = time.time()
-        goal.succeed(self.wait_type.Result())
+        goal.succeed(self.wait_result)
 
     def _on_status(self, status: Any) -> None:
         with self.changed:

@@ -5,7 +5,6 @@ flexbt_core.errors.FlexbtError
 ├── UnknownTypeError        no installed type has that name
 ├── ValueConversionError    a value does not fit its type
 ├── ResourceError           a file cannot be used
-├── InterfacesError         an interface package is not usable
 └── UnfitParameterError     a parameter has no value that can work
 """
 
@@ -40,10 +39,6 @@ class ResourceError(FlexbtError):
     def __init__(self, name: str, message: str) -> None:
         super().__init__(f'{name}: {message}')
         self.name = name
-
-
-class InterfacesError(FlexbtError):
-    """An interface package that is needed cannot be used."""
 
 
 class UnfitParameterError(FlexbtError):

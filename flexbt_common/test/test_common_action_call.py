@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 from action_msgs.srv import CancelGoal
+from nav2_msgs.action import Spin, Wait
 from rclpy.action import ActionServer
 
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
 from flexbt_common.calls.action_link import ActionServerLink
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_msgs.action import Spin, Wait
 from flexbt_testing.ros.scripted_servers import ScriptedServer
 
 DEADLINE = 20.0
@@ -116,7 +116,7 @@ def test_no_server(link: ActionServerLink) -> None:
     call(link, done, server_timeout=0.1)
     outcome = done.wait()
     assert outcome.status is GoalStatus.NO_SERVER
-    assert "'wait'" in outcome.reason and 'flexbt_msgs/action/Wait' in outcome.reason
+    assert "'wait'" in outcome.reason and 'nav2_msgs/action/Wait' in outcome.reason
 
 
 def test_a_server_of_another_type_is_no_server(link: ActionServerLink) -> None:

@@ -15,6 +15,7 @@ import pytest
 from action_msgs.msg import GoalStatus as RosGoalStatus
 from action_msgs.msg import GoalStatusArray
 from action_msgs.srv import CancelGoal
+from nav2_msgs.action import Wait
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.action.server import RCLError, ServerGoalHandle
@@ -24,7 +25,6 @@ from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime.names import deep_action_services
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_msgs.action import Wait
 
 DEADLINE = 20.0
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common import navigation_interfaces
-from flexbt_common.errors import InterfacesError, ResourceError
+from flexbt_common.errors import ResourceError
 from flexbt_common.runtime.resources import resolve_file
 
 
@@ -70,15 +69,6 @@ def test_links_do_not_lead_out(tmp_path: Path, share: Path) -> None:
     for name in ('fixture_pkg/linked/secret.xml', 'fixture_pkg/trees/alias.xml', str(allowed / 'secret.xml')):
         with pytest.raises(ResourceError):
             resolve_file(name, [allowed])
-
-
-def test_the_choice_of_navigation_interfaces() -> None:
-    interfaces = navigation_interfaces.load('flexbt_msgs')
-    assert interfaces.FollowPath.Result.FAILED_TO_MAKE_PROGRESS == 105
-    with pytest.raises(InterfacesError, match='nav3_msgs'):
-        navigation_interfaces.load('nav3_msgs')
-    with pytest.raises(AttributeError, match='FollowMe'):
-        _ = interfaces.FollowMe
 
 
 def test_links_that_go_round_in_circles_are_no_files(tmp_path: Path) -> None:

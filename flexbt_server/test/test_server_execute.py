@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from nav2_msgs.action import FollowPath
 from std_msgs.msg import Bool
 
 from flexbt_common.calls.action_call import GoalStatus
@@ -18,7 +19,7 @@ from flexbt_common.liveness.liveliness import LivelinessToken
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry
-from flexbt_msgs.action import BtExecute, FollowPath
+from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_testing.ros import server_nodes
 from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world, pose, until
@@ -382,7 +383,7 @@ def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: World
 
 
 def test_the_end_of_the_server_stops_the_robot_and_tells_the_client() -> None:
-    with NodeRuntime.open('bt_server', parameters={'navigation_interfaces': 'flexbt_msgs'}) as extra:
+    with NodeRuntime.open('bt_server') as extra:
         extra.close()
     with open_world() as world:
         world.navigation.hold.add(names.FOLLOW_PATH)

@@ -144,8 +144,7 @@ def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
     """From SIGTERM to the end of a process with a leaf that blocks."""
     path = os.pathsep.join([str(site), str(Path(__file__).parent), os.environ.get('PYTHONPATH', '')])
     namespace = f'/blocked_{os.getpid()}_{busy}_{attempt}'
-    parameters = ['-r', f'__ns:={namespace}', '-p', 'navigation_interfaces:=flexbt_msgs']
-    command = [sys.executable, '-m', 'flexbt_server.node.bt_server', '--ros-args', *parameters]
+    command = [sys.executable, '-m', 'flexbt_server.node.bt_server', '--ros-args', '-r', f'__ns:={namespace}']
     process = subprocess.Popen(command, env=os.environ | {'PYTHONPATH': path}, stderr=subprocess.PIPE, text=True)
     try:
         with NodeRuntime.open('client', namespace=namespace) as client:

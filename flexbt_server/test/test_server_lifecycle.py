@@ -28,7 +28,7 @@ from flexbt_server.node.bt_server import BtServer
 from flexbt_server.node.parameters import declare_parameters
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
-from flexbt_testing.ros.server_world import INTERFACES, Client, Navigation, document, until
+from flexbt_testing.ros.server_world import Client, Navigation, document, until
 
 Result = BtExecute.Result
 ACTIONS = {names.BT_LOADER, names.BT_EXECUTOR, names.BT_GET_DATA, names.BT_SET_DATA}
@@ -67,7 +67,7 @@ class Managed:
 
 @contextlib.contextmanager
 def managed(**parameters: Any) -> Iterator[Managed]:
-    chosen = INTERFACES | {'server_timeout': 10.0, 'autostart': False} | parameters
+    chosen = {'server_timeout': 10.0, 'autostart': False} | parameters
     with (
         NodeRuntime.open('navigation') as navigation,
         NodeRuntime.open(names.BT_SERVER, parameters=chosen, node_class=ManagedNode) as server,

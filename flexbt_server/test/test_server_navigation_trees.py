@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
 from flexbt_common.runtime import names
-from flexbt_msgs.action import BtExecute, ComputePathToPose, FollowPath, Spin
+from flexbt_msgs.action import BtExecute
 from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose, until
 
 Result = BtExecute.Result

@@ -9,10 +9,10 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from nav2_msgs.action import FollowPath
 from nav_msgs.msg import Path
 
 from flexbt_common.calls.action_call import GoalStatus
-from flexbt_msgs.action import FollowPath
 from flexbt_sim.nodes.simulator_parameters import built_in_map
 from flexbt_sim.world.occupancy_map import load_map
 from flexbt_sim.world.robot import RobotLimits

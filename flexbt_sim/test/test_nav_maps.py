@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterator
 
 import numpy
 import pytest
+from nav2_msgs.action import ComputePathToPose, FollowPath
+from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 from nav_msgs.msg import OccupancyGrid, Path
 from numpy.typing import NDArray
 
 from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.runtime import names
-from flexbt_msgs.action import ComputePathToPose, FollowPath
 from flexbt_sim.nodes.ros_messages import grid_message, time_message
 from flexbt_sim.nodes.simulator_parameters import built_in_map
 from flexbt_sim.world.occupancy_map import OCCUPIED, UNKNOWN, OccupancyMap, load_map
@@ -22,7 +23,6 @@ from flexbt_testing.ros.sim_world import (
     DEADLINE,
     DOCK,
     FAST,
-    INTERFACES,
     OFFICE,
     Probe,
     aborted,
@@ -117,10 +117,10 @@ def test_the_same_map_again_and_cleared_costmaps_do_not_disturb_a_robot_that_dri
     goal = probe.follow(line(DOCK, (3.0, 4.45)))
     probe.wait_driving(0.25)
     before = len(probe.commands)
-    request = INTERFACES.ClearEntireCostmap.Request()
+    request = ClearEntireCostmap.Request()
     for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP) * 2:
         surveyor.publish()
-        probe.ask(INTERFACES.ClearEntireCostmap, name, request)
+        probe.ask(ClearEntireCostmap, name, request)
     probe.later(1.0)
     assert min(linear for linear, _ in probe.commands[before:]) > 0.24
     probe.set_speed_factor(10.0)
@@ -168,8 +168,8 @@ def test_a_map_that_cannot_be_used_leaves_the_one_before(surveyor: Surveyor, wro
 
 def valid(surveyor: Surveyor, path: Path) -> tuple[bool, list[int]]:
     """Whether a path is valid, and which of its poses are not."""
-    request = INTERFACES.IsPathValid.Request(path=path)
-    response = surveyor.probe.ask(INTERFACES.IsPathValid, names.IS_PATH_VALID, request)
+    request = IsPathValid.Request(path=path)
+    response = surveyor.probe.ask(IsPathValid, names.IS_PATH_VALID, request)
     return response.is_valid, list(response.invalid_pose_indices)
 
 

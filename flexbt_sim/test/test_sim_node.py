@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import Point, Pose, Transform
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -16,13 +17,16 @@ from rclpy.qos import qos_profile_sensor_data as LOSSY
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from flexbt_common.runtime import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_sim.nodes.ros_messages import map_of, pose_of, seconds_of
+from flexbt_sim.nodes.simulator import Simulator
 from flexbt_sim.nodes.simulator_parameters import built_in_map
 from flexbt_sim.world.occupancy_map import load_map
 from flexbt_sim.world.robot import RobotLimits
-from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, open_simulator
+from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
 
 LIMITS = RobotLimits()
 BRAKING = LIMITS.linear_speed / LIMITS.linear_acceleration
@@ -65,6 +69,32 @@ def test_odometry_tells_pose_and_speed_at_its_rate(simulator: Probe) -> None:
     took = seconds_of(last.header.stamp) - seconds_of(first.header.stamp)
     assert driven / took == pytest.approx(0.2, rel=0.02)
     assert took / 9 == pytest.approx(0.03, rel=0.2)
+
+
+def test_transforms_lead_from_the_map_to_the_lidar(simulator: Probe) -> None:
+    there = simulator.place(OFFICE)
+    moving = receive(simulator, TFMessage, names.TF)[-1].transforms
+    (lidar,) = receive(simulator, TFMessage, names.TF_STATIC, qos=names.latched())[0].transforms
+    frames = [(transform.header.frame_id, transform.child_frame_id) for transform in (*moving, lidar)]
+    assert frames == [('map', 'odom'), ('odom', 'base_link'), ('base_link', 'base_scan')]
+    drift, robot, mounting = (flat(transform.transform) for transform in (*moving, lidar))
+    assert drift == mounting == (0.0, 0.0, 0.0)
+    assert robot == pytest.approx(there[1:])
+    assert all(transform.header.stamp == moving[0].header.stamp for transform in moving)
+    assert seconds_of(moving[0].header.stamp) >= there.time
+
+
+def flat(transform: Transform) -> tuple[float, ...]:
+    """x, y, yaw of a transform: m, m, rad."""
+    place = Point(x=transform.translation.x, y=transform.translation.y)
+    return tuple(pose_of(Pose(position=place, orientation=transform.rotation)))
+
+
+def test_transforms_are_in_the_namespace_of_the_robot() -> None:
+    with NodeRuntime.open(names.SIMULATOR, namespace='/robot1') as runtime, open_probe() as probe:
+        Simulator(runtime)
+        for topic in (names.TF, names.TF_STATIC):
+            assert receive(probe, TFMessage, f'/robot1/{topic}', qos=names.latched() if 'static' in topic else LOSSY)
 
 
 def test_scans_show_the_walls_of_the_map(simulator: Probe) -> None:

@@ -42,7 +42,6 @@ def test_the_simulator_says_what_it_cannot_work_with(setting: str, said: list[st
     [
         ('robot_radius:=-0.2', ["'robot_radius'", '-0.2', '0.01']),
         ('xy_goal_tolerance:=0.0', ["'xy_goal_tolerance'", '0.0', '0.01']),
-        ('navigation_interfaces:=nav3', ["'navigation_interfaces'", "'nav3'", 'flexbt_msgs']),
         ('owner_nodes:=bt_server', ["'owner_nodes'", "['bt_server']"]),
     ],
 )

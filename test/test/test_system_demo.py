@@ -110,5 +110,5 @@ def test_a_process_that_dies_fails_the_demonstration_and_is_named(mark: str, tmp
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 1
     assert 'process navigation ended with signal 9' in output
-    assert 'ready, with the interfaces of' in output  # its last lines
+    assert '[navigation]: ready' in output  # its last lines
     assert marked(mark) == {}

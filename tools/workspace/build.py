@@ -52,7 +52,8 @@ class Build:
 
     def ensure(self, lock: int) -> None:
         """Builds what has to be. `lock` is held open by colcon. Raises CommandError when a package does not build."""
-        wanted = {package.name: self._fingerprint(package) for package in self._layout.packages()}
+        packages = [*self._layout.packages(), *self._stand_ins()]
+        wanted = {package.name: self._fingerprint(package) for package in packages}
         state = read_stamp(self._stamp)
         built: dict[str, Fingerprint] = dict(state.get('packages', {}))
         spoilt: set[str] = set(state.get('building', []))  # a killed compiler may have left half a file with a new date
@@ -75,11 +76,19 @@ class Build:
         self._write_underlay_setup()
         self._record({**built, **{name: wanted[name] for name in stale}}, building=[])
 
+    def _stand_ins(self) -> list[Package]:
+        """For the interfaces of others that the underlay lacks."""
+        if self._underlay.is_wheels:
+            return self._layout.stand_ins([self._venv.path])
+        prefixes = self._environment.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+        return self._layout.stand_ins(Path(prefix) for prefix in prefixes if prefix)
+
     def _colcon_build(self, names: list[str], lock: int) -> None:
         count = len(names)
         with step(f'build of {count} package{"s" if count > 1 else ""}') as shown:
             command: list[str | Path] = ['colcon', '--log-base', self._layout.log / 'colcon', 'build']
-            command += ['--base-paths', self._layout.root, '--event-handlers', 'console_cohesion+']
+            command += ['--base-paths', self._layout.root, *(package.path for package in self._stand_ins())]
+            command += ['--event-handlers', 'console_cohesion+']
             if not self._underlay.is_wheels:
                 command.append('--symlink-install')
             command += ['--packages-select', *names]

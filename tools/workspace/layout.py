@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,11 +73,27 @@ class Layout:
 
     def packages(self) -> list[Package]:
         """The ROS packages, by name: the directories directly below the root that have a package.xml."""
-        found = []
-        for manifest in sorted(self.root.glob('*/package.xml')):
-            text = manifest.read_text(encoding='utf-8')
-            name = _NAME.search(text)
-            build_type = _BUILD_TYPE.search(text)
-            if name and not (manifest.parent / 'COLCON_IGNORE').exists():
-                found.append(Package(name[1], manifest.parent, build_type[1] if build_type else 'ament_cmake'))
-        return found
+        return _packages_in(self.root)
+
+    def stand_ins(self, prefixes: Iterable[Path]) -> list[Package]:
+        """Those packages in underlay/, interfaces of others, that are installed under none of the prefixes.
+
+        A plain `colcon build` never sees them.
+        """
+        shares = [prefix / 'share' for prefix in prefixes]
+        return [
+            package
+            for package in _packages_in(self.root / 'underlay')
+            if not any((share / package.name / 'package.xml').exists() for share in shares)
+        ]
+
+
+def _packages_in(directory: Path) -> list[Package]:
+    found = []
+    for manifest in sorted(directory.glob('*/package.xml')):
+        text = manifest.read_text(encoding='utf-8')
+        name = _NAME.search(text)
+        build_type = _BUILD_TYPE.search(text)
+        if name and not (manifest.parent / 'COLCON_IGNORE').exists():
+            found.append(Package(name[1], manifest.parent, build_type[1] if build_type else 'ament_cmake'))
+    return found

@@ -55,6 +55,7 @@ ODOM: Final = 'odom'
 CLOCK: Final = '/clock'
 POSE: Final = 'pose'
 TF: Final = 'tf'
+TF_STATIC: Final = 'tf_static'
 CMD_VEL: Final = 'cmd_vel'
 INITIAL_POSE: Final = 'initialpose'
 RESET: Final = 'reset'
@@ -71,9 +72,6 @@ CLEAR_GLOBAL_COSTMAP: Final = 'global_costmap/clear_entirely_global_costmap'
 CLEAR_LOCAL_COSTMAP: Final = 'local_costmap/clear_entirely_local_costmap'
 IS_PATH_VALID: Final = 'is_path_valid'
 PLAN: Final = 'plan'
-
-# Parameter that the leaves and the navigation servers have in common
-NAVIGATION_INTERFACES: Final = 'navigation_interfaces'
 
 
 def alive_topic(node_name: str) -> str:

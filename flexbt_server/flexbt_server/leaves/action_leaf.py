@@ -97,12 +97,13 @@ class _LeafGoal:
 class ActionLeaf(StatefulAction):
     """Base of leaves that send a goal. A subclass says which action, and how ports and goal correspond.
 
-    ``default_server`` is the name of the action when the port ``server_name`` is not given. ``ports`` of a subclass has
-    to contain :data:`ACTION_PORTS`.
+    ``action_type`` is the type of the action, ``default_server`` its name when the port ``server_name`` is not given.
+    ``ports`` of a subclass has to contain :data:`ACTION_PORTS`.
     """
 
     __slots__ = ('_goal', '_superseded', '_waiting')
 
+    action_type: ClassVar[type[Any]]
     default_server: ClassVar[str] = ''
     ports: ClassVar[Mapping[str, Port]] = ACTION_PORTS
 
@@ -113,10 +114,6 @@ class ActionLeaf(StatefulAction):
         self._waiting = False
 
     # -- what a subclass says ----------------------------------------------------------------------------------------
-
-    @abstractmethod
-    def action_type(self) -> type[Any]:
-        """The type of the action."""
 
     @abstractmethod
     def make_goal(self) -> Any:
@@ -186,7 +183,7 @@ class ActionLeaf(StatefulAction):
         host = self.host
         milliseconds = self.get_input_or('server_timeout', None)
         timeout = host.server_timeout if milliseconds is None else milliseconds / 1000.0
-        self._goal = _LeafGoal(self, host.actions.link(self.action_type(), self.action_name), goal, timeout)
+        self._goal = _LeafGoal(self, host.actions.link(self.action_type, self.action_name), goal, timeout)
 
     def _give_up_all(self) -> None:
         for goal in (*self._superseded, self._goal):
@@ -203,7 +200,7 @@ class ActionLeaf(StatefulAction):
             self.set_output('error_msg', '')
             return self.on_success(outcome.result)
         self._give_up_all()
-        code = int(getattr(outcome.result, 'error_code', 0) or getattr(self.action_type().Result, 'UNKNOWN', 0))
+        code = int(getattr(outcome.result, 'error_code', 0) or getattr(self.action_type.Result, 'UNKNOWN', 0))
         told = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
         reason = told or outcome.reason
         if outcome.status is GoalStatus.CANCELED:

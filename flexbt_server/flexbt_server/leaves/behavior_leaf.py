@@ -28,6 +28,7 @@ class ExecuteBehavior(ActionLeaf):
 
     __slots__ = ()
 
+    action_type = action.ExecuteBehavior
     default_server = names.EXECUTE_BEHAVIOR
     ports = ACTION_PORTS | {
         'behavior': input_port(STRING, description='name of the behavior'),
@@ -43,10 +44,6 @@ class ExecuteBehavior(ActionLeaf):
         'outcome': output_port(STRING, description='outcome of the behavior; empty when it did not end by one'),
     }
 
-    def action_type(self) -> type[Any]:
-        found: type[Any] = action.ExecuteBehavior
-        return found
-
     def make_goal(self) -> Any:
         autonomy = int(self.get_input('autonomy'))
         if autonomy > HIGHEST_AUTONOMY:
@@ -61,7 +58,7 @@ class ExecuteBehavior(ActionLeaf):
         problems = [f'the blackboard has no value for {key!r}' for key in missing] + problems
         if problems:
             raise ValueError(f'port inputs: {"; ".join(problems)}')
-        return self.action_type().Goal(
+        return self.action_type.Goal(
             behavior=str(self.get_input('behavior')),
             arguments=arguments,
             inputs=entries,

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from flexbt_common.calls.action_call import ActionLinks
 from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.navigation_interfaces import NavigationInterfaces
 from flexbt_common.runtime.node_runtime import NodeRuntime
 
 from .topic_cache import TopicCaches
@@ -20,7 +19,6 @@ class LeafServices:
 
     ``runtime`` owns the node and the thread on which everything of rclpy happens; ``actions`` and ``services`` are
     the shared clients, ``topics`` the shared subscriptions, ``triggers`` the services that nodes of trees offer;
-    ``navigation`` are the types of the navigation actions;
     ``pose_topic`` is the topic of the robot's pose. ``server_timeout`` and ``cancel_timeout`` are the deadlines for
     acceptance and for the confirmation of a cancel, in seconds of wall time.
     """
@@ -30,7 +28,6 @@ class LeafServices:
     services: ServiceLinks
     topics: TopicCaches
     triggers: TriggerServices
-    navigation: NavigationInterfaces
     pose_topic: str
     server_timeout: float
     cancel_timeout: float

@@ -8,9 +8,10 @@ halts that ends every run; here a controller's tree may take the path from the b
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 from geometry_msgs.msg import Point, PoseStamped
+from nav2_msgs import action
 from nav_msgs.msg import Path
 
 from flexbt_common.calls.action_call import GoalOutcome
@@ -23,24 +24,12 @@ from .action_leaf import ACTION_PORTS, ActionLeaf
 from .ros_ports import PATH, POSE_STAMPED, POSES, duration
 
 
-class NavigationLeaf(ActionLeaf):
-    """An action leaf whose action is one of Nav2's: ``action`` is the name of its type."""
-
-    __slots__ = ()
-
-    action: ClassVar[str] = ''
-
-    def action_type(self) -> type[Any]:
-        action: type[Any] = getattr(self.host.navigation, self.action)
-        return action
-
-
-class ComputePathToPose(NavigationLeaf):
+class ComputePathToPose(ActionLeaf):
     """Plans a path to ``goal``, from the robot's pose or from ``start``."""
 
     __slots__ = ()
 
-    action = 'ComputePathToPose'
+    action_type = action.ComputePathToPose
     default_server = names.COMPUTE_PATH_TO_POSE
     ports = ACTION_PORTS | {
         'goal': input_port(POSE_STAMPED, description='where the path ends'),
@@ -52,7 +41,7 @@ class ComputePathToPose(NavigationLeaf):
 
     def make_goal(self) -> Any:
         start = self.get_input_or('start', None)
-        return self.action_type().Goal(
+        return self.action_type.Goal(
             goal=self.get_input('goal'),
             start=start or PoseStamped(),
             use_start=bool(self.get_input_or('use_start', start is not None)),
@@ -67,12 +56,12 @@ class ComputePathToPose(NavigationLeaf):
         self.set_output('path', Path())
 
 
-class ComputePathThroughPoses(NavigationLeaf):
+class ComputePathThroughPoses(ActionLeaf):
     """Plans a path through ``goals``, in their order."""
 
     __slots__ = ()
 
-    action = 'ComputePathThroughPoses'
+    action_type = action.ComputePathThroughPoses
     default_server = names.COMPUTE_PATH_THROUGH_POSES
     ports = ACTION_PORTS | {
         'goals': input_port(POSES, description='poses to pass; the last is where the path ends'),
@@ -83,7 +72,7 @@ class ComputePathThroughPoses(NavigationLeaf):
 
     def make_goal(self) -> Any:
         start = self.get_input_or('start', None)
-        return self.action_type().Goal(
+        return self.action_type.Goal(
             goals=list(self.get_input('goals')),
             start=start or PoseStamped(),
             use_start=start is not None,
@@ -98,12 +87,12 @@ class ComputePathThroughPoses(NavigationLeaf):
         self.set_output('path', Path())
 
 
-class FollowPath(NavigationLeaf):
+class FollowPath(ActionLeaf):
     """Drives along ``path``. A new path or another controller on the blackboard replaces the goal without a stop."""
 
     __slots__ = ('_sent',)
 
-    action = 'FollowPath'
+    action_type = action.FollowPath
     default_server = names.FOLLOW_PATH
     ports = ACTION_PORTS | {
         'path': input_port(PATH, description='the path to follow'),
@@ -119,7 +108,7 @@ class FollowPath(NavigationLeaf):
     def make_goal(self) -> Any:
         self._sent = self._wanted()
         path, controller, goal_checker, progress_checker = self._sent
-        return self.action_type().Goal(
+        return self.action_type.Goal(
             path=path, controller_id=controller, goal_checker_id=goal_checker, progress_checker_id=progress_checker
         )
 
@@ -135,7 +124,7 @@ class FollowPath(NavigationLeaf):
         return (self.get_input('path'), *(str(self.get_input_or(port, '')) for port in inputs))
 
 
-class _Recovery(NavigationLeaf):
+class _Recovery(ActionLeaf):
     """A leaf that counts as a recovery when it starts, in the blackboard key ``number_recoveries``."""
 
     __slots__ = ()
@@ -164,7 +153,7 @@ class Spin(_Recovery):
 
     __slots__ = ()
 
-    action = 'Spin'
+    action_type = action.Spin
     default_server = names.SPIN
     ports = ACTION_PORTS | {
         'spin_dist': input_port(DOUBLE, default='1.57', description='angle, rad, positive to the left'),
@@ -176,7 +165,7 @@ class Spin(_Recovery):
         return bool(self.get_input('is_recovery'))
 
     def make_goal(self) -> Any:
-        return self.action_type().Goal(
+        return self.action_type.Goal(
             target_yaw=float(self.get_input('spin_dist')),
             time_allowance=duration(self.get_input('time_allowance')),
         )
@@ -187,7 +176,7 @@ class BackUp(_Recovery):
 
     __slots__ = ()
 
-    action = 'BackUp'
+    action_type = action.BackUp
     default_server = names.BACKUP
     ports = ACTION_PORTS | {
         'backup_dist': input_port(DOUBLE, default='0.15', description='distance, m'),
@@ -196,19 +185,19 @@ class BackUp(_Recovery):
     }
 
     def make_goal(self) -> Any:
-        return self.action_type().Goal(
+        return self.action_type.Goal(
             target=Point(x=float(self.get_input('backup_dist'))),
             speed=float(self.get_input('backup_speed')),
             time_allowance=duration(self.get_input('time_allowance')),
         )
 
 
-class DriveOnHeading(NavigationLeaf):
+class DriveOnHeading(ActionLeaf):
     """Drives straight on by ``dist_to_travel``."""
 
     __slots__ = ()
 
-    action = 'DriveOnHeading'
+    action_type = action.DriveOnHeading
     default_server = names.DRIVE_ON_HEADING
     ports = ACTION_PORTS | {
         'dist_to_travel': input_port(DOUBLE, default='0.15', description='distance, m; negative is backward'),
@@ -217,7 +206,7 @@ class DriveOnHeading(NavigationLeaf):
     }
 
     def make_goal(self) -> Any:
-        return self.action_type().Goal(
+        return self.action_type.Goal(
             target=Point(x=float(self.get_input('dist_to_travel'))),
             speed=float(self.get_input('speed')),
             time_allowance=duration(self.get_input('time_allowance')),
@@ -229,7 +218,7 @@ class Wait(_Recovery):
 
     __slots__ = ()
 
-    action = 'Wait'
+    action_type = action.Wait
     default_server = names.WAIT
     ports = ACTION_PORTS | {
         'wait_duration': input_port(DOUBLE, default='1.0', description='how long, s'),
@@ -239,4 +228,4 @@ class Wait(_Recovery):
         seconds = float(self.get_input('wait_duration'))
         if not (math.isfinite(seconds) and seconds > 0):
             raise ValueError(f'wait_duration has to be positive, not {seconds}')
-        return self.action_type().Goal(time=duration(seconds))
+        return self.action_type.Goal(time=duration(seconds))

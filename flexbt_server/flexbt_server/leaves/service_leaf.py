@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 from action_msgs.srv import CancelGoal
+from nav2_msgs import srv
 from nav_msgs.msg import Path
 
 from flexbt_common.calls.service_call import ServiceCall
@@ -31,20 +32,20 @@ SERVICE_PORTS: Final[dict[str, Port]] = {
 
 
 class ServiceLeaf(StatefulAction):
-    """Base of leaves that ask a service. ``ports`` of a subclass has to contain :data:`SERVICE_PORTS`."""
+    """Base of leaves that ask a service, of type ``service_type``.
+
+    ``ports`` of a subclass has to contain :data:`SERVICE_PORTS`.
+    """
 
     __slots__ = ('_call',)
 
+    service_type: ClassVar[type[Any]]
     default_service: ClassVar[str] = ''
     ports: ClassVar[Mapping[str, Port]] = SERVICE_PORTS
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._call: ServiceCall | None = None
-
-    @abstractmethod
-    def service_type(self) -> type[Any]:
-        """The type of the service."""
 
     @abstractmethod
     def make_request(self) -> Any:
@@ -73,7 +74,7 @@ class ServiceLeaf(StatefulAction):
         milliseconds = self.get_input_or('server_timeout', None)
         timeout = self.host.server_timeout if milliseconds is None else milliseconds / 1000.0
         self._call = ServiceCall(
-            self.host.services.link(self.service_type(), self.service_name),
+            self.host.services.link(self.service_type, self.service_name),
             request,
             on_done=lambda outcome: self.wake(),
             server_timeout=timeout,
@@ -101,15 +102,12 @@ class ClearEntireCostmap(ServiceLeaf):
 
     __slots__ = ()
 
+    service_type = srv.ClearEntireCostmap
     default_service = names.CLEAR_GLOBAL_COSTMAP
-
-    def service_type(self) -> type[Any]:
-        service: type[Any] = self.host.navigation.ClearEntireCostmap
-        return service
 
     def make_request(self) -> Any:
         count_recovery(self.blackboard)
-        return self.service_type().Request()
+        return self.service_type.Request()
 
 
 class IsPathValid(ServiceLeaf):
@@ -117,15 +115,12 @@ class IsPathValid(ServiceLeaf):
 
     __slots__ = ()
 
+    service_type = srv.IsPathValid
     default_service = names.IS_PATH_VALID
     ports = SERVICE_PORTS | {'path': input_port(PATH, optional=True, description='the path to check')}
 
-    def service_type(self) -> type[Any]:
-        service: type[Any] = self.host.navigation.IsPathValid
-        return service
-
     def make_request(self) -> Any:
-        return self.service_type().Request(path=self.get_input_or('path', Path()))
+        return self.service_type.Request(path=self.get_input_or('path', Path()))
 
     def on_response(self, response: Any) -> NodeStatus:
         return NodeStatus.SUCCESS if response.is_valid else self.fail('the path is not valid')
@@ -136,12 +131,9 @@ class CancelAction(ServiceLeaf):
 
     __slots__ = ()
 
+    service_type = CancelGoal
     ports = SERVER_PORTS
     default_action: ClassVar[str] = ''
-
-    def service_type(self) -> type[Any]:
-        service: type[Any] = CancelGoal
-        return service
 
     @property
     def service_name(self) -> str:

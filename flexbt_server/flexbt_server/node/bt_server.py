@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 from concurrent.futures import ThreadPoolExecutor, wait
 
-from flexbt_common import navigation_interfaces
 from flexbt_common.calls.action_call import ActionLinks
 from flexbt_common.calls.goal_admission import GoalGate
 from flexbt_common.calls.service_call import ServiceLinks
@@ -68,7 +67,6 @@ class BtServer:
             services=ServiceLinks(runtime),
             topics=TopicCaches(runtime),
             triggers=TriggerServices(runtime),
-            navigation=navigation_interfaces.load(parameters.navigation_interfaces),
             pose_topic=parameters.pose_topic,
             server_timeout=parameters.server_timeout,
             cancel_timeout=parameters.cancel_timeout,

@@ -12,7 +12,6 @@ from rclpy.node import Node
 
 from flexbt_common.cli.user_files import home_path
 from flexbt_common.lifecycle import parameters
-from flexbt_common.navigation_interfaces import CHOICES
 from flexbt_common.runtime import names
 from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS, Dialect
 from flexbt_core.behavior_tree.xml.parser import MAX_BYTES, MAX_DEPTH
@@ -35,7 +34,6 @@ class ServerParameters:
     default_tree: str
     preload: tuple[str, ...]
     allowed_directories: tuple[Path, ...]
-    navigation_interfaces: str
     nav2_dialect: Dialect
     tick_rate: float
     feedback_rate: float
@@ -85,17 +83,6 @@ def declare_parameters(node: Node) -> ServerParameters:
     for directory in directories:
         if not directory.is_absolute():
             raise ServerParameterError(f"parameter 'allowed_directories': {directory} is not an absolute path")
-    interfaces = str(
-        declare(
-            names.NAVIGATION_INTERFACES,
-            'auto',
-            f'package of the navigation actions: {", ".join(CHOICES)} (auto: nav2_msgs where installed)',
-        )
-    )
-    if interfaces not in CHOICES:
-        raise ServerParameterError(
-            f"parameter '{names.NAVIGATION_INTERFACES}': {interfaces!r} is not one of {', '.join(CHOICES)}"
-        )
     written = str(declare('nav2_dialect', 'jazzy', f'branch of Nav2 whose trees are run: {", ".join(DIALECTS)}'))
     dialect = next((known for known in DIALECTS if known == written), None)
     if dialect is None:
@@ -108,7 +95,6 @@ def declare_parameters(node: Node) -> ServerParameters:
         default_tree=str(declare('default_tree', '', 'tree of a goal that names none: ID or package/path.xml')),
         preload=strings('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
         allowed_directories=directories,
-        navigation_interfaces=interfaces,
         nav2_dialect=dialect,
         tick_rate=real(
             'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'

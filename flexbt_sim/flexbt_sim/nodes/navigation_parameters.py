@@ -18,7 +18,6 @@ from .parameters import ParameterDeclarer
 class NavigationParameters:
     """Values of the parameters; see :func:`declare_parameters` for meaning and unit."""
 
-    interfaces: str
     owner_nodes: tuple[str, ...]
     planner_ids: tuple[str, ...]
     controller_ids: tuple[str, ...]
@@ -43,9 +42,6 @@ def declare_parameters(node: Node) -> NavigationParameters:
     declare = ParameterDeclarer(node)
     inflation, follower = Inflation(), FollowerLimits()
     return NavigationParameters(
-        interfaces=declare.text(
-            names.NAVIGATION_INTERFACES, 'auto', 'package of the actions: auto, nav2_msgs, flexbt_msgs'
-        ),
         owner_nodes=declare.texts(
             'owner_nodes', [names.BT_SERVER], 'nodes whose death cancels every goal; [""] for none'
         ),

@@ -12,7 +12,9 @@ import sys
 from functools import partial
 from typing import Any
 
-from flexbt_common import navigation_interfaces
+from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
+from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
+
 from flexbt_common.liveness.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
@@ -41,56 +43,55 @@ class Navigation:
         """
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_parameters(runtime.node))
-        self._types = navigation_interfaces.load(self._parameters.interfaces)
         runtime.call(self._serve)
         self._watches = [
             LivelinessWatch(runtime, owner, partial(self._on_owner, owner)) for owner in self._parameters.owner_nodes
         ]
         runtime.on_close(self._close)
         LivelinessToken(runtime).set_ready(True)
-        runtime.node.get_logger().info(f'ready, with the interfaces of {self._types.package}')
+        runtime.node.get_logger().info('ready')
 
     def _serve(self) -> None:
-        runtime, types = self._runtime, self._types
+        runtime = self._runtime
         self._robot = RobotInterface(runtime, self._parameters)
         self._arbiter = MotionArbiter(runtime, self._robot, self._parameters.pose_timeout)
-        PlannerServer(runtime, self._parameters, types, self._robot)
+        PlannerServer(runtime, self._parameters, self._robot)
         motions = (
             (
-                types.FollowPath,
+                FollowPath,
                 names.FOLLOW_PATH,
                 self._follow,
-                lambda motion: types.FollowPath.Feedback(
+                lambda motion: FollowPath.Feedback(
                     distance_to_goal=float(motion.distance_to_goal), speed=float(motion.speed)
                 ),
             ),
             (
-                types.Spin,
+                Spin,
                 names.SPIN,
                 lambda request: SpinMotion(
                     finite(request.target_yaw, 'target_yaw'), seconds_of(request.time_allowance)
                 ),
-                lambda motion: types.Spin.Feedback(angular_distance_traveled=float(motion.turned)),
+                lambda motion: Spin.Feedback(angular_distance_traveled=float(motion.turned)),
             ),
             (
-                types.BackUp,
+                BackUp,
                 names.BACKUP,
                 self._back_up,
-                lambda motion: types.BackUp.Feedback(distance_traveled=float(motion.driven)),
+                lambda motion: BackUp.Feedback(distance_traveled=float(motion.driven)),
             ),
             (
-                types.DriveOnHeading,
+                DriveOnHeading,
                 names.DRIVE_ON_HEADING,
                 self._drive,
-                lambda motion: types.DriveOnHeading.Feedback(distance_traveled=float(motion.driven)),
+                lambda motion: DriveOnHeading.Feedback(distance_traveled=float(motion.driven)),
             ),
         )
         for action_type, name, make, feedback in motions:
             MotionServer(runtime, self._arbiter, action_type, name, make, feedback)
-        self._waits = WaitServer(runtime, types.Wait)
+        self._waits = WaitServer(runtime)
         for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP):
-            runtime.node.create_service(types.ClearEntireCostmap, name, self._clear)
-        runtime.node.create_service(types.IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
+            runtime.node.create_service(ClearEntireCostmap, name, self._clear)
+        runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
     # -- motions -----------------------------------------------------------------------------------------------------
 
@@ -146,8 +147,7 @@ class Navigation:
         nearest = min(range(len(poses)), key=lambda index: here.distance(poses[index]))
         invalid = [index for index in range(nearest, len(poses)) if costmap.in_collision(poses[index])]
         response.is_valid = not invalid
-        if hasattr(response, 'invalid_pose_indices'):
-            response.invalid_pose_indices = invalid
+        response.invalid_pose_indices = invalid
         return response
 
     # -- the end of everything ---------------------------------------------------------------------------------------

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol
 
+from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
 from nav_msgs.msg import Path
 
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.navigation_interfaces import NavigationInterfaces
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError
@@ -38,7 +38,6 @@ class PlannerServer:
         self,
         runtime: NodeRuntime,
         parameters: NavigationParameters,
-        interfaces: NavigationInterfaces,
         robot: RobotInterface,
     ) -> None:
         self._runtime = runtime
@@ -49,8 +48,8 @@ class PlannerServer:
         self._plan_topic = runtime.node.create_publisher(Path, names.PLAN, 1)
         runtime.on_close(lambda: self._pool.shutdown(wait=False, cancel_futures=True))
         actions = (
-            (interfaces.ComputePathToPose, names.COMPUTE_PATH_TO_POSE, lambda request: [request.goal]),
-            (interfaces.ComputePathThroughPoses, names.COMPUTE_PATH_THROUGH_POSES, lambda request: list(request.goals)),
+            (ComputePathToPose, names.COMPUTE_PATH_TO_POSE, lambda request: [request.goal]),
+            (ComputePathThroughPoses, names.COMPUTE_PATH_THROUGH_POSES, lambda request: list(request.goals)),
         )
         for action_type, name, goals_of in actions:
             self._serve(action_type, name, goals_of)

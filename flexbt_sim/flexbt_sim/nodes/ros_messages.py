@@ -10,7 +10,7 @@ from typing import Any
 import numpy
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, Quaternion, Twist
+from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, Twist
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 
 from flexbt_sim.errors import SimulationError
@@ -54,6 +54,15 @@ def stamped(pose: Pose, frame: str, stamp: Time) -> PoseStamped:
     message = PoseStamped(pose=pose_message(pose))
     message.header.frame_id = frame
     message.header.stamp = stamp
+    return message
+
+
+def transform(parent: str, child: str, pose: Pose, stamp: Time) -> TransformStamped:
+    """Where a frame is in another at a time."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id, message.header.stamp = parent, stamp
+    message.transform.translation.x, message.transform.translation.y = float(pose.x), float(pose.y)
+    message.transform.rotation = quaternion(pose.yaw)
     return message
 
 

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The node ``simulator``: a robot on a map, and the clock of everything that runs with it.
 
-Publishes map, /clock, odom, pose, scan, and tf where tf2_msgs is installed; takes cmd_vel, initialpose and reset. The
-odometry is perfect: the frame odom coincides with the map.
+Publishes map, /clock, odom, pose, scan, tf and tf_static; takes cmd_vel, initialpose and reset. The odometry is
+perfect: the frame odom coincides with the map. The lidar is at the centre of the robot. As with Nav2, the topics of the
+transforms are in the namespace of the robot.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 import threading
 from collections.abc import Iterator
 from typing import Any, Final
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
@@ -21,6 +21,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from flexbt_common.liveness.liveliness import LivelinessToken
 from flexbt_common.runtime import names
@@ -33,7 +34,7 @@ from flexbt_sim.world.pacing import Pacer
 from flexbt_sim.world.placement import check_place
 from flexbt_sim.world.robot import Robot
 
-from .ros_messages import grid_message, pose_message, pose_of, quaternion, stamped, time_message
+from .ros_messages import grid_message, pose_message, pose_of, stamped, time_message, transform
 from .simulator_parameters import SPEED_FACTOR, declare_parameters
 
 STEP: Final = 0.01
@@ -86,18 +87,17 @@ class Simulator:
         self._pose = node.create_publisher(PoseStamped, names.POSE, 10)
         self._scan = node.create_publisher(LaserScan, names.SCAN, qos_profile_sensor_data)
         self._map = node.create_publisher(OccupancyGrid, names.MAP, names.latched())
-        self._tf_message, self._tf = None, None
-        if importlib.util.find_spec('tf2_msgs') is not None:
-            from tf2_msgs.msg import TFMessage
-
-            self._tf_message = TFMessage
-            self._tf = node.create_publisher(TFMessage, names.TF, 100)
+        self._tf = node.create_publisher(TFMessage, names.TF, 100)
+        self._tf_static = node.create_publisher(TFMessage, names.TF_STATIC, names.latched())
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         node.create_subscription(command_type, parameters.cmd_vel_topic, self._on_command, 1)
         node.create_subscription(PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_initial_pose, 1)
         node.create_service(Trigger, names.RESET, self._on_reset)
         node.add_on_set_parameters_callback(self._on_parameters)
-        self._map.publish(grid_message(self._world, parameters.map_frame, time_message(0.0)))
+        start = time_message(0.0)
+        self._map.publish(grid_message(self._world, parameters.map_frame, start))
+        lidar = transform(parameters.base_frame, parameters.scan_frame, Pose(0.0, 0.0, 0.0), start)
+        self._tf_static.publish(TFMessage(transforms=[lidar]))
 
     @property
     def now(self) -> float:
@@ -193,22 +193,10 @@ class Simulator:
             odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = float(linear), float(angular)
             yield self._odom, odometry
         yield self._pose, stamped(pose, parameters.map_frame, stamp)
-        if self._tf is not None and self._tf_message is not None:
-            frames = (
-                (parameters.map_frame, parameters.odom_frame, Pose(0.0, 0.0, 0.0)),
-                (parameters.odom_frame, parameters.base_frame, pose),
-            )
-            transforms = []
-            for parent, child, relative in frames:
-                transform = TransformStamped(child_frame_id=child)
-                transform.header.frame_id, transform.header.stamp = parent, stamp
-                transform.transform.translation.x, transform.transform.translation.y = (
-                    float(relative.x),
-                    float(relative.y),
-                )
-                transform.transform.rotation = quaternion(relative.yaw)
-                transforms.append(transform)
-            yield self._tf, self._tf_message(transforms=transforms)
+        if self._tf.get_subscription_count():
+            drift = transform(parameters.map_frame, parameters.odom_frame, Pose(0.0, 0.0, 0.0), stamp)
+            robot = transform(parameters.odom_frame, parameters.base_frame, pose, stamp)
+            yield self._tf, TFMessage(transforms=[drift, robot])
 
     def _scan_messages(self, pose: Pose) -> Iterator[tuple[Any, Any]]:
         model = self._lidar.model

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Final
+
+from nav2_msgs.action import Wait
 
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime import names
@@ -29,11 +31,10 @@ class _Waiting:
 class WaitServer:
     """On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, action_type: Any) -> None:
+    def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
-        self._action_type = action_type
         self._waiting: dict[bytes, _Waiting] = {}
-        server = GoalServer(runtime, action_type, names.WAIT, self._serve, lambda goal: self._end(goal.id, CANCELED))
+        server = GoalServer(runtime, Wait, names.WAIT, self._serve, lambda goal: self._end(goal.id, CANCELED))
         runtime.on_close(lambda: runtime.call(server.close))
 
     @property
@@ -60,13 +61,13 @@ class WaitServer:
             return
         waiting.alarm.cancel()
         elapsed = duration_message(max(0.0, self._runtime.clock.now() - waiting.began))
-        finish(waiting.goal, self._action_type.Result(total_elapsed_time=elapsed), end)
+        finish(waiting.goal, Wait.Result(total_elapsed_time=elapsed), end)
 
     def _tell_time_left(self, goal: ServedGoal, until: float) -> None:
         if not goal.active:
             return
         clock = self._runtime.clock
         now = clock.now()
-        goal.publish_feedback(self._action_type.Feedback(time_left=duration_message(max(0.0, until - now))))
+        goal.publish_feedback(Wait.Feedback(time_left=duration_message(max(0.0, until - now))))
         if now + FEEDBACK_SECONDS < until:
             clock.call_at(now + FEEDBACK_SECONDS, partial(self._tell_time_left, goal, until))

@@ -8,12 +8,12 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from nav2_msgs.action import Wait
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
 from flexbt_common.runtime.names import deep_action_services
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
-from flexbt_msgs.action import Wait
 
 
 class ScriptedServer:

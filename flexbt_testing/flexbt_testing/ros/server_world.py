@@ -11,6 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
+from nav2_msgs.action import (
+    BackUp,
+    ComputePathThroughPoses,
+    ComputePathToPose,
+    DriveOnHeading,
+    FollowPath,
+    Spin,
+    Wait,
+)
+from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
@@ -19,24 +29,10 @@ from flexbt_common.calls.sent_goal import SentGoal
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding, to_entry
-from flexbt_msgs.action import (
-    BackUp,
-    BtExecute,
-    BtGetData,
-    BtLoad,
-    BtSetData,
-    ComputePathThroughPoses,
-    ComputePathToPose,
-    DriveOnHeading,
-    FollowPath,
-    Spin,
-    Wait,
-)
-from flexbt_msgs.srv import ClearEntireCostmap, IsPathValid
+from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_server.node.bt_server import BtServer
 
 DEADLINE = 20.0
-INTERFACES = {'navigation_interfaces': 'flexbt_msgs'}
 
 
 def until(condition: Callable[[], Any], what: str = 'the condition', timeout: float = DEADLINE) -> None:
@@ -254,7 +250,7 @@ def open_world(**parameters: Any) -> Iterator[World]:
     """A server with these parameters, navigation and client."""
     with (
         NodeRuntime.open('navigation') as navigation,
-        NodeRuntime.open('bt_server', parameters=INTERFACES | {'server_timeout': 10.0} | parameters) as server,
+        NodeRuntime.open('bt_server', parameters={'server_timeout': 10.0} | parameters) as server,
         NodeRuntime.open('client') as client,
     ):
         yield World(server, navigation, client)

@@ -12,12 +12,20 @@ from itertools import pairwise, takewhile
 from typing import Any, NamedTuple, TypeVar
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from nav2_msgs.action import (
+    BackUp,
+    ComputePathThroughPoses,
+    ComputePathToPose,
+    DriveOnHeading,
+    FollowPath,
+    Spin,
+    Wait,
+)
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 
-from flexbt_common import navigation_interfaces
 from flexbt_common.calls.action_call import ActionLinks, GoalStatus
 from flexbt_common.calls.sent_goal import SentGoal
 from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
@@ -30,7 +38,6 @@ from flexbt_sim.nodes.simulator import Simulator
 T = TypeVar('T')
 
 DEADLINE = 20.0
-INTERFACES = navigation_interfaces.load('flexbt_msgs')
 
 DOCK = (0.8, 4.45, 0.0)
 """Where the robot starts: at the west end of the corridor, heading along it."""
@@ -38,13 +45,13 @@ DOCK = (0.8, 4.45, 0.0)
 OFFICE = (3.8, 1.2, -1.57)
 
 ACTIONS = {
-    names.COMPUTE_PATH_TO_POSE: INTERFACES.ComputePathToPose,
-    names.COMPUTE_PATH_THROUGH_POSES: INTERFACES.ComputePathThroughPoses,
-    names.FOLLOW_PATH: INTERFACES.FollowPath,
-    names.SPIN: INTERFACES.Spin,
-    names.BACKUP: INTERFACES.BackUp,
-    names.DRIVE_ON_HEADING: INTERFACES.DriveOnHeading,
-    names.WAIT: INTERFACES.Wait,
+    names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
+    names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
+    names.FOLLOW_PATH: FollowPath,
+    names.SPIN: Spin,
+    names.BACKUP: BackUp,
+    names.DRIVE_ON_HEADING: DriveOnHeading,
+    names.WAIT: Wait,
 }
 
 
@@ -252,7 +259,7 @@ def open_simulator(**parameters: Any) -> Iterator[Probe]:
 @contextlib.contextmanager
 def open_navigation(**parameters: Any) -> Iterator[NodeRuntime]:
     """Navigation servers on simulated time."""
-    settings = {'use_sim_time': True, names.NAVIGATION_INTERFACES: 'flexbt_msgs'} | parameters
+    settings = {'use_sim_time': True} | parameters
     with without_faults(names.NAVIGATION, parameters=settings) as runtime:
         Navigation(runtime)
         yield runtime
