@@ -24,7 +24,7 @@ from typing import Any, Final
 
 import _figures
 
-from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.clock import SteadyClock
 from flexbt_core.state_machine import (
     Autonomy,
     Decision,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node's clock: alarms in real and in simulated time, and jumps of the latter."""
+"""The node's clock: timers in real and in simulated time, and jumps of the latter."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import ManualClock, Timer
-from flexbt_core.clock.wake_event import Bell
+from flexbt_core.clock import ManualClock, Timer, WakeEvent
 
 DEADLINE = 20.0
 
@@ -56,13 +55,13 @@ def settled(runtime: NodeRuntime) -> None:
     runtime.call(lambda: None)
 
 
-def test_alarms_come_in_order_and_not_early() -> None:
+def test_timers_come_in_order_and_not_early() -> None:
     with NodeRuntime.open('real') as runtime:
         clock, done, seen = runtime.clock, threading.Event(), []
         start = clock.now()
         times = [0.05, 0.01, 0.03, 0.01, -1.0, 0.0]
 
-        def alarm(offset: float) -> Callable[[], None]:
+        def timer(offset: float) -> Callable[[], None]:
             def ring() -> None:
                 assert clock.now() >= start + offset
                 assert runtime.on_executor_thread
@@ -73,13 +72,13 @@ def test_alarms_come_in_order_and_not_early() -> None:
             return ring
 
         for offset in times:
-            clock.call_at(start + offset, alarm(offset))
+            clock.call_at(start + offset, timer(offset))
         assert done.wait(DEADLINE)
         assert seen[-3:] == [0.01, 0.03, 0.05] or sorted(seen) == sorted(times)
         assert len(seen) == len(times)
 
 
-def test_a_canceled_alarm_does_not_come() -> None:
+def test_a_canceled_timer_does_not_come() -> None:
     with NodeRuntime.open('cancel') as runtime:
         clock, done, seen = runtime.clock, threading.Event(), []
         first: Timer = clock.call_at(clock.now() + 0.02, lambda: seen.append('canceled'))
@@ -90,7 +89,7 @@ def test_a_canceled_alarm_does_not_come() -> None:
         assert seen == []
 
 
-def test_alarms_from_many_threads_all_come() -> None:
+def test_timers_from_many_threads_all_come() -> None:
     with NodeRuntime.open('threads') as runtime:
         clock, seen, done = runtime.clock, [], threading.Event()
 
@@ -118,7 +117,7 @@ def test_who_sleeps_for_a_short_time_needs_no_executor() -> None:
 
         def sleep() -> None:
             until = runtime.clock.now() + 0.05
-            Bell().wait(runtime.clock, until)
+            WakeEvent().wait(runtime.clock, until)
             assert runtime.clock.now() >= until
             woken.set()
 
@@ -134,16 +133,16 @@ def test_a_ring_ends_a_short_sleep() -> None:
         def wall_seconds(self, when: float) -> float | None:
             return 0.01
 
-    bell, woken = Bell(), threading.Event()
+    wake_event, woken = WakeEvent(), threading.Event()
 
     def sleep() -> None:
-        bell.wait(NeverQuite(), 1.0)
+        wake_event.wait(NeverQuite(), 1.0)
         woken.set()
 
     sleeper = threading.Thread(target=sleep, daemon=True)
     sleeper.start()
     assert not woken.wait(0.1)
-    bell.ring()
+    wake_event.set()
     assert woken.wait(DEADLINE)
     sleeper.join()
 
@@ -154,7 +153,7 @@ def test_who_sleeps_in_simulated_time_wakes_by_it(simulation: Simulation) -> Non
     woken = threading.Event()
 
     def sleep() -> None:
-        Bell().wait(clock, 100.2)
+        WakeEvent().wait(clock, 100.2)
         woken.set()
 
     sleeper = threading.Thread(target=sleep, daemon=True)
@@ -177,7 +176,7 @@ def test_infinity_is_never_due_and_nan_is_refused() -> None:
         assert not seen
 
 
-def test_simulated_time_moves_the_alarms(simulation: Simulation) -> None:
+def test_simulated_time_moves_the_timers(simulation: Simulation) -> None:
     simulation.set(100.0)
     clock, rung = simulation.runtime.clock, threading.Event()
     assert clock.now() == 100.0
@@ -189,7 +188,7 @@ def test_simulated_time_moves_the_alarms(simulation: Simulation) -> None:
     assert rung.wait(DEADLINE)
 
 
-def test_simulated_time_that_stands_still_stops_the_alarms(simulation: Simulation) -> None:
+def test_simulated_time_that_stands_still_stops_the_timers(simulation: Simulation) -> None:
     simulation.set(5.0)
     rung = threading.Event()
     simulation.runtime.clock.call_at(5.01, rung.set)

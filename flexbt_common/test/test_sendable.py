@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 
 ANY_TEXT = st.text(st.characters(exclude_categories=()), max_size=40)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from flexbt_console.mirror import CommandState, Mirror, Transit
 from flexbt_console.mirror.records import AnswerCode, Command, CommandAnswer, CommandKind, Snapshot
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 
 def command(id: str) -> Command:

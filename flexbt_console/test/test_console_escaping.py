@@ -27,7 +27,7 @@ from flexbt_console.mirror.records import (
 )
 from flexbt_console.present import json_form, rendering
 from flexbt_console.ui.prompt.toolbar import cut, toolbar
-from flexbt_core.values.escaping import lines, one_line
+from flexbt_core.values import lines, one_line
 
 HOSTILE = st.one_of(
     st.text(max_size=30),

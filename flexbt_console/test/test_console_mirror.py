@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from flexbt_console.mirror import Change, LinkState, Mirror, Transit
 from flexbt_console.mirror.records import ActiveState, Behavior, BehaviorList, LogLine, Snapshot, Structure
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 
 def snapshot(executive: str, sequence: int, period: float = 1.0) -> Snapshot:

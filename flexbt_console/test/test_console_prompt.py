@@ -33,7 +33,7 @@ from flexbt_console.ui.prompt.session import Prompt
 from flexbt_console.ui.prompt.short_form import Bound, Local, interpret
 from flexbt_console.ui.prompt.shown_question import ShownQuestion
 from flexbt_console.ui.prompt.toolbar import toolbar
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
 ANOTHER = dataclasses.replace(TRANSITION, id='t2', path='/Other')

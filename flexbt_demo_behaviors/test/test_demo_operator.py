@@ -25,7 +25,7 @@ from flexbt_console.mirror.records import (
     Peer,
     Snapshot,
 )
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_demo_behaviors.report import DemoError, Timeline
 from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
 from flexbt_demo_behaviors.scripted_operator import ScriptedOperator

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from flexbt_common.runtime.resources import resolve_file
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values.nested_yaml import load_yaml
+from flexbt_core.values import load_yaml
 from flexbt_onboard.errors import ParameterError
 
 YAML_PREFIX: Final = '/YAML:'

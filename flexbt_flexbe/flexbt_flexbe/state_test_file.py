@@ -15,7 +15,7 @@ import yaml
 from flexbt_common.values.value_text import from_plain
 from flexbt_common.values.value_types import resolve_type
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values.nested_yaml import YamlError, compose_yaml, construct_yaml
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml
 
 from .errors import StateTestError
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import EventState, ExitReason, MachineRun, OperatableStateMachine, Severity, define
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.runs.callback_watch import LIMIT, CallbackWatch
@@ -99,7 +99,7 @@ def test_each_callback_that_takes_long_is_told_once_and_no_other() -> None:
         run()
     assert not told
     clock.advance(10.0)
-    assert clock.next_alarm() is None
+    assert clock.next_timer() is None
 
 
 @pytest.mark.parametrize('callback', ['on_enter', 'execute', 'on_exit'])

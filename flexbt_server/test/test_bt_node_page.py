@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_server.trees.node_types import node_registry
 
 DOCS = Path(__file__).parents[2] / 'docs'

@@ -21,7 +21,7 @@ from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, Tree
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
 from flexbt_server.runs.status_encoding import encoded, serialized
 from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream, TreeStream

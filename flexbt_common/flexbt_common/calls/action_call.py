@@ -29,7 +29,7 @@ from action_msgs.srv import CancelGoal
 from rclpy.action.client import ClientGoalHandle
 from unique_identifier_msgs.msg import UUID
 
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 
 from .action_link import ActionLinks, ActionServerLink
 

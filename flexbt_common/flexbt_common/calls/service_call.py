@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from flexbt_common.runtime.names import deep_services
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 
 _APPEAR_PERIOD: Final = 0.05
 _SETTLE: Final = 0.1

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 
 TOPIC: Final = '/diagnostics'
 PERIOD: Final = 1.0

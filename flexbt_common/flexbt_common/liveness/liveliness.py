@@ -32,7 +32,7 @@ from std_msgs.msg import Bool
 
 from flexbt_common.runtime.names import alive_topic
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 
 LEASE_SECONDS: Final = 0.5
 """A watcher notices after this time that the token is not asserted any more."""

@@ -18,8 +18,8 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
-from flexbt_core.values.sendable import sendable
+from flexbt_core.clock import Timer
+from flexbt_core.values import sendable
 from flexbt_msgs.msg import PeerStatus
 
 WORD_SECONDS: Final = 1.0

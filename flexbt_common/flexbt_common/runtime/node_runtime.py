@@ -35,7 +35,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.clock import SteadyClock
 
 from .fastdds_shutdown import end_callbacks
 from .node_executor import NodeExecutor

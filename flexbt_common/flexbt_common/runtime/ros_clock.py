@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The clock of a ROS node as a :class:`flexbt_core.clock.clock.Clock`: simulated time under ``use_sim_time``."""
+"""The clock of a ROS node as a :class:`flexbt_core.clock.Clock`: simulated time under ``use_sim_time``."""
 
 from __future__ import annotations
 
@@ -11,26 +11,25 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 
-from flexbt_core.clock.clock import Timer
-from flexbt_core.clock.timer_queue import AlarmQueue
+from flexbt_core.clock import Timer, TimerQueue
 
 if TYPE_CHECKING:
     from .node_runtime import NodeRuntime
 
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
-"""Seconds; an alarm that is farther away is looked at again then. rcl counts nanoseconds in 64 bits."""
+"""Seconds; a timer that is farther away is looked at again then. rcl counts nanoseconds in 64 bits."""
 
 
 class RosClock:
-    """Time of the node in seconds, and alarms on it, called on the executor thread.
+    """Time of the node in seconds, and timers on it, called on the executor thread.
 
     The time equals ROS time until the latter jumps back (simulation reset, or a machine's clock that is set): such a
     jump is taken out, so that this time never goes back, and whoever waits for two more seconds does so. So is the
     jump with which simulated time begins, from 0 to the first message of /clock, when somebody has asked for the time
     before. Time stamps of messages are ROS time: take them from :meth:`stamp`.
 
-    One rclpy timer serves all alarms, set to the earliest.
+    One rclpy timer serves all timers, set to the earliest.
     """
 
     def __init__(self, runtime: NodeRuntime) -> None:
@@ -41,7 +40,7 @@ class RosClock:
         self._last = self._ros_clock.now().nanoseconds
         self._began = self._last > 0
         self._asked = False
-        self._alarms = AlarmQueue()
+        self._timers = TimerQueue()
         self._timer: Any = runtime.node.create_timer(_FARTHEST, self._fire, clock=self._ros_clock)
         self._timer.cancel()
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
@@ -62,19 +61,19 @@ class RosClock:
         return self._ros_clock.now().to_msg()
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """As in :class:`flexbt_core.clock.clock.Clock`; from any thread."""
+        """As in :class:`flexbt_core.clock.Clock`; from any thread."""
         with self._lock:
-            alarm = self._alarms.add(when, callback)
-            is_earliest = self._alarms.is_first(alarm)
+            timer = self._timers.add(when, callback)
+            is_earliest = self._timers.is_first(timer)
         if is_earliest:
             if self._runtime.on_executor_thread:
                 self._set_timer()
             else:
                 self._runtime.post(self._set_timer)
-        return alarm
+        return timer
 
     def wall_seconds(self, when: float) -> float | None:
-        """As in :class:`flexbt_core.clock.clock.Clock`; None under simulated time."""
+        """As in :class:`flexbt_core.clock.Clock`; None under simulated time."""
         return None if self._ros_clock.ros_time_is_active else when - self.now()
 
     def _now(self) -> int:
@@ -90,7 +89,7 @@ class RosClock:
     def _set_timer(self) -> None:
         now = self._now()
         with self._lock:
-            earliest = self._alarms.earliest()
+            earliest = self._timers.earliest()
             if earliest is None:
                 self._timer.cancel()
                 return
@@ -103,12 +102,12 @@ class RosClock:
         now = self._now() / _NANOSECONDS
         while True:
             with self._lock:
-                due = self._alarms.take(now)
+                due = self._timers.take(now)
             if due is None:
                 break
             _, callback = due
             try:
                 callback()
             except Exception as error:
-                self._runtime.report_fault(error, 'an alarm')
+                self._runtime.report_fault(error, 'a timer')
         self._set_timer()

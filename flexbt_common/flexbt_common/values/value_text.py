@@ -29,8 +29,7 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from flexbt_core.values.nested_json import load_json
-from flexbt_core.values.nested_yaml import YamlError, load_yaml
+from flexbt_core.values import YamlError, load_json, load_yaml
 
 from .value_types import ValueType, resolve_type, shown
 

@@ -53,7 +53,7 @@ def load_places(file: Path) -> dict[str, Place]:
         UsageError: the file cannot be read, or an entry is not a place; names file and entry.
     """
     # Imported here because a console that is given no places starts faster without YAML.
-    from flexbt_core.values.nested_yaml import load_yaml
+    from flexbt_core.values import load_yaml
 
     try:
         content = load_yaml(file.read_text(encoding='utf-8'))

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from builtin_interfaces.msg import Time
 
 from flexbt_console.mirror import records
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 from flexbt_msgs.msg import (
     BehaviorArgument,
     BehaviorList,

@@ -21,7 +21,7 @@ from flexbt_console.errors import NoLinkError
 from flexbt_console.mirror import Change, Mirror, TrackedCommand, Transit, View
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_console.mirror.records import Command, UserdataScope
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 
 from . import messages

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from flexbt_core.clock.clock import Clock
+from flexbt_core.clock import Clock
 
 from .command_tracker import CommandTracker, TrackedCommand
 from .freshness import Freshness

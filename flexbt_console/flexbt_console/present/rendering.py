@@ -23,7 +23,7 @@ from flexbt_console.mirror.records import (
     Structure,
     UserdataScope,
 )
-from flexbt_core.values.escaping import lines, one_line
+from flexbt_core.values import lines, one_line
 
 VALUE_LENGTH: Final = 200
 """How many characters of a value of userdata are shown."""

@@ -89,10 +89,10 @@ class _Stage:
     """The publishers of a replay, made as they are needed; ``mark`` is shown with each status."""
 
     def __init__(self, runtime: Any, mark: str) -> None:
-        from flexbt_core.clock.wake_event import Bell
+        from flexbt_core.clock import WakeEvent
 
         self._runtime = runtime
-        self._bell = Bell()
+        self._wake_event = WakeEvent()
         self._mark = mark
         self._publishers: dict[str, Any] = {}
 
@@ -109,7 +109,7 @@ class _Stage:
     def wait_until(self, time: float) -> None:
         """Sleep until a time of the steady clock."""
         while self._runtime.steady.now() < time:
-            self._bell.wait(self._runtime.steady, time)
+            self._wake_event.wait(self._runtime.steady, time)
 
     def publish(self, message: Any) -> None:
         """Publish the bytes of a message; raises UsageError when its type is not what is installed."""

@@ -22,7 +22,7 @@ from flexbt_console.commands.command_line import CommandLine, command_help, over
 from flexbt_console.commands.operator_values import Place, full_namespace, load_places
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.present import json_form
-from flexbt_core.values import escaping
+from flexbt_core.values import lines
 
 if TYPE_CHECKING:
     from flexbt_common.runtime.node_runtime import NodeRuntime
@@ -172,7 +172,7 @@ def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, rea
     else:
         word = 'refused: ' if exit_code is ExitCode.REFUSED else ''
         prefix = f'{name}: ' if name else 'console: '
-        print(prefix + word + '\n'.join(escaping.lines(reason)), file=sys.stderr)
+        print(prefix + word + '\n'.join(lines(reason)), file=sys.stderr)
     return exit_code
 
 

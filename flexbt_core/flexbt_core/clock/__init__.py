@@ -1,2 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Clocks, timers and how threads wait: time is an object that is handed in."""
+
+from .clock import Clock, ManualClock, SteadyClock, Timer
+from .timer_queue import TimerQueue
+from .wake_event import WakeEvent
+
+__all__ = ['Clock', 'ManualClock', 'SteadyClock', 'Timer', 'TimerQueue', 'WakeEvent']

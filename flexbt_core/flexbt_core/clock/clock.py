@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from .timer_queue import AlarmQueue
+from .timer_queue import TimerQueue
 
 _logger = logging.getLogger(__name__)
 
@@ -26,7 +26,7 @@ class Timer(Protocol):
 
 
 class Clock(Protocol):
-    """Time in seconds, from an origin that is the clock's own business, and alarms on it."""
+    """Time in seconds, from an origin that is the clock's own business, and timers on it."""
 
     def now(self) -> float:
         """Time in seconds."""
@@ -49,29 +49,29 @@ class ManualClock:
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
-        self._alarms = AlarmQueue()
+        self._timers = TimerQueue()
         self._lock = threading.Lock()
 
     def now(self) -> float:
         return self._now
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """As in :class:`Clock`; an alarm that is due already waits for the next :meth:`advance`, if by 0."""
+        """As in :class:`Clock`; a timer that is due already waits for the next :meth:`advance`, if by 0."""
         with self._lock:
-            return self._alarms.add(when, callback)
+            return self._timers.add(when, callback)
 
     def wall_seconds(self, when: float) -> float | None:
         return None
 
-    def next_alarm(self) -> float | None:
+    def next_timer(self) -> float | None:
         """Time of the earliest callback that is waiting, or None."""
         with self._lock:
-            return self._alarms.earliest()
+            return self._timers.earliest()
 
     def advance(self, seconds: float) -> None:
         """Goes on by ``seconds``, calling what becomes due in the order of time, each at its own time.
 
-        Callbacks may set further alarms; those that are due within the same step are called in it.
+        Callbacks may set further timers; those that are due within the same step are called in it.
         """
         if seconds < 0.0:
             raise ValueError(f'a clock cannot go back: advance({seconds})')
@@ -81,7 +81,7 @@ class ManualClock:
         """Goes to the time ``now``: forth as :meth:`advance`, or back, as simulated time does at a reset."""
         while True:
             with self._lock:
-                due = self._alarms.take(now)
+                due = self._timers.take(now)
                 if due is None:
                     self._now = now
                     return
@@ -91,10 +91,10 @@ class ManualClock:
 
 
 class SteadyClock:
-    """The machine's monotonic clock. One daemon thread, started with the first alarm, calls back."""
+    """The machine's monotonic clock. One daemon thread, started with the first timer, calls back."""
 
     def __init__(self) -> None:
-        self._alarms = AlarmQueue()
+        self._timers = TimerQueue()
         self._condition = threading.Condition()
         self._thread: threading.Thread | None = None
         self._closed = False
@@ -105,24 +105,24 @@ class SteadyClock:
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
         """As in :class:`Clock`. After :meth:`close` nothing is called any more."""
         with self._condition:
-            alarm = self._alarms.add(when, callback)
+            timer = self._timers.add(when, callback)
             if self._closed:
-                self._alarms.clear()
+                self._timers.clear()
             elif self._thread is None:
                 self._thread = threading.Thread(target=self._run, name='steady_clock', daemon=True)
                 self._thread.start()
-            elif self._alarms.is_first(alarm):
+            elif self._timers.is_first(timer):
                 self._condition.notify()
-        return alarm
+        return timer
 
     def wall_seconds(self, when: float) -> float | None:
         return when - time.monotonic()
 
     def close(self) -> None:
-        """Drops all alarms and ends the thread. May be called twice, and from a callback."""
+        """Drops all timers and ends the thread. May be called twice, and from a callback."""
         with self._condition:
             self._closed = True
-            self._alarms.clear()
+            self._timers.clear()
             self._condition.notify()
             thread = self._thread
         if thread is not None and thread is not threading.current_thread():
@@ -132,9 +132,9 @@ class SteadyClock:
         while True:
             with self._condition:
                 due = None
-                while not self._closed and (due := self._alarms.take(time.monotonic())) is None:
-                    when = self._alarms.earliest()
-                    # A wait takes no more than TIMEOUT_MAX; an alarm at infinity is simply never due.
+                while not self._closed and (due := self._timers.take(time.monotonic())) is None:
+                    when = self._timers.earliest()
+                    # A wait takes no more than TIMEOUT_MAX; a timer at infinity is simply never due.
                     self._condition.wait(
                         None if when is None else min(max(when - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
                     )
@@ -144,5 +144,5 @@ class SteadyClock:
             try:
                 callback()
             except Exception:
-                # One faulty callback must not take everybody else's alarms away.
+                # One faulty callback must not take everybody else's timers away.
                 _logger.exception('a callback of the steady clock raised')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a worker thread sleeps until there is something to do: until somebody rings, or until a time of a clock."""
+"""How a worker thread sleeps until there is something to do: until somebody wakes it, or until a time of a clock."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from typing import Final
 from .clock import Clock
 
 _NEAR: Final = 0.5
-"""Seconds for which a sleep needs no alarm: whoever waits looks at the clock again then, should that have been set."""
+"""Seconds for which a sleep needs no timer: whoever waits looks at the clock again then, should that have been set."""
 
 
-class Bell:
-    """Rung from any thread, waited for by one. A ring while nobody waits is kept for the next wait."""
+class WakeEvent:
+    """Set from any thread, waited for by one. What is set while nobody waits is kept for the next wait."""
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
-        self._rung = False
+        self._is_set = False
 
-    def ring(self) -> None:
+    def set(self) -> None:
         """Wake the one who waits."""
         with self._condition:
-            self._rung = True
+            self._is_set = True
             self._condition.notify()
 
     def wait(self, clock: Clock, until: float | None) -> None:
-        """Sleep until the bell is rung or ``clock`` shows ``until`` (None: no time); takes the ring."""
+        """Sleep until the event is set or ``clock`` shows ``until`` (None: no time); it is clear again then."""
         with self._condition:
-            while until is not None and not self._rung:
+            while until is not None and not self._is_set:
                 seconds = clock.wall_seconds(until)
                 if seconds is None or seconds > _NEAR:
                     break
                 if seconds <= 0.0:
                     return
                 self._condition.wait(seconds)  # wakes nobody else
-            if self._rung:
-                self._rung = False
+            if self._is_set:
+                self._is_set = False
                 return
-        timer = clock.call_at(until, self.ring) if until is not None else None
+        timer = clock.call_at(until, self.set) if until is not None else None
         with self._condition:
-            self._condition.wait_for(lambda: self._rung)
-            self._rung = False
+            self._condition.wait_for(lambda: self._is_set)
+            self._is_set = False
         if timer is not None:
             timer.cancel()

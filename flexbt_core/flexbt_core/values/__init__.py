@@ -1,2 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Text and data from others, with bounds: JSON, YAML, terminal-safe and message-safe text."""
+
+from typing import TYPE_CHECKING, Any
+
+from .escaping import lines, one_line
+from .nested_json import load_json
+from .sendable import sendable
+
+if TYPE_CHECKING:
+    from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
+
+__all__ = [
+    'YamlError',
+    'compose_yaml',
+    'construct_yaml',
+    'lines',
+    'load_json',
+    'load_yaml',
+    'one_line',
+    'sendable',
+]
+
+
+def __getattr__(name: str) -> Any:
+    """PyYAML takes a while to be imported, and most who want text need none of it."""
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from . import nested_yaml
+
+    return getattr(nested_yaml, name)

@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
 from flexbt_core.behavior_tree.nodes.nav2.motion import SpeedController
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 START = 1000.0
 PERIOD = 1.5
@@ -192,9 +192,9 @@ def test_a_thread_sleeps_by_the_clock_of_the_tree() -> None:
     clock = ManualClock(START)
     woken = threading.Event()
     tree = start('<Nap/>', clock, on_wake=woken.set)
-    while clock.next_alarm() is None:
+    while clock.next_timer() is None:
         assert not woken.wait(0.001)
-    assert clock.next_alarm() == START + PERIOD
+    assert clock.next_timer() == START + PERIOD
     clock.advance(1.4999)
     clock.set(10.0)
     assert tree.tick_once() is NodeStatus.RUNNING

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.behavior_tree import CoroutineAction, Halted, NodeExecutionError, NodeStatus, Tree
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees.steps import NAMES, Woken

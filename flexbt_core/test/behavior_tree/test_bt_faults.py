@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 
 BODIES = [

@@ -12,7 +12,7 @@ import pytest
 from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, Tree, TreeLoadError
 from flexbt_core.behavior_tree.nodes.nav2.motion import DistanceController, Position, SpeedController
 from flexbt_core.behavior_tree.nodes.nav2.pause_resume import PauseResumeController
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 
 # Tree, and what happens to it in the dialect main (the notation of bt_steps).

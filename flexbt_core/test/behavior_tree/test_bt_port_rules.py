@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
     output_port,
 )
 from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, INT64, STRING, UINT8, list_of
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 
 class Point(NamedTuple):

@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree import (
     TreeNode,
     load_xml,
 )
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees import random_nodes as bt_random_nodes
 from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted

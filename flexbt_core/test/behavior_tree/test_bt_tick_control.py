@@ -22,8 +22,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.clock.clock import ManualClock, SteadyClock
-from flexbt_core.clock.wake_event import Bell
+from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
 
 PAUSE, RESUME, STEP = TickCommand.PAUSE, TickCommand.RESUME, TickCommand.STEP
 
@@ -138,14 +137,14 @@ def test_a_step_whose_tick_raises_is_answered_and_the_error_goes_on() -> None:
 def test_many_threads_step_a_tree_and_each_step_is_one_tick() -> None:
     services: dict[str, Any] = {'ticks': 0}
     running = tree('<Runs/>', services=services)
-    bell = Bell()
-    control = TickControl(bell.ring, lambda paused: None)
+    wake_event = WakeEvent()
+    control = TickControl(wake_event.set, lambda paused: None)
     clock = SteadyClock()
 
     def host() -> None:
         while control.tick(running) in (None, NodeStatus.RUNNING):
             if not control.pending:
-                bell.wait(clock, None if control.paused else clock.now())
+                wake_event.wait(clock, None if control.paused else clock.now())
         control.close('the tree has ended')
 
     def ask(command: TickCommand) -> str:

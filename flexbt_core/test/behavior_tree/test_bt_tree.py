@@ -31,7 +31,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.model.port_types import STRING
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 DEADLINE = 10.0

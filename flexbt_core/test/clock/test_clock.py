@@ -12,9 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.clock.clock import Clock, ManualClock, SteadyClock
-from flexbt_core.clock.timer_queue import AlarmQueue
-from flexbt_core.clock.wake_event import Bell
+from flexbt_core.clock import Clock, ManualClock, SteadyClock, TimerQueue, WakeEvent
 
 DEADLINE = 10.0
 
@@ -28,13 +26,13 @@ def test_manual_clock_calls_in_order_of_time_each_at_its_time() -> None:
     clock.call_at(110.0, lambda: seen.append(('late', clock.now())))
     clock.advance(0.5)
     assert seen == []
-    assert clock.next_alarm() == 101.0
+    assert clock.next_timer() == 101.0
     clock.advance(4.5)
     assert seen == [('a', 101.0), ('b', 102.0), ('c', 102.0)]
     assert clock.now() == 105.0
 
 
-def test_manual_clock_callback_may_set_and_cancel_alarms() -> None:
+def test_manual_clock_callback_may_set_and_cancel_timers() -> None:
     clock = ManualClock()
     seen: list[str] = []
     other = clock.call_at(2.0, lambda: seen.append('cancelled'))
@@ -46,10 +44,10 @@ def test_manual_clock_callback_may_set_and_cancel_alarms() -> None:
     clock.call_at(1.0, first)
     clock.advance(3.0)
     assert seen == ['nested']
-    assert clock.next_alarm() is None
+    assert clock.next_timer() is None
 
 
-def test_manual_clock_alarm_in_the_past_waits_for_the_next_step() -> None:
+def test_manual_clock_timer_in_the_past_waits_for_the_next_step() -> None:
     clock = ManualClock(5.0)
     seen: list[float] = []
     clock.call_at(1.0, lambda: seen.append(clock.now()))
@@ -78,25 +76,25 @@ def test_nan_is_refused(clock: Clock) -> None:
 
 
 @given(st.lists(st.floats(0.0, 10.0), max_size=20), st.lists(st.floats(0.0, 3.0), max_size=10))
-def test_manual_clock_calls_exactly_what_is_due(alarms: list[float], steps: list[float]) -> None:
+def test_manual_clock_calls_exactly_what_is_due(timers: list[float], steps: list[float]) -> None:
     clock = ManualClock()
     called: list[float] = []
-    for when in alarms:
+    for when in timers:
         clock.call_at(when, lambda when=when: called.append(when))  # type: ignore[misc]
     for step in steps:
         clock.advance(step)
     clock.advance(0.0)
-    assert called == sorted(when for when in alarms if when <= clock.now())
+    assert called == sorted(when for when in timers if when <= clock.now())
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.booleans()), max_size=400), st.integers(0, 9))
-def test_cancelled_alarms_go_and_no_other(alarms: list[tuple[int, bool]], now: int) -> None:
-    """Against a list: some alarms are cancelled as soon as they are set, while others wait."""
-    queue, waiting, called = AlarmQueue(), list[tuple[int, int]](), list[tuple[int, int]]()
-    for number, (when, is_cancelled) in enumerate(alarms):
-        alarm = queue.add(when, lambda entry=(when, number): called.append(entry))  # type: ignore[misc]
+def test_cancelled_timers_go_and_no_other(timers: list[tuple[int, bool]], now: int) -> None:
+    """Against a list: some timers are cancelled as soon as they are set, while others wait."""
+    queue, waiting, called = TimerQueue(), list[tuple[int, int]](), list[tuple[int, int]]()
+    for number, (when, is_cancelled) in enumerate(timers):
+        timer = queue.add(when, lambda entry=(when, number): called.append(entry))  # type: ignore[misc]
         if is_cancelled:
-            alarm.cancel()
+            timer.cancel()
         else:
             waiting.append((when, number))
         assert len(queue) <= max(64, 2 * len(waiting) + 1)
@@ -107,12 +105,12 @@ def test_cancelled_alarms_go_and_no_other(alarms: list[tuple[int, bool]], now: i
 
 
 def test_a_sleep_that_ends_early_leaves_nothing_with_the_clock() -> None:
-    clock, bell = SteadyClock(), Bell()
+    clock, wake_event = SteadyClock(), WakeEvent()
     try:
         for _ in range(1000):
-            clock.call_at(clock.now(), bell.ring)
-            bell.wait(clock, clock.now() + 3600.0)
-        assert len(clock._alarms) < 100
+            clock.call_at(clock.now(), wake_event.set)
+            wake_event.wait(clock, clock.now() + 3600.0)
+        assert len(clock._timers) < 100
     finally:
         clock.close()
 
@@ -139,7 +137,7 @@ def test_steady_clock_calls_on_time_and_in_order() -> None:
         clock.close()
 
 
-def test_steady_clock_earlier_alarm_interrupts_the_wait_for_a_later_one() -> None:
+def test_steady_clock_earlier_timer_interrupts_the_wait_for_a_later_one() -> None:
     clock = SteadyClock()
     try:
         done = threading.Event()
@@ -195,7 +193,7 @@ def test_steady_clock_may_be_closed_from_a_callback() -> None:
     assert done.wait(DEADLINE)
 
 
-def test_steady_clock_needs_no_thread_before_the_first_alarm() -> None:
+def test_steady_clock_needs_no_thread_before_the_first_timer() -> None:
     before = threading.active_count()
     clock = SteadyClock()
     assert abs(clock.now() - time.monotonic()) < 1.0

@@ -301,7 +301,7 @@ class RandomRun(RuleBasedStateMachine):
         for puppet in self.puppets:
             assert puppet.calls('on_enter') == puppet.calls('on_exit')
             assert (puppet.calls('on_start'), puppet.calls('on_stop')) == (1, 1)
-        assert self.bench.clock.next_alarm() is None
+        assert self.bench.clock.next_timer() is None
 
 
 TestRandomRuns = RandomRun.TestCase

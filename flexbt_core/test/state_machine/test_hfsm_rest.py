@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import ExitReason, OperatableStateMachine
 from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested
 
@@ -109,7 +109,7 @@ def test_a_stop_while_a_state_comes_to_rest_gives_it_its_full_time() -> None:
     assert (bench.outcome, bench.run.message, bench.faults) == ('preempted', 'test', [])
     assert after.trace == ['on_start', 'on_stop']
     assert state.calls('on_exit') == 1
-    assert bench.clock.next_alarm() is None
+    assert bench.clock.next_timer() is None
 
 
 @pytest.mark.parametrize('path', ['/Inner/A/B', '/Inner/A', '/Inner'])
@@ -177,7 +177,7 @@ def test_the_time_for_rest_is_not_that_of_an_earlier_visit() -> None:
     state.at_rest = False
     state.end('done')
     bench.settle()
-    assert bench.clock.next_alarm() == 4.0
+    assert bench.clock.next_timer() == 4.0
     bench.pass_time(2.9)
     assert bench.faults == []
     bench.pass_time(0.2)

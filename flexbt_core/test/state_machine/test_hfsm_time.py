@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.clock.clock import ManualClock, SteadyClock
-from flexbt_core.clock.wake_event import Bell
+from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
 from flexbt_core.state_machine import Autonomy, EventState, MachineRun, StateError, define
 from flexbt_testing.state_machines.bench import Bench, Do, Place, Scripted, machine, nested
 
@@ -23,12 +22,12 @@ def test_while_nothing_happens_nothing_runs() -> None:
     bench = Bench(nested(state, 'A/B/C/D'))
     steps = bench.steps
     assert bench.run.next_wake is None
-    assert bench.clock.next_alarm() is None
+    assert bench.clock.next_timer() is None
     bench.pass_time(1e6)
     assert (bench.steps, state.calls('execute')) == (steps, 1)
 
 
-def test_transitions_leave_no_alarms_behind() -> None:
+def test_transitions_leave_no_timers_behind() -> None:
     """Each would be a wake-up for nothing, some seconds later."""
     states = [Scripted(), Scripted()]
     bench = Bench(machine(Place('A', states[0], {'done': 'B'}), Place('B', states[1], {'done': 'A'})))
@@ -37,9 +36,9 @@ def test_transitions_leave_no_alarms_behind() -> None:
         bench.settle()
         states[number % 2].outcome = None
     assert bench.active == ('/A',)
-    assert bench.clock.next_alarm() is None
+    assert bench.clock.next_timer() is None
     bench.stop()
-    assert bench.clock.next_alarm() is None
+    assert bench.clock.next_timer() is None
 
 
 @pytest.mark.parametrize('rate', [0.5, 4.0, 8.0])
@@ -159,12 +158,12 @@ def test_news_for_a_state_that_is_not_active_are_nothing() -> None:
 def test_news_from_other_threads_are_never_lost() -> None:
     """A chain of states, each ended by news from another thread at whatever moment it is waited for."""
     length = 300
-    clock, bell = SteadyClock(), Bell()
+    clock, wake_event = SteadyClock(), WakeEvent()
     states = [Scripted() for _ in range(length)]
     labels = [*(f'S{number}' for number in range(length)), 'ended']
     made = machine(*(Place(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states)))
     bench = Bench(made, start=False)
-    run = MachineRun(define(made), clock, bench, on_wake=bell.ring)
+    run = MachineRun(define(made), clock, bench, on_wake=wake_event.set)
     entered = [threading.Event() for _ in states]
     for state, event in zip(states, entered, strict=True):
         state.do['on_enter'] = lambda *_, event=event: event.set()
@@ -179,7 +178,7 @@ def test_news_from_other_threads_are_never_lost() -> None:
     run.start()
     give_up = clock.call_at(clock.now() + 20.0, run.preempt)
     while run.step():
-        bell.wait(clock, run.next_wake)
+        wake_event.wait(clock, run.next_wake)
     give_up.cancel()
     teller.join(10.0)
     clock.close()

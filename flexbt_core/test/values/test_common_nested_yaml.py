@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.values.nested_yaml import MAX_DEPTH, YamlError, load_yaml
+from flexbt_core.values import MAX_DEPTH, YamlError, load_yaml
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=9) | st.dates()
@@ -70,7 +70,7 @@ def test_what_is_meant_to_do_harm_is_refused_in_time(text: str) -> None:
 
 def test_brackets_do_not_end_a_process_that_may_recurse_deep() -> None:
     code = (
-        'import sys; sys.setrecursionlimit(10**6); from flexbt_core.values.nested_yaml import load_yaml\n'
+        'import sys; sys.setrecursionlimit(10**6); from flexbt_core.values import load_yaml\n'
         'try: load_yaml("[" * 10**6, aliases=True)\n'
         'except ValueError as error: print(error)'
     )

@@ -45,7 +45,7 @@ from flexbt_core.state_machine import (
     define,
 )
 from flexbt_core.state_machine.model.similar_names import hint
-from flexbt_core.values.nested_yaml import YamlError, compose_yaml, construct_yaml
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml
 from flexbt_onboard.errors import BehaviorError
 
 States = Mapping[str, Callable[..., EventState]]

@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 from flexbt_common.liveness.presence import PresenceWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 from flexbt_onboard.errors import CommandRefusedError
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from flexbt_common.liveness.presence import PresenceWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 from flexbt_core.state_machine import MachineRun
 from flexbt_onboard.behaviors.behavior import OperatorGone
 from flexbt_onboard.runs.behavior_run import BehaviorRun

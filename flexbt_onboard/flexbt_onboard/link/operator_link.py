@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 
 

@@ -10,7 +10,7 @@ from typing import Final
 from rclpy.clock import Clock, ClockType
 
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 
 MAXIMUM_RATE: Final = 20.0
 """Messages per second on average, at most."""

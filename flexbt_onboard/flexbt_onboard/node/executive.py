@@ -21,7 +21,7 @@ from flexbt_common.liveness.liveliness import LivelinessToken
 from flexbt_common.liveness.presence import PresenceWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.state_machine import ERROR, PREEMPTED, ROOT_PATH, Answer
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import RunRequest

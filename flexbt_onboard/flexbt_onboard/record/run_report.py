@@ -13,7 +13,7 @@ from typing import Final
 
 from flexbt_common.cli.streams import abandon_stdout, make_streams_safe
 from flexbt_common.cli.user_files import USER_DIRECTORY, home_path
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 
 from .event_log import rotated
 from .run_metrics import RunMetrics, metrics_of, read_events

@@ -15,7 +15,7 @@ from dataclasses import replace
 from enum import Enum
 from typing import Any, Final, Protocol
 
-from flexbt_core.clock.wake_event import Bell
+from flexbt_core.clock import WakeEvent
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import (
     ERROR,
@@ -95,7 +95,7 @@ class BehaviorRun:
         self._tell_activity = services.changed
         self._services = replace(services, changed=self._activity_changed)
         self._observer = observer
-        self._bell = Bell()
+        self._wake_event = WakeEvent()
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._is_announced = False
@@ -137,7 +137,7 @@ class BehaviorRun:
         Code of the states is called on the thread of the run only. They are asked again soon, for the next time.
         """
         self._is_activity_shown = True
-        self._bell.ring()
+        self._wake_event.set()
         return self.view.active_states()
 
     def decisions(self) -> list[PendingDecision]:
@@ -158,7 +158,7 @@ class BehaviorRun:
 
     def nodes_changed(self) -> None:
         """A node that behaviors need has come or gone, or has become ready."""
-        self._bell.ring()
+        self._wake_event.set()
 
     def confirm(self, decision_id: str, answer: Answer) -> None:
         """Let what a decision asks for happen."""
@@ -193,7 +193,7 @@ class BehaviorRun:
 
         def ask(_machine: MachineRun, _once: Answer) -> None:
             self._switches.append((request, answer))
-            self._bell.ring()
+            self._wake_event.set()
 
         self.command(ask, answer)
 
@@ -277,7 +277,7 @@ class BehaviorRun:
             userdata=checked_inputs(definition, self.request.inputs) if at is None else None,
             services=self._services,
             steady=self._services.runtime.steady,
-            on_wake=self._bell.ring,
+            on_wake=self._wake_event.set,
         )
 
     def _await_nodes(self) -> None:
@@ -293,7 +293,7 @@ class BehaviorRun:
             if names != told:
                 self._observer.run_log(self, ExecutiveLog.INFO, '', f'waits until {", ".join(names)} is ready')
                 told = names
-            self._bell.wait(steady, deadline)
+            self._wake_event.wait(steady, deadline)
         self._has_nodes = True
 
     def _define(self, request: RunRequest) -> MachineDefinition:
@@ -341,7 +341,7 @@ class BehaviorRun:
                         self._ask_activities()
                     while self._switches:
                         self._switch(machine, *self._switches.popleft())
-                    self._bell.wait(self._services.runtime.clock, machine.next_wake)
+                    self._wake_event.wait(self._services.runtime.clock, machine.next_wake)
                 return machine.outcome or ERROR, machine.message
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
@@ -357,7 +357,7 @@ class BehaviorRun:
 
     def _activity_changed(self) -> None:
         self._has_activity_changed = True
-        self._bell.ring()
+        self._wake_event.set()
 
     def _ask_activities(self) -> None:
         # One that is another one each time it is asked for, such as a time, is not news: the next status has it.

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Final
 
-from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.clock import Clock, Timer
 from flexbt_core.state_machine.engine.leaf import LeafRun
 
 LIMIT: Final = 1.0

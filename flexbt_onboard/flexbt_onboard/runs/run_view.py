@@ -14,7 +14,7 @@ from flexbt_core.state_machine import MachineRun
 from flexbt_core.state_machine.engine.leaf import LeafRun
 from flexbt_core.state_machine.engine.region import HeldBack
 from flexbt_core.state_machine.model.definition import is_inside
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 from flexbt_msgs.msg import ActiveState, PendingDecision
 
 _NANOSECONDS = 1_000_000_000

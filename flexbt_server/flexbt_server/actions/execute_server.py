@@ -17,9 +17,9 @@ from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.behavior_tree import Blackboard, TreeKey, TreeLibrary
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import UnknownRunError
 from flexbt_server.leaves.leaf_services import LeafServices

@@ -9,7 +9,7 @@ from flexbt_common.calls.goal_admission import GoalGate
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
 from flexbt_server.trees.tree_store import FileReport, TreeStore

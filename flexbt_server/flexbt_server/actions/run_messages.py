@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Duration
 
 from flexbt_common.values.entries import Encoding
 from flexbt_core.behavior_tree import Blackboard, Tree
-from flexbt_core.values.sendable import sendable
+from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
 from flexbt_server.runs.robot_pose import distance_along
 from flexbt_server.runs.tree_run import RunOutcome

@@ -27,8 +27,7 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
 )
 from flexbt_core.behavior_tree.observers.status_log import Log
-from flexbt_core.clock.clock import Clock
-from flexbt_core.clock.wake_event import Bell
+from flexbt_core.clock import Clock, WakeEvent
 from flexbt_msgs.action import BtExecute
 from flexbt_server.trees.blackboards import NO_RECOVERIES, Value, write_all
 
@@ -125,8 +124,8 @@ class TreeRun(Generic[Client]):
         self._on_refused = on_refused
         self._on_end = on_end
         self._overruns = _Overruns(key, self._tick_period, on_overrun)
-        self._bell = Bell()
-        self._control = TickControl(self._bell.ring, observer.paused)
+        self._wake_event = WakeEvent()
+        self._control = TickControl(self._wake_event.set, observer.paused)
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._rest_by = math.inf
@@ -153,7 +152,7 @@ class TreeRun(Generic[Client]):
             sooner = rest_by < self._rest_by
             if sooner:
                 self._rest_by = rest_by
-        self._bell.ring()
+        self._wake_event.set()
         if self.tree is not None:
             self.tree.hooks.release()
         if sooner:
@@ -164,7 +163,7 @@ class TreeRun(Generic[Client]):
         with self._lock:
             replaced = self._offer
             self._offer = (client, values)
-        self._bell.ring()
+        self._wake_event.set()
         return replaced[0] if replaced is not None else None
 
     def withdraw(self, client: Client) -> bool:
@@ -183,7 +182,7 @@ class TreeRun(Generic[Client]):
 
     def wake(self) -> None:
         """Tick soon, unless the tree is paused. From any thread."""
-        self._bell.ring()
+        self._wake_event.set()
 
     def control(self, command: TickCommand, answer: Callable[[str], None]) -> None:
         """Pause, resume or step; from any thread. See :class:`flexbt_core.behavior_tree.TickControl`."""
@@ -282,7 +281,7 @@ class TreeRun(Generic[Client]):
     def _wait(self, tree: Tree, due: float) -> None:
         next_wake = tree.next_wake
         until = due if next_wake is None else min(due, next_wake)
-        self._bell.wait(self._clock, None if self._control.paused else until)
+        self._wake_event.wait(self._clock, None if self._control.paused else until)
 
     def _outcome(self, tree: Tree, status: NodeStatus) -> RunOutcome:
         if status is NodeStatus.SUCCESS:
@@ -302,7 +301,7 @@ class TreeRun(Generic[Client]):
         outcome = _halting(tree.halt, outcome)
         deadline = self._steady.now() + self._cancel_timeout
         while tree.unfinished and self._steady.now() < min(deadline, self._rest_by):
-            self._bell.wait(self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period))
+            self._wake_event.wait(self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period))
             outcome = _halting(tree.advance_unfinished, outcome)
         if tree.unfinished:
             message = f'{_NOT_AT_REST}: {", ".join(tree.unfinished)}'

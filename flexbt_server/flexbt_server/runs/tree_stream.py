@@ -25,7 +25,7 @@ from rclpy.time import Time
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
-from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.clock import Clock, Timer
 from flexbt_msgs import msg
 
 from .status_encoding import RoundReader, apply, encoded, serialized

@@ -25,7 +25,7 @@ from typing import Any
 import zmq
 
 from flexbt_core.behavior_tree import Tree, TreeLibrary, load_xml
-from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.clock import SteadyClock
 from flexbt_server.groot2 import protocol
 from flexbt_server.groot2.log_file import LogWriter
 from flexbt_server.groot2.mark_log import LogOfSeveral, MarkLog

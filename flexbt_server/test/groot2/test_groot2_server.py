@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.groot2.server import Groot2Server

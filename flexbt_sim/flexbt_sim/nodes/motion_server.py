@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 from flexbt_sim.navigation.motions import STOP, Motion
 from flexbt_sim.navigation.path_follower import PathFollower
 from flexbt_sim.world.geometry import Pose

@@ -12,7 +12,7 @@ from nav2_msgs.action import Wait
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.clock.clock import Timer
+from flexbt_core.clock import Timer
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, finish
 from .ros_messages import duration_message, seconds_of

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from flexbt_core.values.nested_yaml import load_yaml
+from flexbt_core.values import load_yaml
 from flexbt_sim.errors import MapError
 
 from .geometry import Pose

@@ -33,7 +33,7 @@ from flexbt_core.behavior_tree import (
     simple_condition,
     simple_decorator,
 )
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_server.trees.node_types import node_registry
 from flexbt_tools.tree_checks.lint import findings
 

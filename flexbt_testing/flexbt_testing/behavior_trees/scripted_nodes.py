@@ -33,7 +33,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 LETTERS = {
     'S': NodeStatus.SUCCESS,

@@ -30,7 +30,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 PATIENCE = 10.0
 """Seconds (wall) after which what another thread should have done has not happened."""

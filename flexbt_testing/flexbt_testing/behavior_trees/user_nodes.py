@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
 from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.SKIPPED
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import (
     Answer,
     Autonomy,
@@ -238,7 +238,7 @@ class Bench:
         """Let time go by, waking up in between exactly when something is due."""
         end = self.clock.now() + seconds
         while self.run.outcome is None:
-            due, alarm = self.run.next_wake, self.clock.next_alarm()
+            due, alarm = self.run.next_wake, self.clock.next_timer()
             times = [time for time in (due, alarm) if time is not None and time <= end]
             if not times:
                 break

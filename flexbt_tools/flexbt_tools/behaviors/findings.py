@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 from flexbt_tools.tree_checks.diagnostics import Diagnostic, Rule, Severity
 
 REFUSED: Final = Rule('refused', Severity.ERROR, 'the executive refuses to start it')

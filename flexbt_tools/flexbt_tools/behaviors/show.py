@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from flexbt_core.state_machine.model.autonomy import NAMES
 from flexbt_core.state_machine.model.definition import MachineDefinition, StructureEntry, Transition
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UsageError
 

@@ -8,7 +8,7 @@ import sys
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 from flexbt_server.trees.node_types import node_registry
 from flexbt_tools.trees.files import read_models
 from flexbt_tools.trees.stand_ins import OpenRegistry

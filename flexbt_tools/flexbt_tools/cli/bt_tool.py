@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 
 from flexbt_common.cli.streams import abandon_stdout, make_streams_safe
-from flexbt_core.values.escaping import lines
+from flexbt_core.values import lines
 from flexbt_tools.errors import DeskError, ExitCode
 from flexbt_tools.mock_runs import run
 from flexbt_tools.tree_checks import check

@@ -29,7 +29,7 @@ from typing import Any, Final
 import yaml
 
 from flexbt_core.behavior_tree import LoadError, NodeStatus
-from flexbt_core.values.nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml, load_yaml
 from flexbt_tools.errors import RefusedError, UsageError
 
 REAL: Final = 'real'

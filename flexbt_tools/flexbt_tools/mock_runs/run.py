@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, Reasons, TreeKey, TreeLibrary, TreeNode
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 from flexbt_server.groot2.log_file import SUFFIX
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UsageError

@@ -23,7 +23,7 @@ from flexbt_core.behavior_tree import (
     TreeLoadError,
     TreeNode,
 )
-from flexbt_core.clock.clock import Clock, ManualClock, SteadyClock
+from flexbt_core.clock import Clock, ManualClock, SteadyClock
 from flexbt_server.groot2.log_file import LogWriter
 from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_tools.errors import RefusedError, UsageError

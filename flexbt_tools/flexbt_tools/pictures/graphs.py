@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeKind
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 from flexbt_tools.errors import UsageError
 from flexbt_tools.trees.outline import Item
 

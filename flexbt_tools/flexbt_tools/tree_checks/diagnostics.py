@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import LoadError
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 
 
 class Severity(Enum):

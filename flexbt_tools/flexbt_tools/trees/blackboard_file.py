@@ -16,7 +16,7 @@ from flexbt_core.behavior_tree import (
     export_blackboard,
     import_blackboard,
 )
-from flexbt_core.values.nested_json import load_json
+from flexbt_core.values import load_json
 from flexbt_tools.errors import UsageError
 
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from flexbt_core.behavior_tree import NodeDefinition, NodeKind, PortDirection, TreeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.engine.registry import similar_names
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 from flexbt_tools.errors import UsageError
 
 from .stand_ins import UNKNOWN_PORT

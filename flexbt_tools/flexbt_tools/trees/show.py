@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree import NodeKind, TreeKey, TreeLibrary
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode
 

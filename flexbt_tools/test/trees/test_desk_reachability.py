@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import LETTERS
 from flexbt_tools.tree_checks.reachability import never_ticked
 

@@ -10,7 +10,7 @@ from flexbt_console.errors import ExitCode, NoLinkError
 from flexbt_console.mirror import LinkState, Mirror, View, choices
 from flexbt_console.mirror.records import LogLine, Structure
 from flexbt_console.present import json_form, rendering
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 
 if TYPE_CHECKING:
     from flexbt_console.link.operator_link import OperatorLink

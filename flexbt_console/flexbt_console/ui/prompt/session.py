@@ -30,8 +30,8 @@ from flexbt_console.mirror.records import Command
 from flexbt_console.present import rendering
 from flexbt_console.ui.line.line_mode import log_count
 from flexbt_console.ui.line.watch import Follower
-from flexbt_core.clock.clock import Clock
-from flexbt_core.values.escaping import lines, one_line
+from flexbt_core.clock import Clock
+from flexbt_core.values import lines, one_line
 
 from .completion import candidates
 from .short_form import Bound, Local, Meaning, interpret

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_core.clock.clock import Clock
+from flexbt_core.clock import Clock
 
 REACTION_SECONDS: Final = 0.4
 """A key that is pressed sooner than this after a question took the place of another was meant for the other."""

@@ -9,7 +9,7 @@ from typing import Final
 from flexbt_console.mirror import CommandState, LinkState, View, choices
 from flexbt_console.mirror.records import DecisionKind
 from flexbt_console.present import rendering
-from flexbt_core.values.escaping import one_line
+from flexbt_core.values import one_line
 
 Line = tuple[str, str]
 """Style class and text of one line."""

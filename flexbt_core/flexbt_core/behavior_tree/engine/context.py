@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from flexbt_core.clock.clock import Clock
+from flexbt_core.clock import Clock
 
 if TYPE_CHECKING:
     from flexbt_core.behavior_tree.model.errors import NodeExecutionError

@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionEr
 from flexbt_core.behavior_tree.model.port_types import cast
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue
 from flexbt_core.behavior_tree.model.status import IDLE, NodeKind, NodeStatus
-from flexbt_core.clock.clock import Clock
+from flexbt_core.clock import Clock
 
 from .context import TreeContext
 

@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, NodeK
 from flexbt_core.behavior_tree.observers.hooks import TickHooks
 from flexbt_core.behavior_tree.observers.status_log import Log
 from flexbt_core.behavior_tree.observers.status_observer import watch
-from flexbt_core.clock.clock import Clock, SteadyClock
+from flexbt_core.clock import Clock, SteadyClock
 
 from .call_stack import with_room
 from .context import TransitionObserver, TreeContext

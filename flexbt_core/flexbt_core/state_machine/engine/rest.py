@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.clock import Clock, Timer
 
 EXIT_TIMEOUT: Final = 3.0
 """How long a state that was left may take to come to rest, s."""

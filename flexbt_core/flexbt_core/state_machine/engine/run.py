@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_core.clock.clock import Clock
+from flexbt_core.clock import Clock
 from flexbt_core.state_machine.model.autonomy import NAMES, Autonomy
 from flexbt_core.state_machine.model.decision import Decision, DecisionKind
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, is_inside

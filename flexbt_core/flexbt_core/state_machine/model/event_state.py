@@ -17,7 +17,7 @@ from contextvars import ContextVar
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from flexbt_core.clock.clock import Clock
+from flexbt_core.clock import Clock
 
 from .errors import StateError
 

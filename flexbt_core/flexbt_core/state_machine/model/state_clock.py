@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable
 
-from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.clock import Clock, Timer
 
 
 class StateClock:
@@ -20,7 +20,7 @@ class StateClock:
         self.base = base
         self.behind = 0.0
         self._stopped_at: float | None = None
-        self._alarms: list[_Alarm] = []  # that were due while it stood still
+        self._timers: list[_PausableTimer] = []  # that were due while it stood still
         self._lock = threading.Lock()
 
     def now(self) -> float:
@@ -29,10 +29,10 @@ class StateClock:
         return self.base.now() - self.behind if stopped_at is None else stopped_at
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """As in :class:`flexbt_core.clock.clock.Clock`; what is due while the state is paused is called afterwards."""
-        alarm = _Alarm(self, when, callback)
-        alarm.set()
-        return alarm
+        """As in :class:`flexbt_core.clock.Clock`; what is due while the state is paused is called afterwards."""
+        timer = _PausableTimer(self, when, callback)
+        timer.set()
+        return timer
 
     def wall_seconds(self, when: float) -> float | None:
         """None: nobody knows how long it will stand still."""
@@ -61,25 +61,25 @@ class StateClock:
         self.behind = self.base.now() - self._stopped_at
         with self._lock:
             self._stopped_at = None
-            alarms, self._alarms = self._alarms, []
-        for alarm in alarms:
-            alarm.set()
+            timers, self._timers = self._timers, []
+        for timer in timers:
+            timer.set()
 
     def catch_up(self) -> None:
         """Show the time of the run again."""
         self.go_on()
         self.behind = 0.0
 
-    def keep(self, alarm: _Alarm) -> bool:
-        """Keep an alarm that is due until the clock goes on; False when it goes."""
+    def keep(self, timer: _PausableTimer) -> bool:
+        """Keep a timer that is due until the clock goes on; False when it goes."""
         with self._lock:
             if self._stopped_at is None:
                 return False
-            self._alarms.append(alarm)
+            self._timers.append(timer)
             return True
 
 
-class _Alarm:
+class _PausableTimer:
     def __init__(self, clock: StateClock, when: float, callback: Callable[[], None]) -> None:
         self._clock = clock
         self._when = when
