@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from flexbt_tools.cli.bt_tool import main
 
-_SHARED_DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).parents[4] / 'shared/data'))
+_SHARED_DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[4] / 'shared/data'))
 STOCK_TREES = sorted((_SHARED_DATA / 'nav2/jazzy_trees').glob('*.xml'))
 """Those of Nav2, where they are at hand."""
 
