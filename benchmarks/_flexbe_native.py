@@ -47,8 +47,8 @@ class Call(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self._goal.leave()
 
-    def settled(self) -> str | None:
-        return self._goal.settled()
+    def halting(self) -> str | None:
+        return self._goal.halting()
 
 
 class CallTree(BtExecuteState):

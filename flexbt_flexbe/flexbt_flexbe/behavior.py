@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from flexbt_core.state_machine import OperatableStateMachine
-from flexbt_core.state_machine.model.userdata import DefaultUserData
+from flexbt_core.state_machine import DefaultUserData, OperatableStateMachine
 
 from .errors import FlexbeManifestError
 from .parameter_values import converted

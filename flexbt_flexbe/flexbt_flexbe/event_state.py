@@ -59,6 +59,6 @@ class EventState(RosAccess, state_machine.EventState):
             raise StateError(f'{self.path}: the rate has to be positive, not {desired_rate} Hz')
         self.desired_rate = desired_rate
 
-    def settled(self) -> str | None:
+    def halting(self) -> str | None:
         """Goals that the state has canceled are waited for; when the run ends, none is left behind."""
-        return current_run().shared(RunGoals).unsettled(self)
+        return current_run().shared(RunGoals).halting(self)

@@ -62,7 +62,7 @@ def hosted(state_class: type[EventState], flexbe_event_state: type[Any], flexbe_
 
 
 class _HostedState:
-    """One state in its shell. It is the state's place in a run, too: what the engine is to it elsewhere."""
+    """One state in its shell. It is the state's place in a run, too: its host."""
 
     def __init__(self, shell: Any, state: EventState, logger: Any) -> None:
         self.state = state
@@ -71,14 +71,14 @@ class _HostedState:
         self._services: StateServices | None = None
         self._outcome: str | None = None
         self._userdata: Any = None  # while the state is active
-        self._bell = threading.Event()
+        self._wake_event = threading.Event()
 
     # -- what FlexBE calls -------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Before the run."""
         self._services = _services_of(self._shell._node)
-        self.state._leaf = self  # type: ignore[assignment]
+        self.state._host = self
         self.state.on_start()
 
     def enter(self, userdata: Any) -> None:
@@ -109,13 +109,13 @@ class _HostedState:
         self.leave(ExitReason.PREEMPTED)
         steady = self.services.runtime.steady
         deadline = steady.now() + REST_SECONDS
-        while (unsettled := self.state.settled()) is not None and steady.now() < deadline:
-            self._bell.clear()
-            self._bell.wait(max(0.0, min(0.1, deadline - steady.now())))
-        if unsettled is not None:
-            self.log(Severity.ERROR, f'not at rest {REST_SECONDS:g} s after the stop: {unsettled}')
+        while (halting := self.state.halting()) is not None and steady.now() < deadline:
+            self._wake_event.clear()
+            self._wake_event.wait(max(0.0, min(0.1, deadline - steady.now())))
+        if halting is not None:
+            self.log(Severity.ERROR, f'not at rest {REST_SECONDS:g} s after the stop: {halting}')
         self.state.on_stop()
-        self.state._leaf = None
+        self.state._host = None
 
     def _guarded(self, what: str, callback: Any) -> str | None:
         try:
@@ -147,7 +147,7 @@ class _HostedState:
 
     def wake(self) -> None:
         """There is news: FlexBE sees it at its next tick, and :meth:`stop` at once."""
-        self._bell.set()
+        self._wake_event.set()
 
     def wake_at(self, time: float) -> None:
         """FlexBE asks at its rate anyway."""

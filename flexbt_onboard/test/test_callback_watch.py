@@ -15,7 +15,7 @@ from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.runs.callback_watch import LIMIT, CallbackWatch
 from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of
 
-_CALLBACKS = ('on_enter', 'execute', 'on_exit', 'settled', 'activity')
+_CALLBACKS = ('on_enter', 'execute', 'on_exit', 'halting', 'activity')
 
 
 class Quiet:
@@ -50,8 +50,8 @@ class Working(EventState):
     def on_exit(self, userdata: Any) -> None:
         self._work('on_exit')
 
-    def settled(self) -> str | None:
-        self._work('settled')
+    def halting(self) -> str | None:
+        self._work('halting')
         return None
 
     def activity(self) -> list[str]:

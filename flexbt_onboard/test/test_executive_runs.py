@@ -11,10 +11,16 @@ from typing import Any
 import pytest
 
 from flexbt_common.values.entries import to_entry
-from flexbt_core.state_machine import Autonomy, EventState, MachineDefinition, MachineRun, OperatableStateMachine
+from flexbt_core.state_machine import (
+    Autonomy,
+    EventState,
+    MachineDefinition,
+    MachineRun,
+    OperatableStateMachine,
+    read_machine,
+)
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.behaviors.machine_file import read_machine
 from flexbt_onboard.runs.state_services import state_services
 from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
 
@@ -306,7 +312,7 @@ def test_a_command_that_comes_when_the_run_has_ended_is_answered(make_bench: Mak
 
 
 class SlowStop(EventState):
-    """Is not at rest before it is told."""
+    """Has not halted before it is told."""
 
     def __init__(self, at_rest: threading.Event) -> None:
         super().__init__(outcomes=['done'], desired_rate=None)
@@ -316,7 +322,7 @@ class SlowStop(EventState):
     def on_exit(self, userdata: Any) -> None:
         self.exits.append(self.exit_reason)
 
-    def settled(self) -> str | None:
+    def halting(self) -> str | None:
         return None if self.at_rest.is_set() else 'braking'
 
 
@@ -387,7 +393,7 @@ def test_a_run_that_does_not_stop_does_not_hold_up_the_end(make_bench: Make) -> 
     assert not closing.is_alive()
     go.set()
     wait_until(lambda: not bench.executive.run or bench.executive.run.join(0.0), 'thread of the run')
-    bench.logged('was not at rest')
+    bench.logged('had not halted')
 
 
 def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> None:

@@ -132,8 +132,8 @@ class BtExecuteGoalState(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self._execution.leave()
 
-    def settled(self) -> str | None:
-        return self._execution.settled()
+    def halting(self) -> str | None:
+        return self._execution.halting()
 
     def activity(self) -> Sequence[str]:
         return self._execution.activity()

@@ -71,8 +71,8 @@ class BtLoaderState(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self._goal.leave()
 
-    def settled(self) -> str | None:
-        return self._goal.settled()
+    def halting(self) -> str | None:
+        return self._goal.halting()
 
 
 def _refusals(outcome: GoalOutcome) -> list[str]:

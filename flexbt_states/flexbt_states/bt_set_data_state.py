@@ -93,5 +93,5 @@ class BtSetDataState(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self._goal.leave()
 
-    def settled(self) -> str | None:
-        return self._goal.settled()
+    def halting(self) -> str | None:
+        return self._goal.halting()

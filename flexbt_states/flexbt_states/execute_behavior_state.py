@@ -121,8 +121,8 @@ class ExecuteBehaviorState(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self._goal.leave()
 
-    def settled(self) -> str | None:
-        return self._goal.settled()
+    def halting(self) -> str | None:
+        return self._goal.halting()
 
     def activity(self) -> Sequence[str]:
         return self._activity if self._goal.goal_id else ()

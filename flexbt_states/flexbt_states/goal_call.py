@@ -24,7 +24,7 @@ class GoalCall:
     """One goal at a time on one action server, on behalf of a state.
 
     The state is woken when the goal is done or its time is up. A goal that is still active when the state is left is
-    canceled, and the state is not settled before that is confirmed.
+    canceled, and the state has not halted before that is confirmed.
     """
 
     def __init__(self, state: EventState, action_type: type[Any], topic: str) -> None:
@@ -101,7 +101,7 @@ class GoalCall:
             self._unfinished.append(call)
             call.cancel()
 
-    def settled(self) -> str | None:
+    def halting(self) -> str | None:
         """What is not at rest yet: a goal whose end nobody has confirmed. None when there is none."""
         for call in [call for call in self._unfinished if call.done]:
             self._unfinished.remove(call)

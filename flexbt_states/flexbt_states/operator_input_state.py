@@ -84,8 +84,8 @@ class OperatorInputState(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self._goal.leave()
 
-    def settled(self) -> str | None:
-        return self._goal.settled()
+    def halting(self) -> str | None:
+        return self._goal.halting()
 
 
 def _reason(outcome: GoalOutcome) -> str:

@@ -122,9 +122,9 @@ class TreeExecution:
         self._pause.begin('')
         self._goal.leave()
 
-    def settled(self) -> str | None:
+    def halting(self) -> str | None:
         """What is not at rest yet, None when nothing."""
-        return self._goal.settled()
+        return self._goal.halting()
 
     def activity(self) -> Sequence[str]:
         """Paths of the tree's nodes that are running; none when the tree has ended, or was lost."""

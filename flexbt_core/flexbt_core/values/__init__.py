@@ -21,11 +21,12 @@ __all__ = [
     'sendable',
 ]
 
+if not TYPE_CHECKING:  # type checkers would take any name for one of this module
 
-def __getattr__(name: str) -> Any:
-    """PyYAML takes a while to be imported, and most who want text need none of it."""
-    if name not in __all__:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from . import nested_yaml
+    def __getattr__(name: str) -> Any:
+        """PyYAML takes a while to be imported, and most who want text need none of it."""
+        if name not in __all__:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        from . import nested_yaml
 
-    return getattr(nested_yaml, name)
+        return getattr(nested_yaml, name)

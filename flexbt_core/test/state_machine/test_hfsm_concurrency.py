@@ -65,7 +65,7 @@ def test_it_ends_as_soon_as_a_condition_holds_and_leaves_the_others_once() -> No
 def test_it_waits_for_the_others_to_be_at_rest_before_it_wants_its_outcome() -> None:
     one, other, made = two()
     braking = ['braking']
-    one.do['settled'] = lambda *_: braking[0] if braking else None
+    one.do['halting'] = lambda *_: braking[0] if braking else None
     bench = Bench(made)
     other.end('failed')
     bench.settle()
@@ -79,7 +79,7 @@ def test_it_waits_for_the_others_to_be_at_rest_before_it_wants_its_outcome() -> 
 
 def test_a_child_that_never_comes_to_rest_does_not_hold_it_up_for_ever() -> None:
     one, other, made = two()
-    one.do['settled'] = lambda *_: 'braking'
+    one.do['halting'] = lambda *_: 'braking'
     bench = Bench(made)
     other.end('failed')
     bench.settle()
@@ -87,7 +87,7 @@ def test_a_child_that_never_comes_to_rest_does_not_hold_it_up_for_ever() -> None
     assert bench.transitions[1:] == []
     bench.pass_time(0.2)
     assert bench.outcome == 'failed'
-    assert bench.faults == [('/Both', 'not everything in it was at rest 3 s after it ended: braking')]
+    assert bench.faults == [('/Both', 'not everything in it had halted 3 s after it ended: braking')]
 
 
 def test_each_child_has_a_decision_of_its_own_and_they_are_answered_in_any_order() -> None:
@@ -369,7 +369,7 @@ def test_everything_else_stands_still_while_a_priority_container_is_active() -> 
 def test_the_others_go_on_when_the_priority_container_is_at_rest() -> None:
     case = Priority()
     busy = ['braking']
-    case.urgent.do['settled'] = lambda *_: busy[0] if busy else None
+    case.urgent.do['halting'] = lambda *_: busy[0] if busy else None
     case.begin()
     assert case.bench.force('/Line/Urgent', 'failed') is None
     assert 'on_resume' not in case.beside.trace
@@ -387,7 +387,7 @@ def test_a_priority_container_that_fails_to_begin_lets_go() -> None:
     case = Priority()
     case.urgent.do['on_enter'] = boom
     case.begin()
-    assert case.bench.run.holds.focus is None
+    assert case.bench.run.pausing.priority is None
     assert case.beside.trace[-2:] == ['on_resume', 'execute']
 
 
@@ -420,17 +420,17 @@ def test_priority_within_priority() -> None:
     made = machine(Place('Y', outer_beside), Place('Outer', outer), conditions=[('ended', [('Outer', 'ended')])])
     bench = Bench(made)
     paused = [leaf.path for leaf in bench.run.active_states() if leaf.is_paused]
-    assert (bench.run.holds.focus, paused) == ('/Outer/Pair/Inner', ['/Y', '/Outer/Pair/X'])
+    assert (bench.run.pausing.priority, paused) == ('/Outer/Pair/Inner', ['/Y', '/Outer/Pair/X'])
     inner_state.end('done')
     bench.settle()
-    assert (bench.run.holds.focus, bench.active) == ('/Outer', ('/Y', '/Outer/Rest'))
+    assert (bench.run.pausing.priority, bench.active) == ('/Outer', ('/Y', '/Outer/Rest'))
     assert [leaf.is_paused for leaf in bench.run.active_states()] == [True, False]
     assert inner_beside.trace[-1] == 'on_exit PARENT_LEFT'
 
 
 def test_the_engine_has_one_region_for_a_machine_and_one_for_each_child_of_a_concurrency_container() -> None:
     _, _, made = two()
-    root = Bench(made).run._root
+    root = Bench(made).run.root
     both = root.children['Both']
     assert isinstance(both, ContainerRun)
     assert (len(root.regions), len(both.regions)) == (1, 2)

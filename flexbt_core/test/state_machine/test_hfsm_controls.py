@@ -109,7 +109,7 @@ def test_an_alarm_that_is_due_in_a_pause_rings_after_it_unless_it_was_cancelled(
 
 def test_what_comes_to_rest_in_a_pause_is_followed_after_it() -> None:
     busy = ['braking']
-    first, then = Scripted(do={'settled': lambda *_: busy[0] if busy else None}, outcome='done'), Scripted()
+    first, then = Scripted(do={'halting': lambda *_: busy[0] if busy else None}, outcome='done'), Scripted()
     bench = Bench(machine(Place('A', first, {'done': 'B'}), Place('B', then, {'done': 'ended'})))
     bench.pause()
     assert 'on_pause' not in first.trace, 'it was left already'
@@ -259,7 +259,7 @@ def test_since_when_a_state_is_active_is_told_on_the_clock_of_the_run() -> None:
 
 def test_repeat_waits_for_rest_and_forgets_what_was_wanted() -> None:
     busy: list[str] = []
-    state = Scripted('done', outcome='done', do={'settled': lambda *_: busy[0] if busy else None})
+    state = Scripted('done', outcome='done', do={'halting': lambda *_: busy[0] if busy else None})
     bench = Bench(nested(state, 'A', {'done': Autonomy.Full}))
     decision = bench.decision
     state.outcome = None
@@ -332,7 +332,7 @@ def test_a_state_that_takes_longer_than_its_period_is_left_all_the_same() -> Non
     """It is due again as soon as it was executed; what it wants comes first."""
 
     def take_long(state: Scripted, _: Any) -> str:
-        clock: Any = state._bound()._engine.clock
+        clock = state.services.clock
         clock.set(clock.now() + 0.5)
         return 'done'
 

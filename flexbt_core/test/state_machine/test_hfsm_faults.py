@@ -117,24 +117,24 @@ def test_what_raises_in_on_stop_is_shown_and_changes_neither_the_outcome_nor_the
 
 
 def test_nobody_knows_whether_a_state_that_raises_in_settled_is_at_rest() -> None:
-    state = Scripted(outcome='done', do={'settled': boom})
+    state = Scripted(outcome='done', do={'halting': boom})
     bench = bench_of(state, 1)
     state.wake()
     bench.settle()
     assert bench.active == ('/Top/A',)
-    assert [text.partition('\n')[0] for _, text in bench.faults] == ['settled raised:']
+    assert [text.partition('\n')[0] for _, text in bench.faults] == ['halting raised:']
     bench.pass_time(3.0)
     assert bench.outcome == 'done'
-    assert bench.faults[1:] == [('/Top/A', 'was not at rest 3 s after it was left: settled() raised')]
+    assert bench.faults[1:] == [('/Top/A', 'had not halted 3 s after it was left: halting() raised')]
 
 
 def test_a_state_that_raised_in_settled_is_asked_again_in_its_next_visit() -> None:
-    state = Scripted('again', outcome='again', do={'settled': boom})
+    state = Scripted('again', outcome='again', do={'halting': boom})
     bench = Bench(machine(Place('A', state, {'again': 'A'})))
     state.outcome = None
     bench.pass_time(3.0)
     assert (len(bench.faults), state.calls('on_enter')) == (2, 2)
-    del state.do['settled']
+    del state.do['halting']
     assert bench.force('/A', 'again') is None
     assert (len(bench.faults), state.calls('on_enter')) == (2, 3)
 
@@ -198,10 +198,10 @@ class Escaping(Bench):
             super()._step()
         except SystemExit as error:
             self.run.abort(f'{type(error).__name__} escaped')
-            self._ring()
+            self._wake()
 
 
-@pytest.mark.parametrize('callback', ['on_enter', 'execute', 'on_exit', 'on_stop', 'settled'])
+@pytest.mark.parametrize('callback', ['on_enter', 'execute', 'on_exit', 'on_stop', 'halting'])
 def test_what_even_escapes_from_the_engine_leaves_each_callback_called_once(callback: str) -> None:
     def leave(state: Scripted, _: Any) -> None:
         raise SystemExit

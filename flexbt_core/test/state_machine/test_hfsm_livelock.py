@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import OperatableStateMachine
-from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS
+from flexbt_core.state_machine import MAX_TRANSITIONS, OperatableStateMachine
 from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, passing
 
 

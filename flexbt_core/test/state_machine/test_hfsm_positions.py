@@ -16,6 +16,8 @@ from flexbt_core.state_machine import (
     Position,
     StateError,
     StateMachineError,
+    position_of,
+    start_at,
 )
 from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
 
@@ -58,7 +60,7 @@ def test_a_run_goes_on_with_its_userdata_and_settings_and_tells_the_state_so() -
     before.lock('/M')
     before.set_breakpoint('/M/S1')
     before.set_autonomy(Autonomy.Low, '/M')
-    position = through_json(before.run.position())
+    position = through_json(position_of(before.run))
     assert (position.active, position.userdata) == (('/M', '/M/S1'), {'/': {'x': 7}, '/M': {'x': 7}})
     states, second = made()
     after = Bench(second, autonomy=Autonomy.Off, at=position)
@@ -70,7 +72,7 @@ def test_a_run_goes_on_with_its_userdata_and_settings_and_tells_the_state_so() -
         {'/': 3, '/M': 1},
     )
     assert states[0].trace == ['on_start']
-    assert after.run.position() == position
+    assert position_of(after.run) == position
 
 
 def test_what_was_done_and_waited_for_the_operator_is_not_done_again() -> None:
@@ -79,7 +81,7 @@ def test_what_was_done_and_waited_for_the_operator_is_not_done_again() -> None:
 
     before = Bench(made())
     old = before.decision
-    position = through_json(before.run.position())
+    position = through_json(position_of(before.run))
     assert (position.wanted, position.decisions[0]['outcome']) == ({'/A/B': 'done'}, 'done')
     after = Bench(made(), at=position)
     assert not [event for event in after.trace if event.startswith('on_enter')]
@@ -92,11 +94,11 @@ def test_what_was_done_and_waited_for_the_operator_is_not_done_again() -> None:
 
 def test_what_was_being_left_is_passed_on() -> None:
     def made(second: Scripted) -> OperatableStateMachine:
-        return line(Scripted(outcome='done', do={'settled': lambda *_: 'braking'}), second)
+        return line(Scripted(outcome='done', do={'halting': lambda *_: 'braking'}), second)
 
     before = Bench(made(Scripted()))
     second = Scripted()
-    position = through_json(before.run.position())
+    position = through_json(position_of(before.run))
     assert position.leaving == {'/S0': 'done'}
     after = Bench(made(second), at=position)
     after.pass_time(3.0)
@@ -109,11 +111,11 @@ def test_what_had_to_wait_for_something_with_priority_is_not_resumed_but_entered
         return machine(Place('P', first), Place('B', beside), conditions=[('ended', [('B', 'done')])])
 
     before = Bench(made(Scripted(), Scripted()))
-    position = through_json(before.run.position())
+    position = through_json(position_of(before.run))
     assert (position.active, position.coming) == (('/P', '/P/U'), ('/B',))
     urgent, beside = Scripted(), Scripted()
     after = Bench(made(urgent, beside), at=position)
-    assert after.run.position() == position
+    assert position_of(after.run) == position
     assert (urgent.trace, beside.trace) == (['on_start', 'on_enter again', 'execute'], ['on_start'])
     urgent.end('done')
     after.settle()
@@ -124,9 +126,9 @@ def test_a_paused_run_goes_on_when_it_is_resumed() -> None:
     before = Bench(line(Scripted()))
     before.pause()
     state = Scripted()
-    after = Bench(line(state), at=through_json(before.run.position()))
+    after = Bench(line(state), at=through_json(position_of(before.run)))
     assert (state.trace, after.run.is_paused) == (['on_start'], True)
-    assert after.run.position() == before.run.position()
+    assert position_of(after.run) == position_of(before.run)
     after.resume()
     assert state.trace == ['on_start', 'on_enter again', 'execute']
 
@@ -145,7 +147,7 @@ def test_positions_are_whole_whenever_the_observer_is_told_something() -> None:
 
         def write(self) -> None:
             if self.run.outcome is None and not self.run.message:
-                positions.append(through_json(self.run.position()))
+                positions.append(through_json(position_of(self.run)))
 
     def made() -> OperatableStateMachine:
         both = machine(
@@ -179,15 +181,15 @@ def test_a_position_that_cannot_be_is_refused(change: dict[str, Any], reason: st
     def made() -> OperatableStateMachine:
         return line(Scripted(), nested(Scripted(), 'A'))
 
-    plain = Bench(made()).run.position().to_plain() | change
+    plain = position_of(Bench(made()).run).to_plain() | change
     bench = Bench(made(), start=False)
     with pytest.raises(StateMachineError) as caught:
-        bench.run.start(Position.from_plain(plain))
+        start_at(bench.run, Position.from_plain(plain))
     assert reason in str(caught.value)
 
 
 def test_data_that_is_no_position_is_refused() -> None:
-    plain = Bench(line(Scripted())).run.position().to_plain()
+    plain = position_of(Bench(line(Scripted())).run).to_plain()
     for name, value in plain.items():
         wrong = copy.deepcopy(plain)
         wrong[name] = 3.5
@@ -301,10 +303,10 @@ def test_a_switch_is_refused_while_something_is_left_and_when_a_new_state_cannot
     bench = Bench(line(Scripted(), fine))
     assert bench.switch(line(Scripted(), broken)) == 'the run cannot go on with that machine: /S1 raised in on_start'
     assert broken.trace == ['on_start', 'on_stop']
-    other = Bench(line(Scripted(do={'settled': lambda *_: 'braking'}), Scripted()))
+    other = Bench(line(Scripted(do={'halting': lambda *_: 'braking'}), Scripted()))
     other.force('/S0', 'done')
     refusal = other.switch(line(Scripted(), Scripted()))
-    assert refusal == 'the run cannot go on with that machine: /S0 is being left; try again when it is at rest'
+    assert refusal == 'the run cannot go on with that machine: /S0 is being left; try again when it has halted'
     taken = line(Scripted(), fine)
     refusal = other.switch(taken)
     assert refusal is not None

@@ -15,7 +15,7 @@ import hypothesis.strategies as st
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from flexbt_core.state_machine import ExitReason, OperatableStateMachine, Position
+from flexbt_core.state_machine import ExitReason, OperatableStateMachine, Position, position_of
 from flexbt_testing.state_machines.bench import Bench
 from flexbt_testing.state_machines.random_machines import Node, Puppet, build, random_machine
 from flexbt_testing.state_machines.reference_model import LIVELOCK, Model
@@ -220,8 +220,8 @@ class RandomRun(RuleBasedStateMachine):
     @rule()
     def go_on_after_a_crash(self) -> None:
         """What was written down is enough for another run, in another process, to go on there."""
-        position = Position.from_plain(json.loads(json.dumps(self.bench.run.position().to_plain())))
-        assert position == self.bench.run.position()
+        position = Position.from_plain(json.loads(json.dumps(position_of(self.bench.run).to_plain())))
+        assert position == position_of(self.bench.run)
         self._begin(0, position)
         self.model.resume()
 
@@ -230,7 +230,7 @@ class RandomRun(RuleBasedStateMachine):
     def _puppet(self, number: int, here: int) -> Puppet:
         """One of the run: an active one if there is one and ``here`` is not 0."""
         active = self.bench.run.active_states() if here else []
-        chosen = active or list(self.bench.run._root.leaves())
+        chosen = active or list(self.bench.run.root.leaves())
         puppet = chosen[number % len(chosen)].state
         assert isinstance(puppet, Puppet)
         return puppet

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What was left comes to rest before anything else begins; and when it does not, that is known after a while."""
+"""What was left has halted before anything else begins; and when it does not, that is known after a while."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine,
 
 
 class Braking(Scripted):
-    """Is at rest when it is told."""
+    """Has halted when it is told."""
 
     def __init__(self, *outcomes: str, outcome: str | None = None) -> None:
         super().__init__(*outcomes, outcome=outcome)
         self.at_rest = False
         self.asked = 0
 
-    def settled(self) -> str | None:
+    def halting(self) -> str | None:
         self.asked += 1
         return None if self.at_rest else 'braking'
 
@@ -67,7 +67,7 @@ def test_after_its_time_it_is_reported_and_the_machine_goes_on() -> None:
     state = Braking(outcome='done')
     bench = Bench(before_next(state))
     bench.pass_time(3.0)
-    assert bench.faults == [('/Inner/A/B', 'was not at rest 3 s after it was left: braking')]
+    assert bench.faults == [('/Inner/A/B', 'had not halted 3 s after it was left: braking')]
     assert bench.active == ('/Next',)
     assert state.calls('on_exit') == 1
 
@@ -91,7 +91,7 @@ def test_a_stop_waits_for_rest_and_says_when_it_is_not_confirmed() -> None:
     assert bench.active == ('/Inner/A/B',)
     assert state.calls('on_stop') == 0
     bench.pass_time(3.0)
-    text = 'not confirmed to be at rest 3 s after the stop: braking'
+    text = 'not confirmed to have halted 3 s after the stop: braking'
     assert bench.faults == [('/Inner/A/B', text)]
     assert (bench.outcome, bench.run.message) == ('preempted', f'lunch; /Inner/A/B is {text}')
     assert (state.calls('on_exit'), state.calls('on_stop')) == (1, 1)
@@ -114,7 +114,7 @@ def test_a_stop_while_a_state_comes_to_rest_gives_it_its_full_time() -> None:
 
 @pytest.mark.parametrize('path', ['/Inner/A/B', '/Inner/A', '/Inner'])
 def test_a_force_while_a_state_comes_to_rest(path: str) -> None:
-    """The state is being left, which cannot be undone; what is around it may be left as well, when it is at rest."""
+    """The state is being left, which cannot be undone; what is around it may be left as well, when it has halted."""
     state = Braking('done', 'other', outcome='done')
     bench = Bench(before_next(state))
     refusal = bench.force(path, 'other')

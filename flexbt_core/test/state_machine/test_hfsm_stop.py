@@ -83,7 +83,7 @@ def test_a_stop_while_something_waits_for_the_operator(kind: str) -> None:
 
 
 def test_the_first_reason_of_a_stop_stays() -> None:
-    state = Scripted(do={'settled': lambda *_: 'braking'})
+    state = Scripted(do={'halting': lambda *_: 'braking'})
     bench = Bench(nested(state, 'A'))
     for reason in ('lunch', 'fire'):
         bench.stop(reason)

@@ -13,7 +13,6 @@ from flexbt_core.state_machine import (
     MachineError,
     StateError,
     define,
-    innermost,
     with_retry,
     with_timeout,
 )
@@ -114,7 +113,7 @@ def test_the_last_attempt_counts() -> None:
 def test_the_next_attempt_waits_for_rest_and_for_its_time() -> None:
     state = failing(1)
     busy = ['braking']
-    state.do['settled'] = lambda *_: busy[0] if busy and state.calls('on_exit') == 1 else None
+    state.do['halting'] = lambda *_: busy[0] if busy and state.calls('on_exit') == 1 else None
     bench = bench_of(with_retry(state, 2, delay=0.5))
     bench.pass_time(1.0)
     assert state.calls('on_enter') == 1
@@ -132,11 +131,11 @@ def test_the_next_attempt_waits_for_rest_and_for_its_time() -> None:
 
 def test_a_state_that_does_not_come_to_rest_is_not_tried_again() -> None:
     state = failing(1)
-    state.do['settled'] = lambda *_: 'braking'
+    state.do['halting'] = lambda *_: 'braking'
     bench = bench_of(with_retry(state, 2))
     bench.pass_time(20.0)
     assert (bench.outcome, state.calls('on_enter'), state.calls('on_exit')) == ('failed', 1, 1)
-    assert bench.lines[0][2] == 'is not tried again, since it was not at rest in 3 s: braking'
+    assert bench.lines[0][2] == 'is not tried again, since it had not halted after 3 s: braking'
 
 
 @pytest.mark.parametrize('how', ['stop', 'pause'])
@@ -191,7 +190,7 @@ def test_a_wrapper_looks_like_the_state() -> None:
     state = Scripted('done', 'failed', input_keys=['a'], output_keys=['b'], rate=5.0)
     both = with_timeout(with_retry(state, 3), 2.5)
     assert (both.outcomes, both.input_keys, both.output_keys) == (('done', 'failed', 'timeout'), ('a',), ('b',))
-    assert (both.desired_rate, innermost(both)) == (5.0, state)
+    assert (both.desired_rate, both.unwrapped) == (5.0, state)
     made = machine(Place('A', both, dict.fromkeys(both.outcomes, 'ended')), input_keys=['a'])
     assert define(made).structure()[1].type_name == 'Scripted, up to 3 times, at most 2.5 s'
 

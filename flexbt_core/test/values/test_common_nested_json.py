@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.values import MAX_DEPTH, load_json
+from flexbt_core.values import load_json
+from flexbt_core.values.nested_json import MAX_DEPTH
 
 texts = st.text(st.sampled_from('[]{}"\\a:,0'), max_size=40)
 documents = st.recursive(

@@ -12,7 +12,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.values import MAX_DEPTH, YamlError, load_yaml
+from flexbt_core.values import YamlError, load_yaml
+from flexbt_core.values.nested_yaml import MAX_DEPTH
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=9) | st.dates()

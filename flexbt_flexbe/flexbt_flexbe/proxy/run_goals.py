@@ -22,7 +22,7 @@ class RunGoals:
         self._drop_ended(state)
         self._calls[state].append((topic, call))
 
-    def unsettled(self, state: EventState) -> str | None:
+    def halting(self, state: EventState) -> str | None:
         """The goal that was canceled and has not ended yet, of a state that was left; None when there is none.
 
         When the run itself ends, all goals of the state are canceled: nobody is left to wait for their results.

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 
 from flexbt_common.values.entries import resolve_type
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, called_state, innermost
+from flexbt_core.state_machine import EventState, called_state
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.runs.run_context import current_run
 
@@ -52,7 +52,7 @@ def on_class_too(method: Method) -> Method:
 def calling_state() -> EventState | None:
     """The state that is being called; not what may be wrapped around it."""
     state = called_state()
-    return None if state is None else innermost(state)
+    return None if state is None else state.unwrapped
 
 
 class Listeners:

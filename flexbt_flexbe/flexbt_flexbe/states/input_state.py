@@ -76,8 +76,8 @@ class _QuestionState(RosAccess, EventState):
     def on_exit(self, userdata: UserData) -> None:
         self._goal.leave()
 
-    def settled(self) -> str | None:
-        return self._goal.settled()
+    def halting(self) -> str | None:
+        return self._goal.halting()
 
     def _unusable(self, reason: str) -> str:
         self.log_warn(f'the answer to {self._message!r} cannot be used: {reason}')

@@ -203,7 +203,7 @@ class Behavior:
     def create(self) -> OperatableStateMachine | MachineDefinition:
         """Build the state machine from the parameters' values. Called on the thread of the run.
 
-        A definition is what :func:`flexbt_onboard.behaviors.machine_file.read_machine` makes of YAML. It has the
+        A definition is what :func:`flexbt_core.state_machine.read_machine` makes of YAML. It has the
         state objects of one run, so it is made anew by each call.
         """
         raise NotImplementedError(f'behavior {self.name!r} does not implement create()')

@@ -14,7 +14,7 @@ from typing import Any
 
 from flexbt_common.cli.user_files import home_path
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError
+from flexbt_core.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError, position_of
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.commands.command_answers import CommandAnswer, Decided
@@ -147,7 +147,7 @@ class RunJournal:
         if self._journal is None or not self._has(run_id):
             return ()
         lost: set[str] = set()
-        line: dict[str, Any] = {'position': to_plain_form(machine.position().to_plain(), lost.add)}
+        line: dict[str, Any] = {'position': to_plain_form(position_of(machine).to_plain(), lost.add)}
         if request is not None:
             line['begin'] = _begin(run_id, request)
         self._journal.write(_results(decided), **line)

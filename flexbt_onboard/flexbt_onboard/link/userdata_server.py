@@ -44,7 +44,7 @@ class UserdataServer:
         def end() -> None:
             (goal.succeed if result.code == Result.SUCCESS else goal.abort)(result)
 
-        run.command(lambda machine, once: machine.look(see, once), answer)
+        run.command(lambda machine, once: machine.inspect(see, once), answer)
 
 
 def _cancel(goal: ServedGoal) -> None:

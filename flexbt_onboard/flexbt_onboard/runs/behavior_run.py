@@ -25,8 +25,10 @@ from flexbt_core.state_machine import (
     MachineError,
     MachineRun,
     Severity,
+    reasons_against,
+    start_at,
+    switch_machine,
 )
-from flexbt_core.state_machine.resume.restoring import reasons_against
 from flexbt_msgs.msg import ActiveState, BehaviorStructure, ExecutiveLog, PendingDecision
 from flexbt_onboard.behaviors.behavior import OperatorGone
 from flexbt_onboard.behaviors.run_building import RunRequest, build, checked_inputs, structure_message
@@ -314,7 +316,7 @@ class BehaviorRun:
                 self._observer.run_switched(self, structure_message(definition, self.run_id, self.behavior))
             self._decide(answer, reason)
 
-        machine.switch(definition, switched)
+        switch_machine(machine, definition, switched)
 
     def _reason_of(self, error: BaseException) -> str:
         """Why a behavior could not be built, for the operator."""
@@ -329,7 +331,10 @@ class BehaviorRun:
     def _drive(self, machine: MachineRun) -> tuple[str, str]:
         """Step the machine to its end; gives the outcome and a message."""
         try:
-            machine.start(self.request.at)
+            if self.request.at is None:
+                machine.start()
+            else:
+                start_at(machine, self.request.at)
         except BaseException as error:
             self._escaped(machine, error)
         for _ in range(_ESCAPES):

@@ -7,14 +7,12 @@ is looked at from outside now and then, so that calling them costs nothing more.
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable
-from types import FrameType
 from typing import Final
 
 from flexbt_core.clock import Clock, Timer
-from flexbt_core.state_machine.engine.leaf import LeafRun
+from flexbt_core.state_machine import CallbackOnThread, callback_on
 
 LIMIT: Final = 1.0
 """A callback that takes longer is told, in seconds of wall time."""
@@ -33,7 +31,7 @@ class CallbackWatch:
         self._steady = steady
         self._tell = tell
         self._told: set[tuple[str, str]] = set()
-        self._call: FrameType | None = None  # that was seen last, and when it was seen first
+        self._seen: CallbackOnThread | None = None  # that was seen last, and when it was seen first
         self._since = 0.0
         self._thread_id = 0
         self._timer: Timer | None = None
@@ -47,7 +45,7 @@ class CallbackWatch:
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._thread_id = 0
-            self._call = None
+            self._seen = None
             if self._timer is not None:
                 self._timer.cancel()
 
@@ -59,21 +57,12 @@ class CallbackWatch:
             if not self._thread_id:
                 return
             self._arm()
-            call, now = _call_on_stack(self._thread_id), self._steady.now()
-            if call is not self._call:
-                self._call, self._since = call, now
-            if call is None or now - self._since < LIMIT:
+            seen, now = callback_on(self._thread_id), self._steady.now()
+            if seen is None or self._seen is None or seen.call is not self._seen.call:
+                self._seen, self._since = seen, now
+            if seen is None or now - self._since < LIMIT:
                 return
-            # A frame that goes on meanwhile keeps these: they are the arguments of the call.
-            path, callback = call.f_locals['self'].path, call.f_locals['what']
-            if (path, callback) not in self._told:
-                self._told.add((path, callback))
-                self._tell(path, callback, now - self._since)
-
-
-def _call_on_stack(thread_id: int) -> FrameType | None:
-    """The frame that calls the callback of a state on a thread; None when there is none."""
-    frame = sys._current_frames().get(thread_id)
-    while frame is not None and frame.f_code is not LeafRun.call.__code__:
-        frame = frame.f_back
-    return frame
+            told = seen.path, seen.callback
+            if told not in self._told:
+                self._told.add(told)
+                self._tell(*told, now - self._since)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A bench for the state machine: scripted states, and a host that runs a machine on a manual clock.
 
-As the executive does, the host steps the run after each ring and when it is due, and never otherwise: what is forgotten
-here hangs there.
+As the executive does, the host steps the run after each wake-up and when it is due, and never otherwise: what is
+forgotten here hangs there.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 
 from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import (
+    MAX_TRANSITIONS,
     Answer,
     Autonomy,
     ConcurrencyContainer,
@@ -26,8 +27,9 @@ from flexbt_core.state_machine import (
     PriorityContainer,
     Severity,
     define,
+    start_at,
+    switch_machine,
 )
-from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS
 
 Do = Callable[['Scripted', Any], Any]
 """What a callback of a scripted state does, with the state and its userdata (None where it gets none)."""
@@ -90,8 +92,8 @@ class Scripted(EventState):
     def on_stop(self) -> None:
         self._called('on_stop')
 
-    def settled(self) -> str | None:
-        return self.do['settled'](self, None) if 'settled' in self.do else None
+    def halting(self) -> str | None:
+        return self.do['halting'](self, None) if 'halting' in self.do else None
 
     def _called(self, callback: str, userdata: Any = None, detail: str = '') -> Any:
         self._calls[callback] += 1
@@ -182,7 +184,7 @@ class Bench:
         self.transitions: list[tuple[str, str, str, ExitReason]] = []
         self.pictures: list[Picture] = []
         self.steps = 0
-        self._rung = False
+        self._is_woken = False
         self.run = MachineRun(
             define(machine),
             self.clock,
@@ -193,10 +195,13 @@ class Bench:
             steady=self.steady,
             exit_timeout=3.0,
             max_transitions=max_transitions,
-            on_wake=self._ring,
+            on_wake=self._wake,
         )
         if start:
-            self.run.start(at)
+            if at is None:
+                self.run.start()
+            else:
+                start_at(self.run, at)
             self.settle()
 
     # -- the observer ------------------------------------------------------------------------------------------------
@@ -222,14 +227,14 @@ class Bench:
 
     # -- the host ----------------------------------------------------------------------------------------------------
 
-    def _ring(self) -> None:
-        self._rung = True
+    def _wake(self) -> None:
+        self._is_woken = True
 
     def settle(self) -> None:
-        """Step the run until nobody rings any more."""
+        """Step the run until nobody wakes it any more."""
         at_once = 0
-        while self._rung and self.run.outcome is None:
-            self._rung = False
+        while self._is_woken and self.run.outcome is None:
+            self._is_woken = False
             self._step()
             at_once += 1
             assert at_once <= STEPS_AT_ONCE, f'busy: {self.trace[-8:]}'
@@ -238,13 +243,13 @@ class Bench:
         """Let time go by, waking up in between exactly when something is due."""
         end = self.clock.now() + seconds
         while self.run.outcome is None:
-            due, alarm = self.run.next_wake, self.clock.next_timer()
-            times = [time for time in (due, alarm) if time is not None and time <= end]
+            due, timer = self.run.next_wake, self.clock.next_timer()
+            times = [time for time in (due, timer) if time is not None and time <= end]
             if not times:
                 break
             self.clock.set(max(min(times), self.clock.now()))
             if due is not None and due <= self.clock.now():
-                self._rung = True
+                self._is_woken = True
             self.settle()
             assert (self.run.next_wake or end + 1.0) > self.clock.now(), f'still due: {self.trace[-8:]}'
         self.clock.set(end)
@@ -314,7 +319,7 @@ class Bench:
 
     def switch(self, made: OperatableStateMachine) -> str | None:
         """Go on with another machine; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.switch(define(made), answer))
+        return self.answer_to(lambda answer: switch_machine(self.run, define(made), answer))
 
     def stop(self, reason: str = 'test') -> None:
         """Preempt the run."""

@@ -28,7 +28,7 @@ class Visit:
     """What a state does in one of its visits.
 
     ``kind``: 'go' by ``outcome`` at once, 'wait' for news, 'ask' the operator and suggest ``outcome`` (None for none),
-    or raise in 'on_enter' or 'execute'. ``leaving``: '', 'raise' in on_exit, or 'slow': not at rest before it is told.
+    or raise in 'on_enter' or 'execute'. ``leaving``: '', 'raise' in on_exit, or 'slow': halts when it is told.
     """
 
     kind: str
@@ -134,7 +134,7 @@ class Puppet(Scripted):
         self._calls.clear()
 
     def rest(self) -> None:
-        """Whatever it was doing, it is at rest now."""
+        """Whatever it was doing, it has halted now."""
         self.at_rest = True
         self.wake()
 
@@ -157,7 +157,7 @@ class Puppet(Scripted):
         if self._visit.leaving == 'raise':
             raise ArithmeticError
 
-    def settled(self) -> str | None:
+    def halting(self) -> str | None:
         return None if self.at_rest else 'busy'
 
     def _raise_in(self, callback: str) -> None:

@@ -26,7 +26,7 @@ Wish = tuple[str, str, str]
 
 @dataclass(eq=False)
 class Seat:
-    """A place for an active state or machine. ``phase``: 'empty', 'coming', 'in', or 'left' and coming to rest."""
+    """A place for an active state or machine. ``phase``: 'empty', 'coming', 'in', or 'left' and halting."""
 
     outer: Seat | None
     node: Node | None = None
@@ -130,7 +130,7 @@ class Model:
         self._go_on()
 
     def rest(self, node: Node) -> None:
-        """A state comes to rest."""
+        """A state has halted."""
         for seat in self.seats():
             if seat.node is node:
                 seat.is_at_rest = True
@@ -401,7 +401,7 @@ class Model:
             self._leave(inner, why if why in ('PREEMPTED', 'FAULT') else 'PARENT_LEFT')
 
     def _is_busy(self, seat: Seat) -> bool:
-        """Whether something in it is not at rest."""
+        """Whether something in it has not halted."""
         return any(one.is_state and one.phase in ('in', 'left') and not one.is_at_rest for one in seat.all())
 
     def _is_time(self, name: str, seat: Seat | None) -> bool:

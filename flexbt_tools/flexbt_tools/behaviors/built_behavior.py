@@ -8,8 +8,7 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexbt_core.state_machine import MachineError
-from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_core.state_machine import MachineDefinition, MachineError
 from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.behaviors.building import building
 from flexbt_onboard.behaviors.run_building import definition_of

@@ -11,8 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from flexbt_core.state_machine.model.autonomy import NAMES
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind, Transition
+from flexbt_core.state_machine import AUTONOMY_NAMES, MachineDefinition, StateDefinition, StateKind, Transition
 from flexbt_tools.trees.outline import Item, items_of
 
 from .used_trees import UsedTrees
@@ -30,7 +29,7 @@ class Edge:
     @property
     def label(self) -> str:
         """The outcome, and the level that it requires."""
-        level = f' ({NAMES[self.autonomy]})' if self.autonomy > 0 else ''
+        level = f' ({AUTONOMY_NAMES[self.autonomy]})' if self.autonomy > 0 else ''
         return f'{self.outcome}{level}'
 
 

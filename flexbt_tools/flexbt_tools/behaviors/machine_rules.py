@@ -8,8 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 
-from flexbt_core.state_machine import Autonomy, Read, races, unsure_reads
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind, Transition
+from flexbt_core.state_machine import (
+    Autonomy,
+    MachineDefinition,
+    Read,
+    StateDefinition,
+    StateKind,
+    Transition,
+    races,
+    unsure_reads,
+)
 
 from .findings import (
     ALWAYS_ASKS,

@@ -7,8 +7,7 @@ import argparse
 import json
 from collections.abc import Iterator
 
-from flexbt_core.state_machine.model.autonomy import NAMES
-from flexbt_core.state_machine.model.definition import MachineDefinition, StructureEntry, Transition
+from flexbt_core.state_machine import AUTONOMY_NAMES, MachineDefinition, StructureEntry, Transition
 from flexbt_core.values import one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UsageError
@@ -42,7 +41,7 @@ def _target(transition: Transition) -> str:
 
 
 def _autonomy(transition: Transition) -> str:
-    return f'  [{NAMES[transition.autonomy]}]' if transition.autonomy > 0 else ''
+    return f'  [{AUTONOMY_NAMES[transition.autonomy]}]' if transition.autonomy > 0 else ''
 
 
 def to_json(entry: StructureEntry) -> dict[str, object]:

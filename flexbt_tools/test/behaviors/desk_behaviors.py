@@ -9,8 +9,7 @@ import io
 from typing import NamedTuple
 
 from flexbt_core.behavior_tree import NodeRegistry
-from flexbt_core.state_machine import EventState, OperatableStateMachine
-from flexbt_core.state_machine.authoring.machine import define
+from flexbt_core.state_machine import EventState, OperatableStateMachine, define
 from flexbt_server.trees.node_types import node_registry
 from flexbt_tools.behaviors.built_behavior import BuiltBehavior
 from flexbt_tools.behaviors.check import check

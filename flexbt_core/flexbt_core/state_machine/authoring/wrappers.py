@@ -8,15 +8,12 @@ state and enters it again when it fails. Both have the keys of the state, and it
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from flexbt_core.state_machine.engine.rest import EXIT_TIMEOUT
 from flexbt_core.state_machine.model.errors import StateError
-from flexbt_core.state_machine.model.event_state import EventState, ExitReason
-
-if TYPE_CHECKING:
-    from flexbt_core.state_machine.engine.leaf import LeafRun
-    from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, EventState, ExitReason
+from flexbt_core.state_machine.model.state_host import StateHost
+from flexbt_core.state_machine.model.userdata import UserData
 
 TIMEOUT: Final = 'timeout'
 
@@ -38,20 +35,13 @@ def with_retry(
 ) -> EventState:
     """The state, but entered again, ``attempts`` times in all, when it wants to be left by an outcome of ``on``.
 
-    Before that its on_exit is called with the reason REPEATED, it comes to rest, and ``delay`` seconds go by. When it
-    does not come to rest, it is left by its outcome. What it raises is no failure to try again, but a fault.
+    Before that its on_exit is called with the reason REPEATED, it halts, and ``delay`` seconds go by. When it
+    does not halt, it is left by its outcome. What it raises is no failure to try again, but a fault.
 
     Raises:
         StateError: there are no attempts, ``on`` has something that is no outcome of the state, or it is no state.
     """
     return _Retry(state, attempts, on, delay)
-
-
-def innermost(state: EventState) -> EventState:
-    """The state that is in wrappers; itself when it is in none."""
-    while isinstance(state, StateWrapper):
-        state = state.inner
-    return state
 
 
 class StateWrapper(EventState):
@@ -70,6 +60,10 @@ class StateWrapper(EventState):
     @property
     def runs_while_blocked(self) -> bool:  # type: ignore[override]
         return self.inner.runs_while_blocked
+
+    @property
+    def unwrapped(self) -> EventState:
+        return self.inner.unwrapped
 
     @property
     def type_name(self) -> str:
@@ -96,8 +90,8 @@ class StateWrapper(EventState):
     def on_stop(self) -> None:
         self.inner.on_stop()
 
-    def settled(self) -> str | None:
-        return self.inner.settled()
+    def halting(self) -> str | None:
+        return self.inner.halting()
 
     def activity(self) -> Sequence[str]:
         return self.inner.activity()
@@ -121,12 +115,12 @@ class StateWrapper(EventState):
     # The place in a run is that of the innermost state: it wakes, logs and asks as if nothing were around it.
 
     @property
-    def _leaf(self) -> LeafRun | None:
-        return self.inner._leaf
+    def _host(self) -> StateHost | None:
+        return self.inner._host
 
-    @_leaf.setter
-    def _leaf(self, leaf: LeafRun | None) -> None:
-        self.inner._leaf = leaf
+    @_host.setter
+    def _host(self, host: StateHost | None) -> None:
+        self.inner._host = host
 
 
 class _Timeout(StateWrapper):
@@ -212,14 +206,14 @@ class _Retry(StateWrapper):
             super().on_resume(userdata)
 
     def _go_on(self, userdata: UserData, failed_by: str) -> str | None:
-        """Begin the next attempt when it is time, and the state is at rest."""
+        """Begin the next attempt when it is time, and the state has halted."""
         now = self.clock.now()
-        unsettled = self.settled()
-        if unsettled is not None and now >= self._rest_until:
-            self.log_error(f'is not tried again, since it was not at rest in {EXIT_TIMEOUT:g} s: {unsettled}')
+        halting = self.halting()
+        if halting is not None and now >= self._rest_until:
+            self.log_error(f'is not tried again, since it had not halted after {EXIT_TIMEOUT:g} s: {halting}')
             return failed_by
-        if unsettled is not None or now < self._next_at:
-            self.wake_at(self._rest_until if unsettled is not None else self._next_at)
+        if halting is not None or now < self._next_at:
+            self.wake_at(self._rest_until if halting is not None else self._next_at)
             return None
         self._failed_by = None
         self._attempt += 1

@@ -4,20 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from flexbt_core.state_machine.model.definition import Condition, StateKind
 from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.machine import Machine
 from flexbt_core.state_machine.model.similar_names import hint
-
-if TYPE_CHECKING:
-    from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 
 _SEARCHED: Final = 20_000
 """Combinations of outcomes that are looked at; what is beyond is noticed when it happens."""
 
 
-def problems_of_conditions(path: str, container: OperatableStateMachine) -> Iterator[str]:
+def problems_of_conditions(path: str, container: Machine) -> Iterator[str]:
     """What is wrong with the conditions."""
     problems = list(_names(path, container))
     yield from problems
@@ -31,7 +29,7 @@ def problems_of_conditions(path: str, container: OperatableStateMachine) -> Iter
             yield f'{path}: when its children have ended {shown}, no condition holds; add one for that'
 
 
-def _names(path: str, container: OperatableStateMachine) -> Iterator[str]:
+def _names(path: str, container: Machine) -> Iterator[str]:
     children = {child.label: child.state.outcomes for child in container.children}
     for number, condition in enumerate(container.conditions, start=1):
         place = f'{path}: condition {number}, of {condition.outcome!r},'
@@ -48,7 +46,7 @@ def _names(path: str, container: OperatableStateMachine) -> Iterator[str]:
                 yield f'{place} names {outcome!r}, which is no outcome of {label}{hint(outcome, children[label])}'
 
 
-def outcomes_of(state: EventState | OperatableStateMachine) -> tuple[str, ...]:
+def outcomes_of(state: EventState | Machine) -> tuple[str, ...]:
     """Outcomes by which a state, or a machine as its states are connected, can end."""
     if isinstance(state, EventState):
         return state.outcomes

@@ -4,31 +4,28 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from flexbt_core.state_machine.authoring.wrappers import innermost
 from flexbt_core.state_machine.model.autonomy import UNDECLARED, Autonomy
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, ROOT_PATH, StateKind, child_path
 from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.machine import Child, Machine
 from flexbt_core.state_machine.model.similar_names import hint
 from flexbt_core.state_machine.model.userdata import copied
 
 from .condition_check import problems_of_conditions
 
-if TYPE_CHECKING:
-    from flexbt_core.state_machine.authoring.machine import Child, OperatableStateMachine
-
 RESERVED: Final = (PREEMPTED, ERROR)
 
 
-def problems_of(root: OperatableStateMachine) -> Iterator[str]:
+def problems_of(root: Machine) -> Iterator[str]:
     """What is wrong with a machine and everything in it, in the order of the states."""
     yield from _reserved(ROOT_PATH, root.outcomes)
     yield from _keys(ROOT_PATH, root)
     yield from _machine(root, ROOT_PATH, {id(root): ROOT_PATH})
 
 
-def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -> Iterator[str]:
+def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[str]:
     if not machine.children:
         yield f'{path}: the machine has no states'
     if not machine.outcomes:
@@ -39,7 +36,7 @@ def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -
         own = child_path(path, child.label)
         yield from _label(own, child.label, labels, machine)
         labels.add(child.label)
-        state = innermost(child.state) if isinstance(child.state, EventState) else child.state
+        state = child.state.unwrapped if isinstance(child.state, EventState) else child.state
         if id(state) in seen:
             yield f'{own}: the same state object is also {seen[id(state)]}; make one for each place'
             continue
@@ -58,7 +55,7 @@ def _machine(machine: OperatableStateMachine, path: str, seen: dict[int, str]) -
             yield from _machine(child.state, own, seen)
 
 
-def _label(own: str, label: str, labels: Collection[str], machine: OperatableStateMachine) -> Iterator[str]:
+def _label(own: str, label: str, labels: Collection[str], machine: Machine) -> Iterator[str]:
     if not label or '/' in label or label != label.strip():
         yield f"{own}: '{label}' cannot be a label: it is empty, contains '/', or begins or ends with a blank"
     if label in labels:
@@ -67,13 +64,13 @@ def _label(own: str, label: str, labels: Collection[str], machine: OperatableSta
         yield f"{own}: '{label}' is both a state and an outcome of its machine, so that a transition to it is ambiguous"
 
 
-def _keys(path: str, owner: EventState | OperatableStateMachine) -> Iterator[str]:
+def _keys(path: str, owner: EventState | Machine) -> Iterator[str]:
     for key in dict.fromkeys((*owner.input_keys, *owner.output_keys)):
         if not key or key.startswith('_'):
             yield f"{path}: '{key}' cannot be a userdata key: it is empty or begins with an underscore"
 
 
-def _defaults(path: str, machine: OperatableStateMachine) -> Iterator[str]:
+def _defaults(path: str, machine: Machine) -> Iterator[str]:
     """Each time that a machine is entered it begins with copies of its defaults."""
     for key, value in machine.userdata.values().items():
         try:
@@ -88,7 +85,7 @@ def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:
             yield f"{path}: the outcome '{outcome}' is reserved for runs that were stopped or failed; rename it"
 
 
-def _transitions(own: str, child: Child, machine: OperatableStateMachine) -> Iterator[str]:
+def _transitions(own: str, child: Child, machine: Machine) -> Iterator[str]:
     outcomes = child.state.outcomes
     is_concurrent = machine.kind is StateKind.CONCURRENCY
     targets = [*(sibling.label for sibling in machine.children if not is_concurrent), *machine.outcomes]
@@ -115,7 +112,7 @@ def _remapping(own: str, child: Child) -> Iterator[str]:
             yield f"{own}: remaps '{key}', which is none of its keys{hint(key, keys)}"
 
 
-def _reachability(path: str, machine: OperatableStateMachine) -> Iterator[str]:
+def _reachability(path: str, machine: Machine) -> Iterator[str]:
     ways = {child.label: set(child.transitions.values()) for child in machine.children}
     if not machine.children:
         return
@@ -132,7 +129,7 @@ def _reachability(path: str, machine: OperatableStateMachine) -> Iterator[str]:
             yield f'{child_path(path, child.label)}: no transition leads to it from the initial state'
 
 
-def _data_flow(path: str, machine: OperatableStateMachine) -> Iterator[str]:
+def _data_flow(path: str, machine: Machine) -> Iterator[str]:
     written = {*machine.input_keys, *(machine.userdata.values())}
     for child in machine.children:
         written.update(child.remapping.get(key, key) for key in child.state.output_keys)

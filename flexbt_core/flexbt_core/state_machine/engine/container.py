@@ -4,41 +4,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateKind, are_apart
 from flexbt_core.state_machine.model.event_state import ExitReason
 from flexbt_core.state_machine.model.userdata import Scope
 
+from .engine import Engine
 from .leaf import FAILED, LeafRun
-from .region import Region
-
-if TYPE_CHECKING:
-    from .run import MachineRun
+from .region import Node, Region
 
 
 class ContainerRun:
     """One machine or container for the length of a run. ``region`` is the one that it is in, None for the root."""
 
-    def __init__(self, engine: MachineRun, definition: MachineDefinition, region: Region | None = None) -> None:
+    def __init__(self, engine: Engine, definition: MachineDefinition, region: Region | None = None) -> None:
         self._engine = engine
         self.definition = definition
         self.path = definition.path
         self.region = region
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
-        self.question: tuple[str, str | None] | None = None  # a machine asks nothing
-        self.goes_on = False  # and is frozen when it wants an outcome
+        self.choice: tuple[str, str | None] | None = None  # a machine asks nothing
+        self.runs_while_blocked = False  # and is frozen when it wants an outcome
         self.is_active = False
         self.ending: str | None = None
-        """Outcome by which it ends as soon as everything in it is at rest."""
+        """Outcome by which it ends as soon as everything in it has halted."""
         self.ended: dict[str, str] = {}
         """Outcomes of the children of a concurrency container that have ended."""
         self.scope = Scope({})
         is_concurrent = definition.kind is StateKind.CONCURRENCY
         paths = [child.path for child in definition.children.values()] if is_concurrent else [self.path]
         self.regions = tuple(Region(engine, self, path) for path in paths)
-        self.children: dict[str, Node] = {}
+        self.children: dict[str, LeafRun | ContainerRun] = {}
         for number, (label, child) in enumerate(definition.children.items()):
             if isinstance(child, MachineDefinition):
                 self.children[label] = ContainerRun(engine, child, self.regions[number if is_concurrent else 0])
@@ -52,7 +49,12 @@ class ContainerRun:
         remap = definition.remap
         self._inputs = {key: remap.get(key, key) for key in definition.input_keys}
         self._outputs = {key: remap.get(key, key) for key in definition.output_keys}
-        self._rest = engine.new_rest_wait()
+        self._halt_wait = engine.new_halt_wait()
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether it has been left, or is to be as soon as everything in it has halted."""
+        return not self.is_active or self.ending is not None
 
     def leaves(self) -> Iterator[LeafRun]:
         """All states, depth first."""
@@ -108,18 +110,18 @@ class ContainerRun:
         self.exit_reason = ExitReason.OUTCOME
         self.is_active = True
         self.ended.clear()
-        self.claim()
+        self.take_priority()
 
-    def claim(self) -> None:
+    def take_priority(self) -> None:
         """Have priority, if it is the kind that does."""
         if self.definition.kind is StateKind.PRIORITY:
-            self._engine.holds.claim(self.path)
+            self._engine.pausing.give_priority(self.path)
 
     def leave(self, reason: ExitReason) -> None:
         """Leave everything that is active in here."""
         self.is_active = False
         self.ending = None
-        self._rest.cancel()  # whoever leaves the machine waits for what is in it
+        self._halt_wait.cancel()  # whoever leaves the machine waits for what is in it
         self._leave_regions(reason if reason.is_of_the_run else ExitReason.PARENT_LEFT)
 
     def _leave_regions(self, reason: ExitReason) -> None:
@@ -131,14 +133,14 @@ class ContainerRun:
         for region in self.regions:
             region.child = None
 
-    def unsettled(self) -> str | None:
-        """What is not at rest yet in here."""
+    def halting(self) -> str | None:
+        """What has not halted yet in here."""
         if self._only_region is not None:
-            return self._only_region.unsettled()
-        return next(filter(None, (region.unsettled() for region in self.regions)), None)
+            return self._only_region.halting()
+        return next(filter(None, (region.halting() for region in self.regions)), None)
 
     def next_wake(self) -> float | None:
-        """When something in here is due next. What comes to rest rings by itself."""
+        """When something in here is due next. What halts wakes the run by itself."""
         if self.outcome is not None or self.ending is not None:
             return None
         if self._only_region is not None:
@@ -147,9 +149,9 @@ class ContainerRun:
 
     def _advance_regions(self) -> bool:
         if self.ending is not None:
-            return self._come_to_rest(self.ending)
-        focus = self._engine.holds.focus
-        return any((focus is None or not are_apart(one.path, focus)) and one.advance() for one in self.regions)
+            return self._await_halt(self.ending)
+        priority = self._engine.pausing.priority
+        return any((priority is None or not are_apart(one.path, priority)) and one.advance() for one in self.regions)
 
     # -- how it goes on and ends -------------------------------------------------------------------------------------
 
@@ -173,18 +175,18 @@ class ContainerRun:
             self._leave_regions(ExitReason.PARENT_LEFT)
         self._engine.changed()
 
-    def _come_to_rest(self, ending: str) -> bool:
-        """Want the outcome as soon as everything in here is at rest, or the time for that is over."""
-        unsettled = self.unsettled()
-        if not self._rest.is_over(unsettled):
+    def _await_halt(self, ending: str) -> bool:
+        """Want the outcome as soon as everything in here has halted, or the time for that is over."""
+        halting = self.halting()
+        if not self._halt_wait.is_over(halting):
             return False
-        if unsettled is not None:
-            text = f'not everything in it was at rest {self._rest.timeout:g} s after it ended: {unsettled}'
+        if halting is not None:
+            text = f'not everything in it had halted {self._halt_wait.timeout:g} s after it ended: {halting}'
             self._engine.fault(self.path, text)
         self.outcome, self.ending = ending, None
         for region in self.regions:
             if region.child is not None:
-                self._engine.holds.release(region.child.path)
+                self._engine.pausing.release(region.child.path)
         self.clear()
         self._engine.changed()
         return True
@@ -199,6 +201,3 @@ class ContainerRun:
             return FAILED
         self._engine.abort(f'{self.path}: {text}')
         return None
-
-
-Node = LeafRun | ContainerRun

@@ -4,19 +4,21 @@
 from __future__ import annotations
 
 import heapq
+import sys
 import traceback
 from collections.abc import Callable
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+from types import FrameType
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 from flexbt_core.state_machine.model.definition import StateDefinition
 from flexbt_core.state_machine.model.errors import StateError
-from flexbt_core.state_machine.model.event_state import EventState, ExitReason, Severity, set_called_state
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason, set_called_state
 from flexbt_core.state_machine.model.state_clock import StateClock
+from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.state_machine.model.userdata import Scope, UserData
 
-if TYPE_CHECKING:
-    from .run import MachineRun
+from .engine import Engine
 
 FAILED: Final = 'failed'
 """Outcome by which a state that raised is left, when it declares it."""
@@ -31,13 +33,14 @@ class _Raised(Enum):
 
 
 class LeafRun:
-    """One state for the length of a run; entered and left any number of times.
+    """One state for the length of a run, of which it is the host; entered and left any number of times.
 
-    ``outcome`` is what the state wants to be left by, ``question`` what it asks the operator: prompt and suggestion.
+    ``outcome`` is what the state wants to be left by, ``choice`` what it lets the operator choose: prompt and
+    suggestion.
     ``is_entered`` says whether ``on_exit`` is owed to it. All methods but :meth:`wake` are for the thread of the run.
     """
 
-    def __init__(self, engine: MachineRun, definition: StateDefinition) -> None:
+    def __init__(self, engine: Engine, definition: StateDefinition) -> None:
         self._engine = engine
         self.definition = definition
         self.path = definition.path
@@ -49,7 +52,7 @@ class LeafRun:
         self.is_entered = False
         self.is_paused = False
         self.clock = StateClock(engine.clock)
-        self.question: tuple[str, str | None] | None = None
+        self.choice: tuple[str, str | None] | None = None
         self._input_keys = frozenset(self.state.input_keys)
         self._output_keys = frozenset(self.state.output_keys)
         self._userdata: UserData | None = None
@@ -57,7 +60,7 @@ class LeafRun:
         self._wake_times: list[float] = []
         self._next_poll: float | None = None
         self._successor: EventState | None = None  # takes the place of the state when it is entered next
-        self._never_settled: str | None = None
+        self._never_halted: str | None = None
 
     # -- what the state uses -----------------------------------------------------------------------------------------
 
@@ -69,7 +72,7 @@ class LeafRun:
     def wake(self) -> None:
         """Execute the state soon; from any thread."""
         self._woken = True
-        self._engine.ring()
+        self._engine.wake()
 
     def wake_at(self, time: float) -> None:
         """Execute the state at a time, too."""
@@ -78,7 +81,7 @@ class LeafRun:
 
     def ask(self, prompt: str, suggestion: str | None) -> None:
         """Let the operator choose."""
-        self.question = (prompt, suggestion)
+        self.choice = (prompt, suggestion)
 
     def log(self, severity: Severity, text: str) -> None:
         """Tell the operator something."""
@@ -92,14 +95,14 @@ class LeafRun:
         Raises:
             StateError: another run has it.
         """
-        if self.state._leaf is not None:
+        if self.state._host is not None:
             raise StateError(
                 f'{self.path}: the state is part of a run that has not ended; define a machine for each run'
             )
 
     def bind(self) -> None:
         """Take the state for this run."""
-        self.state._leaf = self
+        self.state._host = self
 
     def start(self) -> bool:
         """Before the run; whether the state raised."""
@@ -117,7 +120,7 @@ class LeafRun:
             self._retire(self._successor)
         self.definition = definition
         self._successor = definition.state
-        self._successor._leaf = self
+        self._successor._host = self
 
     def move(self, scope: Scope) -> None:
         """Have the userdata of another machine."""
@@ -153,7 +156,7 @@ class LeafRun:
             self._fail()
         else:
             self.outcome = outcome
-        return self.outcome is not None or self.question is not None
+        return self.outcome is not None or self.choice is not None
 
     def leave(self, reason: ExitReason) -> None:
         """Call on_exit, once for each time the state was entered.
@@ -187,14 +190,14 @@ class LeafRun:
         if self.call('on_resume', self.state.on_resume, self._userdata) is _Raised.RAISED:
             self._fail()
 
-    def unsettled(self) -> str | None:
-        """What the state that was left has not finished yet. One that raised is not asked again: nobody knows."""
-        if self._never_settled is not None:
-            return self._never_settled
-        unsettled = self.call('settled', self.state.settled)
-        if unsettled is _Raised.RAISED:
-            unsettled = self._never_settled = 'settled() raised'
-        return unsettled
+    def halting(self) -> str | None:
+        """What has not halted yet of the state that was left. One that raised is not asked again: nobody knows."""
+        if self._never_halted is not None:
+            return self._never_halted
+        halting = self.call('halting', self.state.halting)
+        if halting is _Raised.RAISED:
+            halting = self._never_halted = 'halting() raised'
+        return halting
 
     def activity(self) -> list[str] | None:
         """What the state says that it is doing; None when it raised."""
@@ -209,23 +212,23 @@ class LeafRun:
     @property
     def _is_running(self) -> bool:
         """Whether it is executed, and not frozen until the operator has decided."""
-        return self.question is None and (self.outcome is None or self.goes_on)
+        return self.choice is None and (self.outcome is None or self.runs_while_blocked)
 
     @property
-    def goes_on(self) -> bool:
+    def runs_while_blocked(self) -> bool:
         """Whether it is executed although it wants an outcome."""
         return self.state.runs_while_blocked and self.exit_reason is ExitReason.OUTCOME and self.is_entered
 
     def _begin(self) -> None:
         self.outcome = None
         self.exit_reason = ExitReason.OUTCOME
-        self.question = None
+        self.choice = None
         self.entered_at = self._engine.clock.now()
         self.is_paused = False
         if self.clock.is_behind:
             self.clock.catch_up()
         self._wake_times.clear()
-        self._never_settled = None
+        self._never_halted = None
 
     def _due(self) -> float | None:
         due = self._wake_times[0] if self._wake_times else None
@@ -265,26 +268,45 @@ class LeafRun:
 
     def _fail(self) -> None:
         self.exit_reason = ExitReason.FAULT
-        self.question = None
+        self.choice = None
         self.outcome = FAILED if FAILED in self.state.outcomes else None
         if self.outcome is None:
             self._engine.abort(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')
 
     def _retire(self, state: EventState) -> None:
         """Nothing follows for this state."""
-        if state._leaf is self:
+        if state._host is self:
             try:
                 self.call('on_stop', state.on_stop)
             finally:
-                state._leaf = None
+                state._host = None
 
     def call(
         self, what: str, callback: Callable[..., _Result], *arguments: object
     ) -> _Result | Literal[_Raised.RAISED]:
-        """What a callback of the state gives. All of them are called here, where it can be seen from outside."""
+        """What a callback of the state gives. All of them are called here, where :func:`callback_on` sees them."""
         set_called_state(self.state)
         try:
             return callback(*arguments)
         except Exception:  # code of the state: its trace goes to the operator
             self._engine.fault(self.path, f'{what} raised:\n{traceback.format_exc()}')
             return _Raised.RAISED
+
+
+class CallbackOnThread(NamedTuple):
+    """The callback of a state that a thread is in; ``call`` is the same object as long as it has not returned."""
+
+    call: FrameType
+    path: str
+    callback: str
+
+
+def callback_on(thread_id: int) -> CallbackOnThread | None:
+    """The callback that a thread is in, seen from another one; None when it is in none."""
+    frame = sys._current_frames().get(thread_id)
+    while frame is not None and frame.f_code is not LeafRun.call.__code__:
+        frame = frame.f_back
+    if frame is None:
+        return None
+    arguments = frame.f_locals  # they stay as they are, even if the call returns meanwhile
+    return CallbackOnThread(frame, arguments['self'].path, arguments['what'])

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from flexbt_core.state_machine.model.event_state import ExitReason, Severity
+from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_core.state_machine.model.state_host import Severity
 
 
 class RunObserver(Protocol):
@@ -18,7 +19,7 @@ class RunObserver(Protocol):
         """A line for the operator."""
 
     def fault(self, path: str, text: str) -> None:
-        """A state raised, or did not come to rest."""
+        """A state raised, or did not halt."""
 
     def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
         """A state or machine was left.

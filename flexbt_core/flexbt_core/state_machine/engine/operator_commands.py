@@ -6,19 +6,33 @@ A command that would change nothing is refused as well, so that each has exactly
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import Protocol
 
-from flexbt_core.state_machine.model.autonomy import NAMES
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
+from flexbt_core.state_machine.model.decision import Decision
 from flexbt_core.state_machine.model.definition import ROOT_PATH
 
-from .container import Node
-from .region import Region
-
-if TYPE_CHECKING:
-    from .run import MachineRun
+from .engine import Engine
+from .leaf import LeafRun
+from .region import Node, Region
 
 
-def confirm(run: MachineRun, decision_id: str) -> str | None:
+class CommandedRun(Engine, Protocol):
+    """What the commands need of a run."""
+
+    def regions(self) -> Iterator[Region]:
+        """The regions of everything that is active, outermost first."""
+
+    def active_states(self) -> list[LeafRun]:
+        """The states that are active."""
+
+    @property
+    def decisions(self) -> list[Decision]:
+        """What waits for the operator, oldest first."""
+
+
+def confirm(run: CommandedRun, decision_id: str) -> str | None:
     """Let what a decision asks for happen."""
     region = _deciding(run, decision_id)
     if region is None or region.decision is None:
@@ -26,13 +40,13 @@ def confirm(run: MachineRun, decision_id: str) -> str | None:
     decision = region.decision
     if not decision.outcome:
         return f'decision {decision_id} suggests nothing: force one of {", ".join(decision.outcomes)}'
-    refusal = _held(run, decision.path)
+    refusal = _paused(run, decision.path)
     if refusal is None:
         region.approve()
     return refusal
 
 
-def force(run: MachineRun, path: str, outcome: str, decision_id: str) -> str | None:
+def force(run: CommandedRun, path: str, outcome: str, decision_id: str) -> str | None:
     """Leave a state or machine by an outcome."""
     found = _active(run, path)
     if isinstance(found, str):
@@ -46,19 +60,19 @@ def force(run: MachineRun, path: str, outcome: str, decision_id: str) -> str | N
     outcomes = child.definition.outcomes
     if outcome not in outcomes:
         return f'{path} has no outcome {outcome!r}; its outcomes are {", ".join(outcomes)}'
-    refusal = _left_already(region, path) or _held(run, path)
+    refusal = _leaving(region, path) or _paused(run, path)
     if refusal is None:
         region.force(outcome)
     return refusal
 
 
-def repeat(run: MachineRun, path: str) -> str | None:
+def repeat(run: CommandedRun, path: str) -> str | None:
     """Leave a state or machine and enter it again."""
     found = _active(run, path)
     if isinstance(found, str):
         return found
     region, _ = found
-    refusal = _left_already(region, path) or _held(run, path)
+    refusal = _leaving(region, path) or _paused(run, path)
     if refusal is None:
         locked = [one for one in run.locked_inside(path) if one != path]
         if locked:
@@ -67,10 +81,10 @@ def repeat(run: MachineRun, path: str) -> str | None:
     return refusal
 
 
-def set_autonomy(run: MachineRun, level: int, path: str) -> str | None:
+def set_autonomy(run: CommandedRun, level: int, path: str) -> str | None:
     """Set the level of a sub-tree, '' for all."""
     top = path or ROOT_PATH
-    if level not in NAMES:
+    if level not in AUTONOMY_NAMES:
         return no_level(level)
     if top not in run.controls:
         return f'there is no state {path!r}'
@@ -79,7 +93,16 @@ def set_autonomy(run: MachineRun, level: int, path: str) -> str | None:
     return None
 
 
-def mark(run: MachineRun, marked: set[str], path: str, what: str) -> str | None:
+def set_paused(run: CommandedRun, is_paused: bool) -> str | None:
+    """Pause the run, or let it go on."""
+    if run.pausing.is_paused is is_paused:
+        return 'the run is paused already' if is_paused else 'the run is not paused'
+    run.pausing.set_paused(is_paused)
+    run.changed()
+    return None
+
+
+def mark(run: CommandedRun, marked: set[str], path: str, what: str) -> str | None:
     """Put a state or machine among the ``marked`` ones, which is ``what`` it has then."""
     if path not in run.controls:
         return f'there is no state {path!r}'
@@ -90,7 +113,7 @@ def mark(run: MachineRun, marked: set[str], path: str, what: str) -> str | None:
     return None
 
 
-def unmark(run: MachineRun, marked: set[str], path: str, what: str) -> str | None:
+def unmark(run: CommandedRun, marked: set[str], path: str, what: str) -> str | None:
     """Take a state or machine from the marked ones."""
     if path not in marked:
         return f'{path!r} is not one that {what} ({", ".join(sorted(marked)) or "none"})'
@@ -104,7 +127,7 @@ def no_level(level: int) -> str:
     return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
 
 
-def _active(run: MachineRun, path: str) -> tuple[Region, Node] | str:
+def _active(run: CommandedRun, path: str) -> tuple[Region, Node] | str:
     """Where something is active, and what it is; or why nothing can be done with it."""
     for region in run.regions():
         if region.child is not None and region.child.path == path:
@@ -115,21 +138,20 @@ def _active(run: MachineRun, path: str) -> tuple[Region, Node] | str:
     return f'{path} is not active (active: {active})'
 
 
-def _left_already(region: Region, path: str) -> str | None:
-    is_left = region.is_leaving or not region.container.is_active or region.container.ending is not None
-    return f'{path} is being left already' if is_left else None
+def _leaving(region: Region, path: str) -> str | None:
+    return f'{path} is being left already' if region.is_leaving or region.container.is_ending else None
 
 
-def _held(run: MachineRun, path: str) -> str | None:
-    if run.holds.is_paused:
+def _paused(run: CommandedRun, path: str) -> str | None:
+    if run.pausing.is_paused:
         return 'the run is paused; resume it first'
-    return f'{path} is paused while {run.holds.focus} has priority' if run.holds.is_held(path) else None
+    return f'{path} is paused while {run.pausing.priority} has priority' if run.pausing.holds(path) else None
 
 
-def _no_decision(run: MachineRun, decision_id: str) -> str:
+def _no_decision(run: CommandedRun, decision_id: str) -> str:
     pending = ', '.join(decision.id for decision in run.decisions) or 'none'
     return f'decision {decision_id!r} is not pending any more (pending: {pending})'
 
 
-def _deciding(run: MachineRun, decision_id: str) -> Region | None:
+def _deciding(run: CommandedRun, decision_id: str) -> Region | None:
     return next((one for one in run.regions() if one.decision and one.decision.id == decision_id), None)

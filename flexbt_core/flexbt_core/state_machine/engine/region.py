@@ -5,21 +5,90 @@ A machine is a container with one region, through which all of its children go. 
 each of its children, so that any number of them is active at once.
 
 A transition has three steps: the outcome is wanted (and perhaps waits for the operator, or for a lock), the child is
-left (and perhaps has to come to rest), what follows is entered. A container that ends wants an outcome of its own, and
-the region that it is in takes the same three steps with it.
+left (and perhaps has to halt), what follows is entered. A container that ends wants an outcome of its own, and the
+region that it is in takes the same three steps with it.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
 
 from flexbt_core.state_machine.model.autonomy import UNDECLARED
 from flexbt_core.state_machine.model.decision import Decision, DecisionKind
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
 from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_core.state_machine.model.userdata import Scope
 
-if TYPE_CHECKING:
-    from .container import ContainerRun, Node
-    from .run import MachineRun
+from .engine import Engine
+
+
+class Node(Protocol):
+    """What can be active in a region: a leaf, or a container.
+
+    ``outcome`` is what it wants to be left by, ``exit_reason`` why, ``choice`` what it lets the operator choose: prompt
+    and suggestion.
+    """
+
+    outcome: str | None
+    exit_reason: ExitReason
+
+    @property
+    def path(self) -> str:
+        """Where it is in the machine."""
+
+    @property
+    def definition(self) -> StateDefinition | MachineDefinition:
+        """What it is."""
+
+    @property
+    def choice(self) -> tuple[str, str | None] | None:
+        """What it lets the operator choose; None for a container."""
+
+    @property
+    def runs_while_blocked(self) -> bool:
+        """Whether it goes on, and may change its mind, although it wants an outcome."""
+
+    def enter(self, scope: Scope, *, is_resumed: bool = False) -> None:
+        """Become active, with the userdata of the machine that it is in."""
+
+    def advance(self) -> bool:
+        """Take one step if there is one to take; whether there was."""
+
+    def leave(self, reason: ExitReason) -> None:
+        """Become inactive."""
+
+    def halting(self) -> str | None:
+        """What has not halted yet since it was left; None when everything has."""
+
+    def next_wake(self) -> float | None:
+        """When it is due next, apart from wake-ups, on the clock of the run."""
+
+
+class Container(Node, Protocol):
+    """What a region is in, and what is in a region itself, but for the root."""
+
+    @property
+    def region(self) -> Region | None:
+        """The region that it is in itself; None for the root."""
+
+    @property
+    def scope(self) -> Scope:
+        """Its userdata."""
+
+    @property
+    def children(self) -> Mapping[str, Node]:
+        """Everything that can be active in it, by the labels."""
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether it has been left, or is to be as soon as everything in it has halted."""
+
+    def outcome_after(self, child: Node, outcome: str) -> str | None:
+        """Outcome by which it ends when a child is left by an outcome; None when it goes on."""
+
+    def child_has_ended(self, child: Node, outcome: str, ends: str | None) -> None:
+        """A child was left with nothing to follow it; by that it ends by ``ends``, if that is an outcome."""
 
 
 class HeldBack(NamedTuple):
@@ -36,7 +105,7 @@ class Region:
     ``child`` is what is active here, ``coming`` what is entered as soon as nothing keeps it from that.
     """
 
-    def __init__(self, engine: MachineRun, container: ContainerRun, path: str) -> None:
+    def __init__(self, engine: Engine, container: Container, path: str) -> None:
         self.container = container
         self.path = path
         self.child: Node | None = None
@@ -46,11 +115,11 @@ class Region:
         self.decision: Decision | None = None
         self.held_back: HeldBack | None = None
         self.is_leaving = False
-        """Whether the child was left, and comes to rest: by the outcome that it wants, or to be entered again."""
+        """Whether the child was left, and halts: by the outcome that it wants, or to be entered again."""
         self.is_approved = False
         """Whether the operator wants what the child wants."""
         self._engine = engine
-        self._rest = engine.new_rest_wait()
+        self._halt_wait = engine.new_halt_wait()
 
     def enter(self, child: Node) -> None:
         """A child becomes active."""
@@ -62,20 +131,20 @@ class Region:
         self.child, self.coming, self.is_resumed = None, child, is_resumed
 
     def leave(self, reason: ExitReason) -> None:
-        """Leave the child; whoever does that waits for it to come to rest."""
+        """Leave the child; whoever does that waits until it has halted."""
         self.is_leaving = self.is_approved = False
         self.coming = None
-        self._rest.cancel()
+        self._halt_wait.cancel()
         self._wait_for(None, None)
         if self.child is not None:
             self.child.leave(reason)
 
-    def unsettled(self) -> str | None:
-        """What is not at rest yet in here."""
-        return self.child.unsettled() if self.child is not None else None
+    def halting(self) -> str | None:
+        """What has not halted yet in here."""
+        return self.child.halting() if self.child is not None else None
 
     def next_wake(self) -> float | None:
-        """When something in here is due next. What comes to rest rings by itself."""
+        """When something in here is due next. What halts wakes the run by itself."""
         if self.child is None or self.is_leaving or self.is_approved:
             return None
         return self.child.next_wake()
@@ -90,7 +159,7 @@ class Region:
         if child.outcome is None:
             if child.advance():
                 return True
-        elif child.goes_on and not self.is_approved:
+        elif child.runs_while_blocked and not self.is_approved:
             # What it wants already comes first: a state that takes long may be due again all the time.
             if self._consider(child):
                 return True
@@ -102,13 +171,13 @@ class Region:
     def approve(self) -> None:
         """The operator has confirmed what the child wants."""
         assert self.decision is not None  # checked by the caller
-        self._settle_on(self.decision.outcome)
+        self._approve(self.decision.outcome)
 
     def force(self, outcome: str) -> None:
         """The operator wants the child to be left by ``outcome``, whatever it is doing."""
         assert self.child is not None  # checked by the caller
         self.child.exit_reason = ExitReason.FORCED
-        self._settle_on(outcome)
+        self._approve(outcome)
 
     def repeat(self) -> None:
         """The operator wants the child to be left and entered again."""
@@ -116,7 +185,7 @@ class Region:
         self.child.exit_reason = ExitReason.REPEATED
         self._leave_child(self.child, None)
 
-    def _settle_on(self, outcome: str) -> None:
+    def _approve(self, outcome: str) -> None:
         assert self.child is not None  # checked by the caller
         self.child.outcome = outcome
         self.is_approved = True
@@ -136,11 +205,11 @@ class Region:
         """Leave the child when it wants to be left and may; otherwise ask the operator."""
         kind, wanted, prompt = DecisionKind.TRANSITION, child.outcome, ''
         if wanted is None:
-            if child.question is None:
+            if child.choice is None:
                 self._wait_for(None, None)
                 return False
             kind = DecisionKind.CHOICE
-            prompt, wanted = child.question
+            prompt, wanted = child.choice
         engine, required = self._engine, UNDECLARED
         if wanted is not None:
             locked = engine.locked_inside(self._left_by(child, wanted)) if engine.controls.locked else ()
@@ -190,13 +259,13 @@ class Region:
         self.is_leaving = child.outcome == outcome
 
     def _pass_on(self, child: Node) -> bool:
-        """Go on to what follows when the child has come to rest, or its time for that is over."""
-        unsettled = child.unsettled()
-        if not self._rest.is_over(unsettled):
+        """Go on to what follows when the child has halted, or its time for that is over."""
+        halting = child.halting()
+        if not self._halt_wait.is_over(halting):
             return False
         engine, container, outcome = self._engine, self.container, child.outcome
-        if unsettled is not None:
-            engine.fault(child.path, f'was not at rest {self._rest.timeout:g} s after it was left: {unsettled}')
+        if halting is not None:
+            engine.fault(child.path, f'had not halted {self._halt_wait.timeout:g} s after it was left: {halting}')
         following: Node | None = child
         ends = None
         if outcome is not None:
@@ -207,8 +276,8 @@ class Region:
         engine.observer.transition(child.path, outcome or '', shown, child.exit_reason)
         self.is_leaving = False
         self.child = None
-        if engine.holds.focus is not None:
-            engine.holds.release(child.path)
+        if engine.pausing.priority is not None:
+            engine.pausing.release(child.path)
         if following is not None:
             self.enter(following)
         else:

@@ -24,7 +24,7 @@ class Autonomy:
 UNDECLARED: Final = -1
 """Level required by an outcome for which none was declared: it passes at every level."""
 
-NAMES: Final = {Autonomy.Off: 'Off', Autonomy.Low: 'Low', Autonomy.High: 'High', Autonomy.Full: 'Full'}
+AUTONOMY_NAMES: Final = {Autonomy.Off: 'Off', Autonomy.Low: 'Low', Autonomy.High: 'High', Autonomy.Full: 'Full'}
 
 
 def is_autonomous(required: int, current: int) -> bool:

@@ -15,19 +15,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextvars import ContextVar
 from enum import Enum
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from flexbt_core.clock import Clock
 
 from .errors import StateError
-
-if TYPE_CHECKING:
-    from flexbt_core.state_machine.engine.leaf import LeafRun
-
-    from .userdata import UserData
+from .state_host import Severity, StateHost
+from .userdata import UserData
 
 DEFAULT_RATE: Final = 10.0
 """Rate at which a state is executed while nothing wakes it, Hz (as in FlexBE)."""
+
+EXIT_TIMEOUT: Final = 3.0
+"""How long a state that was left may take to halt, s."""
 
 
 class ExitReason(Enum):
@@ -45,16 +45,6 @@ class ExitReason(Enum):
     def is_of_the_run(self) -> bool:
         """Whether it holds for all states that are left at that moment: the whole run ends."""
         return self in (ExitReason.PREEMPTED, ExitReason.FAULT)
-
-
-class Severity(Enum):
-    """Weight of a line for the operator; the values are the constants of ExecutiveLog."""
-
-    DEBUG = 1
-    INFO = 2
-    HINT = 3
-    WARN = 4
-    ERROR = 5
 
 
 class EventState:
@@ -93,7 +83,7 @@ class EventState:
         self.exit_reason: ExitReason | None = None
         self.is_resumed = False
         """In on_enter and after it: whether a run goes on here that was interrupted, and not the state is reached."""
-        self._leaf: LeafRun | None = None
+        self._host: StateHost | None = None
 
     # -- callbacks ---------------------------------------------------------------------------------------------------
 
@@ -123,8 +113,8 @@ class EventState:
     def on_stop(self) -> None:
         """Once, after the run has ended, for every state."""
 
-    def settled(self) -> str | None:
-        """After ``on_exit``: what is not at rest yet, such as a goal that is being canceled; None when everything is.
+    def halting(self) -> str | None:
+        """After ``on_exit``: what has not halted yet, such as a goal that is being canceled; None when everything has.
 
         The engine waits for it before it goes on. Call :meth:`wake` when it changes.
         """
@@ -133,12 +123,16 @@ class EventState:
     def activity(self) -> Sequence[str]:
         """What the state is doing, one line each, for the operator.
 
-        Called between the other callbacks, with each status of the run: it must not block. When the host's services
-        tell changes (``changed`` of :class:`flexbt_onboard.runs.state_services.StateServices`), it is shown at once.
+        Called between the other callbacks, with each status of the run: it must not block.
         """
         return ()
 
     # -- services of the engine --------------------------------------------------------------------------------------
+
+    @property
+    def unwrapped(self) -> EventState:
+        """The state itself, or the one that this state is a time-out or further attempts around."""
+        return self
 
     @property
     def type_name(self) -> str:
@@ -153,8 +147,8 @@ class EventState:
     @property
     def path(self) -> str:
         """Path of the state in its run, as in ``/Outer/Inner``."""
-        leaf = self._leaf
-        return leaf.path if leaf is not None else type(self).__name__
+        host = self._host
+        return host.path if host is not None else type(self).__name__
 
     @property
     def clock(self) -> Clock:
@@ -163,14 +157,14 @@ class EventState:
 
     @property
     def services(self) -> Any:
-        """What the host of the run provides to its states."""
+        """What whoever runs the machine provides to its states."""
         return self._bound().services
 
     def wake(self) -> None:
-        """Have the state executed, or asked whether it is settled, as soon as possible. From any thread."""
-        leaf = self._leaf  # the run may end on its thread meanwhile
-        if leaf is not None:
-            leaf.wake()
+        """Have the state executed, or asked whether it is halting, as soon as possible. From any thread."""
+        host = self._host  # the run may end on its thread meanwhile
+        if host is not None:
+            host.wake()
 
     def wake_at(self, time: float) -> None:
         """Have the state executed at a time of the clock, too: each time that was asked for holds until it has come.
@@ -208,11 +202,11 @@ class EventState:
         """Tell the operator that something went wrong."""
         self.log(Severity.ERROR, text)
 
-    def _bound(self) -> LeafRun:
-        leaf = self._leaf
-        if leaf is None:
+    def _bound(self) -> StateHost:
+        host = self._host
+        if host is None:
             raise StateError(f'{type(self).__name__}: is not part of a run; this works only in its callbacks')
-        return leaf
+        return host
 
 
 _called: ContextVar[EventState | None] = ContextVar('called_state', default=None)

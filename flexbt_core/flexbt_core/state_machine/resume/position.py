@@ -20,7 +20,7 @@ class Position:
     ``wanted``: outcome that something active waits to be left by, since it is done: a machine has nothing active in it
     then, and a state is not entered again.
     ``approved``: which of those the operator has approved of.
-    ``leaving``: outcome by which something was left that was not at rest yet; '' for what is repeated.
+    ``leaving``: outcome by which something was left that had not halted yet; '' for what is repeated.
     ``ended``: outcome of each child of an active concurrency container that has ended.
     ``userdata``: keys and values of the root and of each machine in ``active``: the values themselves, so that they
     have to be written down at once.

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Taking the position of a run, and going on at one."""
+"""Taking the position of a run, and going on there in another one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from flexbt_core.state_machine.engine.container import ContainerRun, Node
-from flexbt_core.state_machine.engine.controls import Controls
+from flexbt_core.state_machine.engine.container import ContainerRun
 from flexbt_core.state_machine.engine.leaf import LeafRun
-from flexbt_core.state_machine.engine.region import Region
-from flexbt_core.state_machine.model.autonomy import NAMES
+from flexbt_core.state_machine.engine.region import Node, Region
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
+from flexbt_core.state_machine.model.errors import StateMachineError
 from flexbt_core.state_machine.model.userdata import Scope
 
 from .position import Position
@@ -19,8 +20,9 @@ from .position import Position
 _NONE_STAYS: Final[Mapping[str, LeafRun]] = {}
 
 
-def position_of(root: ContainerRun, controls: Controls, decision_count: int, *, is_paused: bool) -> Position:
-    """Where a run is."""
+def position_of(run: MachineRun) -> Position:
+    """Where a run is, for another one to :func:`start_at`. On its thread, in a call of the observer too."""
+    root, controls = run.root, run.controls
     active: list[str] = []
     coming: list[str] = []
     approved: list[str] = []
@@ -57,7 +59,6 @@ def position_of(root: ContainerRun, controls: Controls, decision_count: int, *, 
             wanted[child.path] = child.outcome
 
     take(root)
-    decisions = [region.decision for region in root.active_regions() if region.decision is not None]
     return Position(
         active=tuple(active),
         coming=tuple(coming),
@@ -69,12 +70,12 @@ def position_of(root: ContainerRun, controls: Controls, decision_count: int, *, 
         levels=controls.levels(),
         locked=tuple(sorted(controls.locked)),
         breakpoints=tuple(sorted(controls.breakpoints)),
-        is_paused=is_paused,
+        is_paused=run.is_paused,
         decisions=tuple(
             {'id': one.id, 'kind': one.kind.name, 'path': one.path, 'outcome': one.outcome, 'prompt': one.prompt}
-            for one in decisions
+            for one in run.decisions
         ),
-        decision_count=decision_count,
+        decision_count=run.decision_count,
     )
 
 
@@ -92,7 +93,7 @@ def _unknown(nodes: Mapping[str, StateDefinition | MachineDefinition], position:
         if path in nodes and outcome and outcome not in nodes[path].outcomes:
             yield f'{path} has no outcome {outcome!r}'
     for path, level in position.levels.items():
-        if path not in nodes or level not in NAMES:
+        if path not in nodes or level not in AUTONOMY_NAMES:
             yield f'there is no level {level} of {path!r}'
 
 
@@ -112,12 +113,34 @@ def _impossible(machine: MachineDefinition, position: Position) -> Iterator[str]
             yield f'{child.path} cannot have anything active in it'
 
 
-def restore(root: ContainerRun, scope: Scope, position: Position, staying: Mapping[str, LeafRun] = _NONE_STAYS) -> None:
-    """Put a machine, of which nothing was entered yet, at a position; ``scope`` is the root's data.
+def start_at(run: MachineRun, position: Position) -> None:
+    """Start a run where another one was.
+
+    Its states are entered again, with ``is_resumed`` set, each in a step of its own; what had been set by the operator
+    holds again.
+
+    Raises:
+        StateMachineError: it was started before, or the machine cannot be at that position; with the reasons.
+        StateError: a state is part of another run, which has not ended.
+    """
+    if reasons := reasons_against(run.definition, position):
+        raise StateMachineError(f'the run cannot go on there: {"; ".join(reasons)}')
+
+    def enter() -> None:
+        run.pausing.is_paused = position.is_paused
+        run.decision_count = position.decision_count
+        run.controls.restore(position.levels, position.locked, position.breakpoints)
+        restore(run, position)
+
+    run.start(enter)
+
+
+def restore(run: MachineRun, position: Position, staying: Mapping[str, LeafRun] = _NONE_STAYS) -> None:
+    """Put the machine of a run, of which nothing was entered yet, at a position.
 
     States come to be entered in steps that follow, but for those that are ``staying``, by their paths.
     """
-    _Restoring(position, staying).machine(root, scope)
+    _Restoring(position, staying).machine(run.root, run.scope)
 
 
 class _Restoring:
@@ -134,21 +157,21 @@ class _Restoring:
         for number, (label, child) in enumerate(machine.children.items()):
             region = machine.regions[number if is_concurrent else 0]
             if child.path in position.active:
-                self._child(region, child)
+                self._child(machine, region, child)
             elif child.path in position.ended and is_concurrent:
                 machine.ended[label] = position.ended[child.path]
             elif child.path in position.coming or (is_concurrent and machine.outcome is None):
                 region.await_entry(child)
 
-    def _child(self, region: Region, child: Node) -> None:
+    def _child(self, machine: ContainerRun, region: Region, child: LeafRun | ContainerRun) -> None:
         position = self._position
-        machine, outcome = region.container, position.wanted.get(child.path)
+        outcome = position.wanted.get(child.path)
         left_by = position.leaving.get(child.path)
         if left_by is not None:
             region.child, child.outcome = child, left_by or None
             region.is_leaving = True
             if isinstance(child, ContainerRun):
-                child.claim()
+                child.take_priority()
         elif isinstance(child, ContainerRun):
             region.child = child
             self.machine(child, child.new_scope(machine.scope))

@@ -8,57 +8,71 @@ and no callback of those is called. When it cannot be, the run goes on as before
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from flexbt_core.state_machine.engine.command_queue import Answer
 from flexbt_core.state_machine.engine.container import ContainerRun
 from flexbt_core.state_machine.engine.leaf import LeafRun
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
-from flexbt_core.state_machine.model.userdata import Scope
 
 from .position import Position
-from .restoring import reasons_against, restore
+from .restoring import position_of, reasons_against, restore
 
 
-def prepare(root: ContainerRun, old: ContainerRun, position: Position) -> str | None:
-    """Call on_start of the states of another machine; gives why a run cannot go on with it, if so."""
-    known = {node.path for node in root.definition.nodes()}
+def switch_machine(run: MachineRun, definition: MachineDefinition, answer: Answer) -> None:
+    """Go on with another machine, which has the active states at the same paths. A command, from any thread.
+
+    These are not left and entered for it: the state objects that are active stay, with their userdata, until their
+    visit is over. The refusal names each state that cannot stay. on_start and on_stop of all other states are called;
+    what waited for the operator is asked again, since it may lead elsewhere now.
+    """
+    run.command(lambda: _switch(run, definition), answer)
+
+
+def _switch(run: MachineRun, definition: MachineDefinition) -> str | None:
+    old, root, position = run.root, ContainerRun(run, definition), position_of(run)
+    known = {node.path for node in definition.nodes()}
+    there = _without_what_is_gone(position, known)
+    staying = {leaf.path: leaf for leaf in run.active_states()}
+    leaves = list(root.leaves())
     reasons = [
         *_in_between(old),
-        *reasons_against(root.definition, _without_what_is_gone(position, known)),
-        *_changes(root.definition, old.definition, position),
-        *_missing_inputs(root.definition, position),
-        *(f'{leaf.path}: its state is part of a run already' for leaf in root.leaves() if leaf.state._leaf is not None),
+        *reasons_against(definition, there),
+        *_changes(definition, old.definition, position),
+        *_missing_inputs(definition, position),
+        *(f'{leaf.path}: its state is part of a run already' for leaf in leaves if leaf.state._host is not None),
     ]
+    if not reasons:
+        for leaf in leaves:
+            leaf.bind()
+        reasons = _raising(leaves)
     if reasons:
         return f'the run cannot go on with that machine: {"; ".join(reasons)}'
-    leaves = list(root.leaves())
-    for leaf in leaves:
-        leaf.bind()
+    run.go_on_with(root)
+    for leaf in old.leaves():
+        if leaf.path not in staying:
+            leaf.stop()
+    restore(run, replace(there, approved=()), staying)
+    run.changed()
+    return None
+
+
+def _raising(leaves: Sequence[LeafRun]) -> list[str]:
+    """Call on_start of the states of the other machine; when one raises, all of them are stopped again."""
     raised = [leaf.path for leaf in leaves if leaf.start()]
     if raised:
         for leaf in leaves:
             leaf.stop()
-        return f'the run cannot go on with that machine: {", ".join(raised)} raised in on_start'
-    return None
-
-
-def move(
-    old: ContainerRun, root: ContainerRun, scope: Scope, position: Position, staying: Mapping[str, LeafRun]
-) -> None:
-    """Put the other machine in the place of the old one, of which ``staying`` are the states that stay."""
-    for leaf in old.leaves():
-        if leaf.path not in staying:
-            leaf.stop()
-    known = {node.path for node in root.definition.nodes()}
-    restore(root, scope, replace(_without_what_is_gone(position, known), approved=()), staying)
+    return [f'{", ".join(raised)} raised in on_start'] if raised else []
 
 
 def _in_between(old: ContainerRun) -> Iterator[str]:
     """What is neither active nor left."""
     for region in old.active_regions():
-        if region.child is not None and (region.is_leaving or region.container.ending is not None):
-            yield f'{region.child.path} is being left; try again when it is at rest'
+        if region.child is not None and (region.is_leaving or region.container.is_ending):
+            yield f'{region.child.path} is being left; try again when it has halted'
 
 
 def _without_what_is_gone(position: Position, known: set[str]) -> Position:

@@ -33,20 +33,16 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_core.state_machine import (
-    Autonomy,
-    Child,
-    ConcurrencyContainer,
-    EventState,
-    MachineDefinition,
-    MachineError,
-    OperatableStateMachine,
-    PriorityContainer,
-    define,
-)
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_core.state_machine.model.errors import MachineError
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.machine import Child
 from flexbt_core.state_machine.model.similar_names import hint
 from flexbt_core.values import YamlError, compose_yaml, construct_yaml
-from flexbt_onboard.errors import BehaviorError
+
+from .define import define
+from .machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
 
 States = Mapping[str, Callable[..., EventState]]
 """The states that a text may name: what makes one, from its parameters."""
@@ -60,19 +56,11 @@ _KEYS: Final = ('outcomes', 'input_keys', 'output_keys', 'io_keys')
 _LEVELS: Final = {'off': Autonomy.Off, 'low': Autonomy.Low, 'high': Autonomy.High, 'full': Autonomy.Full}
 
 
-class MachineFileError(BehaviorError):
-    """A text is no machine that can be run. ``problems`` has everything that is wrong with it."""
-
-    def __init__(self, problems: Iterable[str]) -> None:
-        self.problems: tuple[str, ...] = tuple(problems)
-        super().__init__('; '.join(self.problems))
-
-
 def read_machine(text: str, states: States, source: str = '<text>') -> MachineDefinition:
     """The checked definition of the machine in a text.
 
     Raises:
-        MachineFileError: with every problem of it, each as ``source:line: what``.
+        MachineError: with every problem of it, each as ``source:line: what``.
     """
     return _Reader(states, source).read(text)
 
@@ -249,7 +237,7 @@ class _Reader:
 
     def _raise_problems(self) -> None:
         if self._problems:
-            raise MachineFileError(self._problems)
+            raise MachineError(self._problems)
 
 
 def _line(node: yaml.Node) -> int:

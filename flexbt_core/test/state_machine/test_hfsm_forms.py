@@ -14,12 +14,13 @@ from flexbt_core.state_machine import (
     Child,
     ConcurrencyContainer,
     MachineDefinition,
+    MachineError,
     OperatableStateMachine,
     PriorityContainer,
     StateDefinition,
     define,
+    read_machine,
 )
-from flexbt_onboard.behaviors.machine_file import MachineFileError, read_machine
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 from flexbt_testing.state_machines.bench import Scripted
 
@@ -191,7 +192,7 @@ def test_a_definition_cannot_be_changed() -> None:
 def test_a_problem_of_a_text_is_named_with_its_line(before: str, after: str, problem: str) -> None:
     text = TEXT.replace(before, after, 1)
     assert text != TEXT
-    with pytest.raises(MachineFileError) as caught:
+    with pytest.raises(MachineError) as caught:
         read_machine(text, STATES, 'm.yaml')
     assert any(problem in one for one in caught.value.problems), caught.value.problems
     assert all(one.startswith('m.yaml:') for one in caught.value.problems)
@@ -201,7 +202,7 @@ def test_a_problem_of_a_text_is_named_with_its_line(before: str, after: str, pro
 @pytest.mark.parametrize('around', ['{}', 'machine:\n userdata:\n  key:\n   {}'], ids=['alone', 'as userdata'])
 def test_texts_that_are_meant_to_do_harm_are_refused_in_time(around: str, text: str) -> None:
     began = time.process_time()
-    with pytest.raises(MachineFileError) as caught:
+    with pytest.raises(MachineError) as caught:
         read_machine(around.format(text.replace('\n', '\n   ')), STATES)
     assert time.process_time() - began < 1.0
     assert len(str(caught.value)) < 1000
