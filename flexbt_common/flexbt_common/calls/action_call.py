@@ -326,7 +326,7 @@ class ActionCall:
         )
 
     def _send_cancel(self, handle: Any) -> Any:
-        return self._link.client._cancel_goal_async(handle)  # as ClientGoalHandle.cancel_goal_async() does
+        return handle.cancel_goal_async()
 
     def _own_handle(self) -> Any:
         """A handle for a goal whose acceptance is not known, good for canceling it."""

@@ -6,29 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from action_msgs.msg import GoalStatusArray
 from rclpy.action import ActionClient
+from rclpy.qos import qos_profile_action_status_default
 
+from flexbt_common.runtime import rclpy_private
 from flexbt_common.runtime.names import deep_action_services
 from flexbt_common.runtime.node_runtime import NodeRuntime
-
-
-class _StatusListener(ActionClient):
-    """An action client that passes the server's list of goals on, also of goals whose acceptance it does not know.
-
-    The list waits while there is a result: to unpack it takes longer than all the rest.
-    """
-
-    on_status: Callable[[bytes, int], None]
-
-    def take_data(self) -> Any:
-        if self._is_result_response_ready:
-            self._is_status_ready = False
-        return super().take_data()
-
-    async def execute(self, taken_data: Any) -> None:
-        await super().execute(taken_data)
-        for goal in taken_data['status'].status_list if 'status' in taken_data else ():
-            self.on_status(bytes(goal.goal_info.goal_id.uuid), goal.status)
 
 
 class ActionServerLink:
@@ -43,12 +27,19 @@ class ActionServerLink:
         self.action_type = action_type
         self.name = name
         self.status_listeners: dict[bytes, Callable[[int], None]] = {}
+        self._lists: Any = None
         self.client: Any = runtime.call(self._make_client)
 
-    def _make_client(self) -> _StatusListener:
-        client = _StatusListener(self.runtime.node, self.action_type, self.name, **deep_action_services())
-        client.on_status = self._on_status
-        return client
+    def _make_client(self) -> ActionClient:
+        node = self.runtime.node
+        arguments, options = (node, self.action_type, self.name), deep_action_services()
+        if rclpy_private.is_usable(rclpy_private.ACTION_CLIENT):
+            client = rclpy_private.OpenActionClient(*arguments, **options)
+            client.on_list = self._on_list
+            return client
+        topic = f'{self.name}/_action/status'
+        self._lists = node.create_subscription(GoalStatusArray, topic, self._on_list, qos_profile_action_status_default)
+        return ActionClient(*arguments, **options)
 
     @property
     def type_name(self) -> str:
@@ -60,10 +51,17 @@ class ActionServerLink:
         """Whether an action server of that name and type is there now, as far as discovery knows."""
         return bool(self.client.server_is_ready())
 
-    def _on_status(self, goal_id: bytes, status: int) -> None:
-        listener = self.status_listeners.get(goal_id)
-        if listener is not None:
-            listener(status)
+    def close(self) -> None:
+        """Take the client out of the graph."""
+        self.client.destroy()
+        if self._lists is not None:
+            self.runtime.node.destroy_subscription(self._lists)
+
+    def _on_list(self, goals: GoalStatusArray) -> None:
+        for goal in goals.status_list:
+            listener = self.status_listeners.get(bytes(goal.goal_info.goal_id.uuid))
+            if listener is not None:
+                listener(goal.status)
 
     def __str__(self) -> str:
         return f'{self.name!r} ({self.type_name})'
@@ -91,7 +89,7 @@ class ActionLinks:
     def _close(self) -> None:
         def destroy() -> None:
             for link in self._links.values():
-                link.client.destroy()
+                link.close()
             self._links.clear()
 
         self._runtime.call(destroy)

@@ -7,22 +7,25 @@ change of any goal, has all goals of the last ``result_timeout`` seconds in it, 
 a second and the 15 minutes of rclpy's default that is longer than the goals take.
 
 Here the result leaves first. Ended goals stay in the list for a moment only; their results can be asked for longer, and
-as long a cancel is answered with "terminated", not with "unknown".
+as long a cancel is answered with "terminated", not with "unknown". That takes private parts of rclpy: where it lacks
+them, its own server does all this in its own way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import GoalEvent, RCLError, ServerGoalHandle
+from rclpy.action.server import GoalEvent, ServerGoalHandle
+from rclpy.task import Future
 
+from flexbt_common.runtime import rclpy_private
 from flexbt_common.runtime.names import deep_action_services
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.rclpy_private import OpenActionServer
 
 __all__ = ['RESULT_SECONDS', 'GoalServer', 'ServedGoal']
 
@@ -36,13 +39,20 @@ _LISTED_SECONDS: Final = 0.25
 """How long the list of goals tells of a goal that has ended."""
 
 
+class _Ends(Protocol):
+    """What ends goals."""
+
+    def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
+        """Make the transition, once, and send the result."""
+
+
 class ServedGoal:
     """A goal that was accepted. Used on the executor thread; ``cancel_requested`` may be read on any.
 
     ``id``: 16 bytes. ``request``: the goal message.
     """
 
-    def __init__(self, server: _Server, handle: ServerGoalHandle) -> None:
+    def __init__(self, server: _Ends, handle: ServerGoalHandle) -> None:
         self.id = bytes(handle.goal_id.uuid)
         self.request: Any = handle.request
         self._server = server
@@ -104,18 +114,17 @@ class GoalServer:
         self._on_goal = on_goal
         self._on_cancel = on_cancel
         self._goals: dict[bytes, ServedGoal] = {}
-        self._server = _Server(
+        server_class = _Server if rclpy_private.is_usable(rclpy_private.ACTION_SERVER) else _StockServer
+        self._server = server_class(
             runtime,
             action_type,
             name,
-            execute_callback=_never,
             goal_callback=lambda request: GoalResponse.ACCEPT,
             handle_accepted_callback=self._accepted,
             cancel_callback=self._cancel,
-            result_timeout=_LISTED_SECONDS,
             **deep_action_services(),
         )
-        self._server.forget_later = self._forget_later
+        self._server.on_end = self._goals.pop
 
     def close(self) -> None:
         """Take the server out of the graph. Goals that have not ended get no result."""
@@ -124,7 +133,6 @@ class GoalServer:
     def _accepted(self, handle: ServerGoalHandle) -> None:
         goal = ServedGoal(self._server, handle)
         self._goals[goal.id] = goal
-        self._server.results.pop(goal.id, None)  # of a goal with the same ID, which is not listed any more
         self._server.begin(handle)
         try:
             self._on_goal(goal)
@@ -141,46 +149,57 @@ class GoalServer:
         self._runtime.post(lambda: on_cancel(goal) if goal.active else None)
         return CancelResponse.ACCEPT
 
-    def _forget_later(self, goal_id: bytes) -> None:
-        del self._goals[goal_id]
-        steady = self._runtime.steady
-        steady.call_at(steady.now() + RESULT_SECONDS, lambda: self._server.results.pop(goal_id, None))
 
+class _Server(OpenActionServer):
+    """rclpy's server, which keeps results and who waits for them itself. ``on_end`` is told the ID of an ended goal."""
 
-class _Server(ActionServer):
-    """rclpy's server, which keeps results and who waits for them itself."""
-
-    forget_later: Callable[[bytes], None]
+    on_end: Callable[[bytes], object]
 
     def __init__(self, runtime: NodeRuntime, *arguments: Any, **options: Any) -> None:
-        super().__init__(runtime.node, *arguments, **options)
+        super().__init__(runtime.node, *arguments, execute_callback=_never, result_timeout=_LISTED_SECONDS, **options)
         self.results: dict[bytes, Any] = {}
         self._runtime = runtime
         self._waiting: dict[bytes, list[Any]] = {}
         self._has_news = False
 
     def begin(self, handle: ServerGoalHandle) -> None:
-        handle._goal_handle.update_goal_state(GoalEvent.EXECUTE)
+        self.results.pop(bytes(handle.goal_id.uuid), None)  # of a goal with the same ID, which is not listed any more
+        self.update(handle, GoalEvent.EXECUTE)
         self._list_soon()
 
     def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
         goal_id = bytes(handle.goal_id.uuid)
-        with handle._lock:
-            if handle._goal_handle is None:  # the server is closed: nobody hears of it
-                return
-            handle._goal_handle.update_goal_state(event)
-            status = handle._goal_handle.get_status()
+        status = self.update(handle, event)
+        if status is None:
+            return
         response = self.action_type.Impl.GetResultService.Response(status=status, result=result)
         self.results[goal_id] = response
         for request_header in self._waiting.pop(goal_id, ()):
-            self._send(request_header, response)
+            self.send_result(request_header, response)
         self._list_soon()
         self.notify_goal_done()
-        self.forget_later(goal_id)
+        steady = self._runtime.steady
+        steady.call_at(steady.now() + RESULT_SECONDS, lambda: self.results.pop(goal_id, None))
+        self.on_end(goal_id)
 
     def close(self) -> None:
         self._list()
         self.destroy()
+
+    def refused_cancel(self, request: Any) -> Any | None:
+        asked = request.goal_info
+        # With a time, the request is for all goals up to then as well.
+        if bytes(asked.goal_id.uuid) not in self.results or asked.stamp != Time():
+            return None
+        return CancelGoal.Response(return_code=CancelGoal.Response.ERROR_GOAL_TERMINATED)
+
+    def on_result_request(self, request_header: Any, goal_id: bytes) -> None:
+        response = self.results.get(goal_id)  # which another thread takes away in the end
+        if response is None and self.knows(goal_id):
+            self._waiting.setdefault(goal_id, []).append(request_header)
+        else:
+            unknown = self.action_type.Impl.GetResultService.Response()
+            self.send_result(request_header, response or unknown)
 
     def _list_soon(self) -> None:
         if not self._has_news:
@@ -191,45 +210,41 @@ class _Server(ActionServer):
     def _list(self) -> None:
         if self._has_news:
             self._has_news = False
-            self._handle.publish_status()
-
-    async def _execute_goal_request(self, request_header_and_message: Any) -> None:
-        await super()._execute_goal_request(request_header_and_message)
-        handle = self._goal_handles.get(bytes(request_header_and_message[1].goal_id.uuid))
-        if handle is not None and handle.status == GoalStatus.STATUS_ACCEPTED:
-            # The answer cannot be sent to a client that is not discovered yet, and rclpy leaves the goal like this for
-            # ever. The list of goals tells the client.
-            self._handle.publish_status()
-            self._handle_accepted_callback(handle)
-
-    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
-        request_header, request = request_header_and_message
-        asked = request.goal_info
-        # With a time, the request is for all goals up to then as well.
-        if bytes(asked.goal_id.uuid) not in self.results or asked.stamp != Time():
-            await super()._execute_cancel_request(request_header_and_message)
-            return
-        response = CancelGoal.Response(return_code=CancelGoal.Response.ERROR_GOAL_TERMINATED)
-        try:
-            self._handle.send_cancel_response(request_header, response)
-        except RCLError:
-            self._logger.warning('the answer to a cancel was not sent: its client is gone')
-
-    async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
-        request_header, request = request_header_and_message
-        goal_id = bytes(request.goal_id.uuid)
-        response = self.results.get(goal_id)  # which another thread takes away in the end
-        if response is None and goal_id in self._goal_handles:
-            self._waiting.setdefault(goal_id, []).append(request_header)
-        else:
-            self._send(request_header, response or self.action_type.Impl.GetResultService.Response())  # status: unknown
-
-    def _send(self, request_header: Any, response: Any) -> None:
-        try:
-            self._handle.send_result_response(request_header, response)
-        except RCLError:
-            self._logger.warning('a result was not sent: its client is gone')
+            self.publish_list()
 
 
 def _never(handle: ServerGoalHandle) -> None:
     """rclpy demands a callback for the coroutine of a goal, which is never made here."""
+
+
+class _StockServer(ActionServer):
+    """rclpy's server, for which a goal is a coroutine: it waits for :meth:`end`."""
+
+    on_end: Callable[[bytes], object]
+
+    def __init__(self, runtime: NodeRuntime, *arguments: Any, **options: Any) -> None:
+        super().__init__(
+            runtime.node, *arguments, execute_callback=self._result, result_timeout=RESULT_SECONDS, **options
+        )
+        self._runtime = runtime
+        self._results: dict[bytes, Future] = {}
+
+    def begin(self, handle: ServerGoalHandle) -> None:
+        self._results[bytes(handle.goal_id.uuid)] = Future(executor=self._runtime.node.executor)
+        handle.execute()
+
+    def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
+        goal_id = bytes(handle.goal_id.uuid)
+        {GoalEvent.SUCCEED: handle.succeed, GoalEvent.ABORT: handle.abort, GoalEvent.CANCELED: handle.canceled}[event]()
+        self._results[goal_id].set_result(result)
+        self.on_end(goal_id)
+
+    def close(self) -> None:
+        self.destroy()
+
+    async def _result(self, handle: ServerGoalHandle) -> Any:
+        goal_id = bytes(handle.goal_id.uuid)
+        try:
+            return await self._results[goal_id]
+        finally:
+            del self._results[goal_id]

@@ -28,15 +28,17 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, Protocol
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action.server import RCLError
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.task import Future
 
 from flexbt_common.liveness.liveliness import LivelinessToken
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.runtime.rclpy_private import destroy_lifecycle_services
 from flexbt_core.errors import FlexbtError
 
 from .diagnostics import DiagnosticsPublisher, entry
@@ -102,14 +104,16 @@ class ManagedNode(LifecycleNode):
         LifecycleNodeMixin.__init__(self, callback_group=ReentrantCallbackGroup())
         self._is_managed = threading.Event()
         self._transitions = ThreadPoolExecutor(1, f'{name}_transitions', initializer=self._is_managed.wait)
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
+        served = {service.srv_type: service for service in self.services}
+        self._get_state = served[GetState].callback
+        self._change_state = served[ChangeState].callback
+        served[ChangeState].callback = self._on_change_state
         self._error: Exception | None = None
 
     @property
     def state(self) -> str:
         """The state, or the transition that goes on, by its standard name: 'unconfigured', 'configuring' ..."""
-        return str(self._state_machine.current_state[1])
+        return str(self._get_state(GetState.Request(), GetState.Response()).current_state.label)
 
     def manage(
         self,
@@ -229,7 +233,7 @@ class ManagedNode(LifecycleNode):
         self._transitions.shutdown(wait=False, cancel_futures=True)  # one is asked for, and the node was never managed
         self._is_managed.set()
         super().destroy_node()
-        self._state_machine.destroy_when_not_in_use()
+        destroy_lifecycle_services(self)
 
     async def _on_change_state(self, request: Any, response: Any) -> Any:
         done = Future(executor=self.executor)
@@ -239,7 +243,7 @@ class ManagedNode(LifecycleNode):
                 self._change_state(request, response)
                 if self._error is not None:
                     self._report(self._error)
-            except rclpy_implementation.RCLError:  # no such transition now; rclpy would not answer at all
+            except RCLError:  # no such transition now; rclpy would not answer at all
                 response.success = False
             finally:
                 self._runtime.post(lambda: done.set_result(None))
@@ -263,7 +267,7 @@ class ManagedNode(LifecycleNode):
         self._is_managed.set()  # also when it has not come so far
 
         def shut_down() -> None:
-            with contextlib.suppress(rclpy_implementation.RCLError):  # it is finalized
+            with contextlib.suppress(RCLError):  # it is finalized
                 self.trigger_shutdown()
             self._scope.close()
 

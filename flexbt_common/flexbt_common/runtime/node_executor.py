@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""rclpy's single-threaded executor, for one node, without its costs.
+"""The executor of one node: rclpy's single-threaded one, and one without its costs.
 
 rclpy makes a wait set, and lists of everything that can be in it, anew for each callback; it wraps each callback in a
 task; and each task wakes it twice again. That is 0.15 ms of processor time a turn for a node like the onboard
@@ -7,13 +7,13 @@ executive, several times for each message, where the wait itself takes 3 us. Her
 gets or loses an entity, and what is ready is called at once.
 
 What rclpy does with coroutines (a service whose callback awaits something) depends on its version. While one is under
-way, rclpy's own loop runs.
+way, rclpy's own loop runs; it always does where rclpy lacks what :class:`NodeExecutor` is made of.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from contextlib import ExitStack
 from inspect import iscoroutine, iscoroutinefunction
 from threading import get_ident
@@ -22,22 +22,50 @@ from typing import Any, Final
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
-__all__ = ['NodeExecutor']
+from . import rclpy_private
+from .rclpy_private import OpenExecutor, Take
+
+__all__ = ['NodeExecutor', 'StockNodeExecutor', 'node_executor']
 
 _AWAITING_TURN: Final = 0.02
 """Longest turn of rclpy's own loop, s: it may go on waiting although work was brought in meanwhile."""
 
 
-class NodeExecutor(SingleThreadedExecutor):
-    """Runs the callbacks of one node, on the thread that calls :meth:`turn`.
+def node_executor(node: Node, on_fault: Callable[[Exception], None]) -> NodeExecutor | StockNodeExecutor:
+    """The best executor that this version of rclpy allows.
 
     ``on_fault(error)`` is told what a callback lets escape; the others are called all the same.
     """
+    usable = rclpy_private.is_usable(rclpy_private.EXECUTOR)
+    return (NodeExecutor if usable else StockNodeExecutor)(node, on_fault)
+
+
+class StockNodeExecutor(SingleThreadedExecutor):
+    """Runs the callbacks of one node by rclpy's own loop, on the thread that calls :meth:`turn`."""
+
+    def __init__(self, node: Node, on_fault: Callable[[Exception], None]) -> None:
+        super().__init__(context=node.context)
+        self._on_fault = on_fault
+        self.add_node(node)
+
+    def turn(self, timeout: float | None) -> None:
+        """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
+        try:
+            self.spin_once(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
+        except ExternalShutdownException:
+            raise
+        except Exception as error:
+            self._on_fault(error)
+        if not self.context.ok():
+            raise ExternalShutdownException
+
+
+class NodeExecutor(OpenExecutor):
+    """Runs the callbacks of one node, on the thread that calls :meth:`turn`."""
 
     def __init__(self, node: Node, on_fault: Callable[[Exception], None]) -> None:
         super().__init__(context=node.context)
@@ -120,42 +148,36 @@ class NodeExecutor(SingleThreadedExecutor):
                 self._awaiting.remove(task)
                 self._tell_fault(task)
         if not self._awaiting:
-            self._cb_iter = None  # rclpy's loop, at rest between two turns, holds entities that may be destroyed now
+            self.forget_iteration()  # it holds entities that may be destroyed now
 
     def _tell_fault(self, task: Task) -> None:
         error = task.exception()
         if error is not None:
             self._on_fault(error)
 
-    def _make_handler(self, *arguments: Any, **options: Any) -> Task:
-        """A call that rclpy's own loop makes: it may await something."""
-        task = super()._make_handler(*arguments, **options)
+    def on_handler(self, task: Task) -> None:
+        """For rclpy's own loop."""
         self._awaiting.append(task)
-        return task
 
     def _entities_of_node(self) -> _Entities:
         node = self._node
         for guard in node.guards:
-            if guard._executor_triggered:  # rclpy's own loop has seen it, and not come to call it
-                guard._executor_triggered = False
-                guard.trigger()
-        return _Entities(
-            self.context,
-            (self._guard, self._sigint_gc),
-            waitables=_taken_by(self._take_waitable, node.waitables),
-            timers=_taken_by(self._take_timer, node.timers),
-            subscriptions=_taken_by(self._take_subscription, node.subscriptions),
-            guards=_taken_by(self._take_guard_condition, node.guards),
-            clients=_taken_by(self._take_client, node.clients),
-            services=_taken_by(self._take_service, node.services),
-        )
+            rclpy_private.trigger_again(guard)
+        entities = {
+            'timer': node.timers,
+            'subscription': node.subscriptions,
+            'guard_condition': node.guards,
+            'client': node.clients,
+            'service': node.services,
+        }
+        return _Entities(self.context, self.own_guards(), self.takes(), entities, node.waitables)
 
     def _forget_entities(self) -> None:
         if self._entities is not None:
             self._entities.close()
             self._entities = None
 
-    def _call(self, take: _Take, entity: Any) -> None:
+    def _call(self, take: Take, entity: Any) -> None:
         """Take what has come for an entity, and call its callback."""
         try:
             start = take(entity)
@@ -179,14 +201,6 @@ class NodeExecutor(SingleThreadedExecutor):
             task = self._soon.popleft()
             task()
             self._tell_fault(task)
-
-
-_Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
-"""Takes what has come for an entity; gives the call of its callback, if there is one to be made."""
-
-
-def _taken_by(take: _Take, entities: Iterable[Any]) -> list[tuple[_Take, Any]]:
-    return [(take, entity) for entity in entities]
 
 
 async def _go_on(called: Coroutine[Any, Any, None], awaited: Any, on_end: Callable[[], None]) -> None:
@@ -213,48 +227,31 @@ class _Entities:
     def __init__(
         self,
         context: Any,
-        bells: Iterable[Any],
-        *,
-        waitables: list[tuple[_Take, Any]],
-        timers: list[tuple[_Take, Any]],
-        subscriptions: list[tuple[_Take, Any]],
-        guards: list[tuple[_Take, Any]],
-        clients: list[tuple[_Take, Any]],
-        services: list[tuple[_Take, Any]],
+        own_guards: Iterable[Any],
+        takes: Mapping[str, Take],
+        entities: Mapping[str, Iterable[Any]],
+        waitables: Iterable[Any],
     ) -> None:
+        """``takes`` and ``entities``: by kind; ``own_guards`` only end the wait."""
         self._held = ExitStack()
         self._held.enter_context(context.handle)
-        self._waitables = [(take, waitable) for take, waitable in waitables if self._hold(waitable)]
+        self._waitables = [(takes['waitable'], waitable) for waitable in waitables if self._hold(waitable)]
         held = {
-            kind: {entity.handle.pointer: (take, entity) for take, entity in entities if self._hold(entity.handle)}
-            for kind, entities in (
-                ('timer', timers),
-                ('subscription', subscriptions),
-                ('guard_condition', guards),
-                ('client', clients),
-                ('service', services),
-            )
+            kind: {entity.handle.pointer: (takes[kind], entity) for entity in those if self._hold(entity.handle)}
+            for kind, those in entities.items()
         }
-        self._by_kind = [(kind, entities) for kind, entities in held.items() if entities]
-        bell_handles = [bell.handle for bell in bells if self._hold(bell.handle)]
+        self._by_kind = [(kind, those) for kind, those in held.items() if those]
+        own_handles = [guard.handle for guard in own_guards if self._hold(guard.handle)]
         count = NumberOfEntities(
             len(held['subscription']),
-            len(held['guard_condition']) + len(bell_handles),
+            len(held['guard_condition']) + len(own_handles),
             len(held['timer']),
             len(held['client']),
             len(held['service']),
         )
         for _, waitable in self._waitables:
             count += waitable.get_num_entities()
-        self._wait_set = wait_set = rclpy_implementation.WaitSet(
-            count.num_subscriptions,
-            count.num_guard_conditions,
-            count.num_timers,
-            count.num_clients,
-            count.num_services,
-            count.num_events,
-            context.handle,
-        )
+        self._wait_set = wait_set = rclpy_private.wait_set(count, context)
         adds = {
             'timer': wait_set.add_timer,
             'subscription': wait_set.add_subscription,
@@ -262,11 +259,11 @@ class _Entities:
             'client': wait_set.add_client,
             'service': wait_set.add_service,
         }
-        self._adds = [(adds[kind], entity.handle) for kind, entities in held.items() for _, entity in entities.values()]
-        self._adds += [(wait_set.add_guard_condition, handle) for handle in bell_handles]
+        self._adds = [(adds[kind], entity.handle) for kind, those in held.items() for _, entity in those.values()]
+        self._adds += [(wait_set.add_guard_condition, handle) for handle in own_handles]
         self._adds += [(waitable.add_to_wait_set, wait_set) for _, waitable in self._waitables]
 
-    def ready(self, timeout: int) -> list[tuple[_Take, Any]]:
+    def ready(self, timeout: int) -> list[tuple[Take, Any]]:
         """Wait until something is ready, at most ``timeout`` ns (-1: for ever); gives what is."""
         wait_set = self._wait_set
         wait_set.clear_entities()

@@ -37,8 +37,9 @@ from rclpy.utilities import remove_ros_args
 
 from flexbt_core.clock import SteadyClock
 
+from . import rclpy_private
 from .fastdds_shutdown import end_callbacks
-from .node_executor import NodeExecutor
+from .node_executor import node_executor
 from .ros_clock import RosClock
 
 __all__ = ['NodeRuntime', 'run_node']
@@ -105,7 +106,9 @@ class NodeRuntime:
             raise
         self.name = self.node.get_name()
         self.steady = SteadyClock()
-        self._executor = NodeExecutor(self.node, self._on_escaped)
+        for warning in rclpy_private.warnings():
+            self.node.get_logger().warning(warning)
+        self._executor = node_executor(self.node, self._on_escaped)
         self._doorbell = self.node.create_guard_condition(lambda: None)
         self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
         self.clock = RosClock(self)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import Final
 
-from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.action.server import RCLError
 
 from flexbt_common.liveness.liveliness import LivelinessWatch
 from flexbt_common.runtime.names import alive_topic
@@ -58,7 +58,7 @@ class GoalOwners:
     def _check(self, owner: str) -> None:
         try:
             self._runtime.node.resolve_topic_name(alive_topic(owner))
-        except rclpy_implementation.RCLError as error:
+        except RCLError as error:
             raise FlexbtError(
                 f'the owner {owner!r} is no name of a node; give one, such as /robot1/executive, or leave owner empty'
             ) from error
