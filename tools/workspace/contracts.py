@@ -29,7 +29,7 @@ class FrontDoorsContract(Contract):
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
         """Looks at every direct import of a module that is two levels or more below its package, and is no folder."""
         found: list[str] = []
-        for package in self.packages:  # type: ignore[attr-defined]  # a field gives its value
+        for package in self.packages:
             for module in sorted(graph.find_descendants(package)):
                 room = module.rpartition('.')[0]
                 if room == package or graph.find_children(module):
