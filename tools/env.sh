@@ -41,7 +41,7 @@ else
 
   case $_flexbt_options in *u*) set -u ;; esac
 
-  for _flexbt_package in server onboard console sim demo_behaviors; do
+  for _flexbt_package in server onboard console sim tools demo_behaviors; do
     _flexbt_directory=$FLEXBT_ROOT/install/flexbt_$_flexbt_package/lib/flexbt_$_flexbt_package
     case ":$PATH:" in
       *":$_flexbt_directory:"*) ;;

@@ -2,6 +2,7 @@
 """Builds the documentation into out/docs; Sphinx and what it needs are installed beside the workspace's packages.
 
 Usage: build.py [SPHINX OPTION ...]     in a shell with the environment of the workspace (`make docs`)
+       build.py --tool FILE [ARGUMENT ...]     runs a program of this directory that needs these packages
 """
 
 from __future__ import annotations
@@ -39,9 +40,13 @@ def install() -> None:
 def main() -> int:
     install()
     search = os.pathsep.join(filter(None, [str(PACKAGES), os.environ.get('PYTHONPATH')]))
+    environment = os.environ | {'PYTHONPATH': search}
+    if sys.argv[1:2] == ['--tool']:
+        tool = [sys.executable, DOCS / 'tools' / sys.argv[2], *sys.argv[3:]]
+        return subprocess.run(tool, env=environment, check=False).returncode
     sphinx = [sys.executable, '-m', 'sphinx', '--fail-on-warning', '--jobs', 'auto', '--quiet']
     command = [*sphinx, '--doctree-dir', OUTPUT / 'doctrees', *sys.argv[1:], DOCS, OUTPUT / 'html']
-    code = subprocess.run(command, env=os.environ | {'PYTHONPATH': search}, check=False).returncode
+    code = subprocess.run(command, env=environment, check=False).returncode
     if code == 0:
         print(f'the documentation is {OUTPUT / "html" / "index.html"}')
     return code

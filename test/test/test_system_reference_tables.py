@@ -2,6 +2,7 @@
 """The tables of the reference: what they say is what the code declares, no more and no less."""
 
 import re
+import subprocess
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -19,7 +20,8 @@ import flexbt_sim.nodes.simulator_parameters
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.commands.command_table import COMMANDS, EXIT_CODES
 
-REFERENCE = Path(__file__).parents[2] / 'docs' / 'reference'
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / 'docs' / 'reference'
 EXECUTABLES = (REFERENCE / 'executables.md').read_text(encoding='utf-8')
 CONSOLE = (REFERENCE / 'console.md').read_text(encoding='utf-8')
 
@@ -51,6 +53,20 @@ def test_executables() -> None:
         for point in distribution.entry_points.select(group='console_scripts')
     }
     assert set(re.findall(r'\*\*`(\w+)`\*\*', EXECUTABLES)) == installed
+    if (ROOT / 'install' / 'flexbt_underlay.sh').exists():  # otherwise built by colcon alone
+        found = subprocess.run(
+            [
+                'bash',
+                '-c',
+                f'. {ROOT}/tools/env.sh; for name; do command -v "$name" || echo "$name"; done',
+                '',
+                *installed,
+            ],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert [line for line in found.stdout.splitlines() if '/' not in line] == []
 
 
 @pytest.mark.parametrize(

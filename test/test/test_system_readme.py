@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The examples of the README, taken literally from its text: a tree, a state and a mission."""
+
+import os
+import re
+import shlex
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine import Child, OperatableStateMachine
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
+from flexbt_testing.operator.probe import Probe
+from flexbt_testing.processes.stack import Stack
+from flexbt_testing.state_machines.bench import Bench
+
+README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
+IMPORTS_OF_THE_MISSION = """
+from deliveries.count_state import CountState
+from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_states import BtExecuteGoalState, OperatorInputState
+
+"""
+
+
+def example(heading: str, language: str) -> str:
+    """The first block of a language in a section."""
+    section = README[README.index(f'## {heading}\n') :]
+    found = re.search(rf'^```{language}\n(.*?)^```$', section, re.MULTILINE | re.DOTALL)
+    assert found is not None, f'{heading}: no {language}'
+    return found[1]
+
+
+def test_the_examples_are_short() -> None:
+    for heading, language in (('A tree', 'xml'), ('A state', 'python'), ('A mission', 'python')):
+        lines = [line for line in example(heading, language).splitlines() if line and not line.startswith('from ')]
+        assert len(lines) <= 14, heading
+
+
+def test_the_tree_recovers_without_a_robot(tmp_path: Path) -> None:
+    (tmp_path / 'deliver.xml').write_text(example('A tree', 'xml'), encoding='utf-8')
+    command = ['python3', '-m', 'flexbt_tools.cli.bt_tool', *shlex.split(example('A tree', 'sh'))[1:]]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True)
+    assert re.search(r'IDLE +-> SUCCESS +BackUp', done.stdout)
+    assert done.stdout.splitlines()[-1].startswith('SUCCESS')
+
+
+def test_the_state_counts() -> None:
+    names: dict[str, Any] = {}
+    exec(example('A state', 'python'), names)  # noqa: S102 the text of this repository
+    count = Child('Count', names['CountState'](3), {'more': 'Count', 'enough': 'finished'})
+    bench = Bench(OperatableStateMachine(['finished'], children=[count], userdata={'count': 0}))
+    assert bench.outcome == 'finished'
+    assert [(path, outcome) for path, outcome, *_ in bench.transitions] == [('/Count', 'more')] * 2 + [
+        ('/Count', 'enough')
+    ]
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> dict[str, str]:
+    """The environment in which the package of the examples is installed."""
+    package = tmp_path / 'deliveries'
+    share = tmp_path / 'share' / 'deliveries'
+    about = tmp_path / 'deliveries-1.0.dist-info'
+    index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    for directory in (package, share / 'trees', about, index):
+        directory.mkdir(parents=True)
+    (package / '__init__.py').touch()
+    (index / 'deliveries').touch()
+    (package / 'count_state.py').write_text(example('A state', 'python'), encoding='utf-8')
+    (package / 'mission.py').write_text(IMPORTS_OF_THE_MISSION + example('A mission', 'python'), encoding='utf-8')
+    (share / 'trees' / 'deliver.xml').write_text(example('A tree', 'xml'), encoding='utf-8')
+    (about / 'METADATA').write_text('Metadata-Version: 2.1\nName: deliveries\nVersion: 1.0\n', encoding='utf-8')
+    (about / 'entry_points.txt').write_text('[flexbt.behaviors]\ndeliveries = deliveries.mission:Deliveries\n')
+    before = {name: os.environ.get(name, '') for name in ('PYTHONPATH', 'AMENT_PREFIX_PATH')}
+    return {name: os.pathsep.join([str(tmp_path), value]) for name, value in before.items()}
+
+
+@pytest.fixture
+def probe() -> Iterator[Probe]:
+    with NodeRuntime.open('operator') as runtime:
+        yield Probe(runtime)
+
+
+def test_the_mission_is_driven(installed: dict[str, str], probe: Probe, tmp_path: Path) -> None:
+    def decision(kind: int) -> PendingDecision | None:
+        decisions = probe.status.decisions if probe.status is not None else []
+        return next((one for one in decisions if one.kind == kind), None)
+
+    with Stack(tmp_path) as stack:
+        stack.start('simulator', {'speed_factor': '8.0'})
+        for name in ('navigation', 'bt_server', 'onboard_executive'):
+            stack.start(name, environment=installed)
+        probe.wait_ready()
+        probe.command(ExecutiveCommand.START, behavior='Deliveries', autonomy=2)
+        for x, y in ((3.8, 1.2), (0.8, 4.45)):
+            question = probe.wait(lambda: decision(PendingDecision.INPUT), 'the question for a goal')
+            assert question is not None and question.prompt == 'Where to?'
+            goal = PoseStamped()
+            goal.header.frame_id = 'map'
+            goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
+            probe.command(ExecutiveCommand.ANSWER, decision_id=question.id, inputs=[to_entry('goal', goal)])
+            arrival = probe.wait(lambda: decision(PendingDecision.TRANSITION), 'the question whether it counts')
+            assert arrival is not None and (arrival.path, arrival.outcome) == ('/Drive', 'done')
+            probe.command(ExecutiveCommand.CONFIRM, decision_id=arrival.id)
+            probe.wait(lambda: decision(PendingDecision.TRANSITION) is None, 'the confirmation')
+        probe.wait_state(ExecutiveStatus.IDLE)
+        assert probe.status is not None and probe.status.outcome == 'finished'
