@@ -26,7 +26,7 @@ myst_fence_as_directive = ['mermaid']
 # Diagrams are drawn at build time; a reader's browser needs neither a script nor a host.
 mermaid_output_format = 'svg'
 mermaid_cmd = shlex.join([sys.executable, '-m', 'mermaidx'])
-mermaid_params = ['--theme', 'neutral', '--background', 'white', '--quiet']
+mermaid_params = ['--theme', 'default', '--background', 'white', '--quiet']
 
 # An annotation `type` is also the name of attributes; Sphinx takes the first and says so.
 suppress_warnings = ['ref.python']

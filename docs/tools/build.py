@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Builds the documentation into out/docs; Sphinx and what it needs are installed beside the workspace's packages.
+"""Writes the generated pages and builds the documentation into out/docs.
+
+Sphinx and what it needs are installed beside the workspace's packages.
 
 Usage: build.py [SPHINX OPTION ...]     in a shell with the environment of the workspace (`make docs`)
        build.py --tool FILE [ARGUMENT ...]     runs a program of this directory that needs these packages
@@ -18,6 +20,9 @@ from typing import Final
 DOCS: Final = Path(__file__).resolve().parents[1]
 REQUIREMENTS: Final = DOCS / 'requirements.txt'
 PACKAGES: Final = DOCS.parent / '.venv' / 'docs'
+GENERATED: Final = ('make_architecture.py', 'make_bt_nodes.py', 'make_states.py')
+"""The programs that write pages from the code; tests compare what is committed with what they write."""
+
 OUTPUT: Final = DOCS.parent / 'out' / 'docs'
 
 
@@ -44,6 +49,8 @@ def main() -> int:
     if sys.argv[1:2] == ['--tool']:
         tool = [sys.executable, DOCS / 'tools' / sys.argv[2], *sys.argv[3:]]
         return subprocess.run(tool, env=environment, check=False).returncode
+    for name in GENERATED:
+        subprocess.run([sys.executable, DOCS / 'tools' / name], check=True)
     sphinx = [sys.executable, '-m', 'sphinx', '--fail-on-warning', '--jobs', 'auto', '--quiet']
     command = [*sphinx, '--doctree-dir', OUTPUT / 'doctrees', *sys.argv[1:], DOCS, OUTPUT / 'html']
     code = subprocess.run(command, env=environment, check=False).returncode

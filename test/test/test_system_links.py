@@ -2,6 +2,8 @@
 """Every link between the pages leads somewhere: to a file of the repository, and to a heading of it."""
 
 import re
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -82,3 +84,9 @@ def test_what_is_included_exists() -> None:
     for page in pages():
         for name in INCLUDE.findall(page.read_text(encoding='utf-8')):
             assert (page.parent / name).exists(), f'{page.relative_to(ROOT)}: {name}'
+
+
+def test_the_page_of_the_architecture_is_what_its_program_writes(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / 'make_architecture.py', tmp_path / 'page.md'], check=True)
+    page = (ROOT / 'docs' / 'explanation' / 'architecture.md').read_text(encoding='utf-8')
+    assert page == (tmp_path / 'page.md').read_text(encoding='utf-8'), 'run docs/tools/make_architecture.py'

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes docs/explanation/architecture.md: packages and rooms, from the import contracts and the front doors.
+
+Usage: make_architecture.py [FILE]     needs nothing of the workspace
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+PAGE: Final = ROOT / 'docs' / 'explanation' / 'architecture.md'
+HEAD: Final = """\
+# Architecture
+
+Packages and their rooms, as the import contracts in `pyproject.toml` say it (`docs/tools/make_architecture.py` writes
+this page; `make lint` keeps the contracts). A room is a folder with one purpose: it imports only what lies below it,
+and its `__init__.py` is its front door.
+
+## Packages
+
+A package may import those that are below it, and none beside it in the same row.
+"""
+
+
+def summary(package: Path) -> str:
+    """The first sentence or line of the docstring of a package."""
+    doc = ast.get_docstring(ast.parse((package / '__init__.py').read_text(encoding='utf-8'))) or ''
+    text = ' '.join(doc.partition('\n\n')[0].split())
+    return re.sub(r':\w+:`([^`]+)`', r'`\1`', text).replace('``', '`')
+
+
+def diagram(layers: list[str]) -> Iterator[str]:
+    """The layers of packages, top down, as a flowchart."""
+    yield '```mermaid'
+    yield 'flowchart TD'
+    rows = [[name.strip() for name in layer.split('|')] for layer in layers]
+    names = [row[0] if len(row) == 1 else f'row{number}' for number, row in enumerate(rows)]
+    for name, row in zip(names, rows, strict=True):
+        if len(row) > 1:
+            yield f'    subgraph {name}[" "]'
+            yield '        direction TB'
+            yield from (f'        {package}' for package in row)
+            yield '    end'
+    yield from (f'    {upper} --> {lower}' for upper, lower in itertools.pairwise(names))
+    yield '```'
+
+
+def rooms(package: Path, depth: int = 0) -> Iterator[str]:
+    """A package and the rooms in it, each with its purpose, as a nested list."""
+    yield f'{"  " * depth}- `{package.name}`: {summary(package)}'
+    for inner in sorted(package.iterdir()):
+        if (inner / '__init__.py').exists():
+            yield from rooms(inner, depth + 1)
+
+
+def contract(rule: dict[str, Any]) -> Iterator[str]:
+    """What a contract says, as a list."""
+    yield f'- **{rule["name"]}**'
+    if rule['type'] == 'forbidden':
+        yield f'  - {_names(rule["source_modules"])}'
+        yield f'  - must not import {_names(rule["forbidden_modules"])}'
+
+
+def _names(names: list[str]) -> str:
+    return ', '.join(f'`{name}`' for name in names)
+
+
+def page() -> str:
+    """The whole page."""
+    settings = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter']
+    packages = settings['root_packages']
+    contracts = settings['contracts']
+    [layers] = [
+        rule['layers']
+        for rule in contracts
+        if rule['type'] == 'layers' and not rule.get('containers') and set(packages) >= {rule['layers'][-1]}
+    ]
+    lines = [HEAD, *diagram(layers), '', '## Contracts', '']
+    for rule in contracts:
+        lines += contract(rule)
+    lines += ['', '## Rooms', '']
+    for name in packages:
+        lines += rooms(ROOT / name / name)
+    return '\n'.join(lines) + '\n'
+
+
+if __name__ == '__main__':
+    (Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE).write_text(page(), encoding='utf-8')
