@@ -16,7 +16,7 @@ from .engine.control_decorator import Control, Decorator
 from .engine.coroutine import CoroutineAction
 from .engine.leaf import Condition, Halted, StatefulAction, SyncAction
 from .engine.node import NodeConfig, TreeNode
-from .engine.registry import NodeManifest, NodeRegistry, builtin_registry
+from .engine.registry import NodeRegistry
 from .engine.simple import (
     SimpleAction,
     SimpleDecorator,
@@ -30,7 +30,7 @@ from .engine.tree import Tree
 from .engine.tree_builder import Substitute, SubTreeInstance
 from .model.blackboard import EMPTY, Blackboard, Entry
 from .model.blackboard_json import JsonObject, JsonTypes, export_blackboard, import_blackboard, show_blackboard
-from .model.definition import NodeDefinition, TreeDefinition, TreeDocument
+from .model.definition import NodeDefinition, NodeManifest, TreeDefinition, TreeDocument
 from .model.errors import (
     BehaviorTreeError,
     BlackboardError,
@@ -48,6 +48,7 @@ from .model.library import TreeKey, TreeLibrary
 from .model.port_types import PortType
 from .model.ports import Port, PortDirection, inout_port, input_port, output_port
 from .model.status import NodeKind, NodeStatus
+from .nodes.builtin import builtin_registry
 from .nodes.loops import Loop
 from .observers.hooks import AfterTick, BeforeTick, TickHooks
 from .script.compiled_script import ScriptLibrary

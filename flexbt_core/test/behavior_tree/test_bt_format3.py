@@ -14,8 +14,9 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
+from flexbt_core.behavior_tree.model.source import Source
 from flexbt_core.behavior_tree.xml.format3 import is_format_3, make_format_4
-from flexbt_core.behavior_tree.xml.parser import Element, Source, parse
+from flexbt_core.behavior_tree.xml.parser import Element, parse
 
 
 def root(body: str, version: str = ' BTCPP_format="3"') -> Element:

@@ -15,8 +15,9 @@ from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError
 from flexbt_core.behavior_tree.engine.node import node_path
+from flexbt_core.behavior_tree.model.source import Source
 from flexbt_core.behavior_tree.observers.status_log import LogReader
-from flexbt_core.behavior_tree.xml.parser import Element, Source, parse
+from flexbt_core.behavior_tree.xml.parser import Element, parse
 
 from . import protocol
 from .mark_log import MarkLog

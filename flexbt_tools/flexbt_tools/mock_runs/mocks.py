@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
 )
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
-from flexbt_core.behavior_tree.engine.registry import similar_names
+from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.behavior_tree.model.port_types import is_fixed
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS

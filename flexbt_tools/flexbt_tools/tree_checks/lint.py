@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree import (
     TreeLoadError,
 )
 from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
-from flexbt_core.behavior_tree.engine.registry import similar_names
+from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.behavior_tree.model.port_types import STRING, is_fixed
 from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage, Place
 from flexbt_tools.trees.keys import uses

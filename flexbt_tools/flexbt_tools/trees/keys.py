@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 from flexbt_core.behavior_tree import NodeDefinition, Port
+from flexbt_core.behavior_tree.model.definition import Script
 from flexbt_core.behavior_tree.model.port_types import KEY, KEYS, separated
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
 from flexbt_core.behavior_tree.script.compiled_script import CompiledScript
@@ -63,7 +64,7 @@ def _uses_of_ports(node: NodeDefinition, enums: Collection[str]) -> Iterator[Key
                 yield KeyUse(key, name, reads=not port.writable, writes=port.writable)
 
 
-def _uses_of_script(attribute: str, script: CompiledScript, enums: Collection[str]) -> Iterator[KeyUse]:
+def _uses_of_script(attribute: str, script: Script, enums: Collection[str]) -> Iterator[KeyUse]:
     for statement in parse_script(script.text):
         for use in _uses_of_expression(attribute, statement):
             if use.writes or use.key not in enums:

@@ -27,7 +27,8 @@ from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, Deco
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
 from flexbt_core.behavior_tree.model import port_types as types
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
-from flexbt_core.behavior_tree.xml.parser import Element, Source, parse
+from flexbt_core.behavior_tree.model.source import Source
+from flexbt_core.behavior_tree.xml.parser import Element, parse
 
 _BASES: Final[Mapping[NodeKind, Any]] = {
     NodeKind.ACTION: LeafNode,

@@ -25,7 +25,8 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
 )
 from flexbt_core.behavior_tree.model import port_types
-from flexbt_core.behavior_tree.model.ports import FORBIDDEN_IN_NAMES, NO_DEFAULT, RESERVED_ATTRIBUTES
+from flexbt_core.behavior_tree.model.names import FORBIDDEN_IN_NAMES, RESERVED_ATTRIBUTES
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
 from flexbt_server.groot2.tree_document import models_document
 from flexbt_server.trees.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool

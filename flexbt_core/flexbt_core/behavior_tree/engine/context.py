@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from flexbt_core.clock import Clock
 
 if TYPE_CHECKING:
+    from flexbt_core.behavior_tree.model.definition import Scripts
     from flexbt_core.behavior_tree.model.errors import NodeExecutionError
     from flexbt_core.behavior_tree.model.status import NodeStatus
     from flexbt_core.behavior_tree.observers.hooks import TickHooks
     from flexbt_core.behavior_tree.observers.status_log import Log
-    from flexbt_core.behavior_tree.script.compiled_script import ScriptLibrary
 
     from .node import TreeNode
 
@@ -47,7 +47,7 @@ class TreeContext:
     ``log`` is where changes of statuses are written, while the tree is watched.
     """
 
-    def __init__(self, clock: Clock, services: Any, scripts: ScriptLibrary) -> None:
+    def __init__(self, clock: Clock, services: Any, scripts: Scripts) -> None:
         self.clock = clock
         self.services = services
         self.scripts = scripts

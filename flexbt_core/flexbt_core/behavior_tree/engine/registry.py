@@ -3,30 +3,16 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
+from flexbt_core.behavior_tree.model.definition import NodeManifest
 from flexbt_core.behavior_tree.model.errors import ConversionError, RegistrationError
+from flexbt_core.behavior_tree.model.names import model_name_problem, port_name_problem, similar_names
 from flexbt_core.behavior_tree.model.port_types import is_fixed
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, model_name_problem, pointer_key, port_name_problem
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, pointer_key
 from flexbt_core.behavior_tree.model.status import NodeKind
-from flexbt_core.behavior_tree.nodes import (
-    actions,
-    conditionals,
-    decorators,
-    entry_updates,
-    loops,
-    parallel,
-    reactive,
-    script_nodes,
-    sequences,
-    switch,
-    timing,
-    try_catch,
-)
 from flexbt_core.behavior_tree.script.compiled_script import ScriptLibrary
 
 from .control_decorator import ControlNode, DecoratorNode
@@ -34,67 +20,8 @@ from .leaf import LeafNode
 from .node import TreeNode
 
 
-@dataclass(frozen=True, slots=True)
-class NodeManifest:
-    """What is known of a node type without an instance of it. ``children`` are least and greatest number of them."""
-
-    id: str
-    kind: NodeKind
-    node_class: type[TreeNode]
-    ports: Mapping[str, Port]
-    children: tuple[int, int | None]
-    description: str
-
-
-# The node types of BehaviorTree.CPP 4 that this engine has, under their names there.
-_BUILTIN: tuple[type[TreeNode], ...] = (
-    sequences.Sequence,
-    sequences.AsyncSequence,
-    sequences.SequenceWithMemory,
-    sequences.Fallback,
-    sequences.AsyncFallback,
-    reactive.ReactiveSequence,
-    reactive.ReactiveFallback,
-    parallel.Parallel,
-    parallel.ParallelAll,
-    conditionals.IfThenElse,
-    conditionals.WhileDoElse,
-    switch.Switch2,
-    switch.Switch3,
-    switch.Switch4,
-    switch.Switch5,
-    switch.Switch6,
-    try_catch.TryCatch,
-    decorators.Inverter,
-    decorators.ForceSuccess,
-    decorators.ForceFailure,
-    decorators.Repeat,
-    decorators.RetryUntilSuccessful,
-    decorators.KeepRunningUntilFailure,
-    decorators.RunOnce,
-    decorators.SubTree,
-    loops.LoopInt,
-    loops.LoopBool,
-    loops.LoopDouble,
-    loops.LoopString,
-    entry_updates.SkipUnlessUpdated,
-    entry_updates.WaitValueUpdate,
-    entry_updates.WasEntryUpdated,
-    script_nodes.Script,
-    script_nodes.ScriptCondition,
-    script_nodes.Precondition,
-    timing.Timeout,
-    timing.Delay,
-    timing.Sleep,
-    actions.AlwaysSuccess,
-    actions.AlwaysFailure,
-    actions.SetBlackboard,
-    actions.UnsetBlackboard,
-)
-
-
 class NodeRegistry:
-    """Node types by the ID that XML uses. Each host makes its own, see :func:`builtin_registry`."""
+    """Node types by the ID that XML uses. Each host makes its own, see ``builtin_registry``."""
 
     def __init__(self, scripts: ScriptLibrary | None = None) -> None:
         """``scripts`` has the enum constants that scripts know."""
@@ -157,24 +84,10 @@ class NodeRegistry:
         return len(self._manifests)
 
 
-def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """The known names that ``name`` may be a slip of, best first."""
-    # The comparison takes quadratic time, and hostile files have long names.
-    return difflib.get_close_matches(name, known, n=most, cutoff=0.65) if len(name) <= 100 else []
-
-
-def builtin_registry(scripts: ScriptLibrary | None = None) -> NodeRegistry:
-    """A new registry with the node types of BehaviorTree.CPP."""
-    registry = NodeRegistry(scripts)
-    for node_class in _BUILTIN:
-        registry.register(node_class.__name__, node_class)
-    return registry
-
-
 def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
     if issubclass(node_class, ControlNode):
         return node_class.children_bounds
-    if issubclass(node_class, decorators.SubTree):
+    if node_class.kind is NodeKind.SUBTREE:
         return 0, 0
     return (1, 1) if issubclass(node_class, DecoratorNode) else (0, 0)
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition
@@ -124,7 +124,8 @@ class _Builder:
             self._errors.append(scope.tree.error(definition, str(error)))
             return
         if definition.conditions:
-            add_conditions(node, definition.conditions)
+            compiled: Any = definition.conditions
+            add_conditions(node, compiled)
         self._nodes.append(node)
         self._definitions.append(definition)
         siblings.append(node)

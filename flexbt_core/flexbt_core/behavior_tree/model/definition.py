@@ -3,17 +3,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple, Protocol
 
-from flexbt_core.behavior_tree.engine.registry import NodeManifest
-from flexbt_core.behavior_tree.script.compiled_script import CompiledScript, ScriptLibrary
-from flexbt_core.behavior_tree.xml.parser import Source
-
+from .blackboard import Blackboard
 from .errors import LoadError
-from .ports import PortDirection, PortValue
+from .ports import Port, PortDirection, PortValue
+from .source import Source
+from .status import NodeKind
 
-NO_CONDITIONS: Final[Mapping[str, CompiledScript]] = {}
+
+@dataclass(frozen=True, slots=True)
+class NodeManifest:
+    """What is known of a node type without an instance of it. ``children`` are least and greatest number of them.
+
+    ``node_class`` is the class of its nodes, which the engine makes.
+    """
+
+    id: str
+    kind: NodeKind
+    node_class: type[Any]
+    ports: Mapping[str, Port]
+    children: tuple[int, int | None]
+    description: str
+
+
+class RunnableScript(Protocol):
+    """A script on the blackboard of a node."""
+
+    @property
+    def run(self) -> Callable[[], bool | None]:
+        """Runs it, and gives the truth of a condition, otherwise None. Raises ScriptError."""
+
+
+class Script(Protocol):
+    """A script as a definition holds it: its text was found to be one."""
+
+    @property
+    def text(self) -> str: ...
+
+    @property
+    def empty(self) -> bool:
+        """Whether it does nothing."""
+
+    def bind(self, board: Blackboard, *, condition: bool = False) -> RunnableScript:
+        """The script on ``board``; of a ``condition`` the truth is asked. Raises ScriptError when that is empty."""
+
+
+class Scripts(Protocol):
+    """Makes scripts of texts."""
+
+    @property
+    def enums(self) -> Mapping[str, int]:
+        """The enum constants that scripts know."""
+
+    def script(self, text: str) -> Script:
+        """Raises ScriptError when the text is no script."""
+
+
+NO_CONDITIONS: Final[Mapping[str, Script]] = {}
 
 
 class NodeDefinition(NamedTuple):
@@ -32,7 +81,7 @@ class NodeDefinition(NamedTuple):
     extra: Mapping[str, str]
     tree_id: str | None = None
     autoremap: bool = False
-    conditions: Mapping[str, CompiledScript] = NO_CONDITIONS
+    conditions: Mapping[str, Script] = NO_CONDITIONS
 
     @property
     def label(self) -> str:
@@ -79,4 +128,4 @@ class TreeDocument(NamedTuple):
     main: str | None
     models: Mapping[str, Mapping[str, SubTreeModelPort]]
     warnings: tuple[LoadError, ...]
-    scripts: ScriptLibrary
+    scripts: Scripts

@@ -7,14 +7,33 @@ that, until it is ticked again; the chain is put together when somebody asks.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
-
-if TYPE_CHECKING:
-    from collections.abc import Container, Sequence
-
-    from flexbt_core.behavior_tree.engine.node import TreeNode
+from collections.abc import Container, Sequence
+from typing import Any, Final, NamedTuple, Protocol
 
 MOST_LINES: Final = 100
+
+
+class TracedNode(Protocol):
+    """What a trace asks a node."""
+
+    @property
+    def id(self) -> str: ...
+
+    @property
+    def uid(self) -> int: ...
+
+    @property
+    def path(self) -> str: ...
+
+    @property
+    def attached(self) -> Sequence[Any]:
+        """The children, which are such nodes, too."""
+
+    def failure_cause(self) -> Any:
+        """The child because of which the node failed just now; None when it failed by itself."""
+
+    def failure_reason(self) -> str:
+        """Why the node failed just now."""
 
 
 class Reason(NamedTuple):
@@ -58,10 +77,10 @@ class Reasons(NamedTuple):
         return [*map(str, steps[:head]), between, *map(str, steps[len(steps) - tail :])]
 
 
-def failure_of(root: TreeNode, replaced: Container[TreeNode]) -> Reasons:
+def failure_of(root: TracedNode, replaced: Container[TracedNode]) -> Reasons:
     """Why ``root`` has failed in its last tick. Hooks have given the result of the nodes that are ``replaced``."""
     steps: list[Reason] = []
-    node: TreeNode | None = root
+    node: TracedNode | None = root
     while node is not None:
         if node in replaced:
             steps.append(Reason(node.path, 'a hook has given FAILURE'))
@@ -71,7 +90,7 @@ def failure_of(root: TreeNode, replaced: Container[TreeNode]) -> Reasons:
     return Reasons(tuple(reversed(steps)))
 
 
-def trace_of(nodes: Sequence[TreeNode], uid: int, reason: str) -> Reasons:
+def trace_of(nodes: Sequence[TracedNode], uid: int, reason: str) -> Reasons:
     """The way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these nodes."""
     parents = {child.uid: (node, place) for node in nodes for place, child in enumerate(node.attached, 1)}
     steps = [Reason(nodes[uid - 1].path, reason)]

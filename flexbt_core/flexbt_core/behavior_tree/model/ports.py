@@ -3,19 +3,11 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from .port_types import PortType
-
-# Attributes that any node may have, and which no port can be named after (reference: BehaviorTree.CPP 4).
-PRE_POST_ATTRIBUTES: Final = frozenset(
-    ('_failureIf', '_successIf', '_skipIf', '_while', '_onHalted', '_onFailure', '_onSuccess', '_post')
-)
-RESERVED_ATTRIBUTES: Final = PRE_POST_ATTRIBUTES | {'name', 'ID', '_autoremap'}
-FORBIDDEN_IN_NAMES: Final = frozenset(' \t\r\n<>&"\'/\\:*?|.')
 
 
 class PortDirection(Enum):
@@ -113,31 +105,3 @@ def pointer_key(text: str, port_name: str) -> str | None:
         return None
     key = stripped[1:-1]
     return port_name if key == '=' else key
-
-
-@functools.lru_cache(1024)
-def port_name_problem(name: str) -> str:
-    """Why ``name`` cannot name a port; '' when it can."""
-    if not name:
-        return 'a port name cannot be empty'
-    if name in RESERVED_ATTRIBUTES:
-        return f"'{name}' is a reserved attribute name"
-    if not (name[0].isascii() and name[0].isalpha()):
-        return f"port name '{name}' has to begin with a letter"
-    return _forbidden_character(name)
-
-
-def model_name_problem(name: str) -> str:
-    """Why ``name`` cannot be the ID of a node type or of a tree; '' when it can."""
-    if not name:
-        return 'the name of a tree or node type cannot be empty'
-    if name in ('Root', 'root'):
-        return f"'{name}' is a reserved name"
-    return _forbidden_character(name)
-
-
-def _forbidden_character(name: str) -> str:
-    for character in name:
-        if character in FORBIDDEN_IN_NAMES or ord(character) < 0x20 or ord(character) == 0x7F:
-            return f"name '{name}' contains the character {character!r}, which is not allowed there"
-    return ''

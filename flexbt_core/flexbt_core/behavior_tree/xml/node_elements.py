@@ -4,35 +4,47 @@
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Final, Protocol
 
-from flexbt_core.behavior_tree.engine.registry import NodeManifest, NodeRegistry, similar_names
-from flexbt_core.behavior_tree.model.definition import NO_CONDITIONS, NodeDefinition
+from flexbt_core.behavior_tree.model.definition import NO_CONDITIONS, NodeDefinition, NodeManifest, Script, Scripts
 from flexbt_core.behavior_tree.model.errors import ConversionError, LoadError, ScriptError
-from flexbt_core.behavior_tree.model.port_types import bool_from_text, is_fixed
-from flexbt_core.behavior_tree.model.ports import (
-    NO_DEFAULT,
+from flexbt_core.behavior_tree.model.names import (
     PRE_POST_ATTRIBUTES,
     RESERVED_ATTRIBUTES,
-    Port,
-    PortValue,
     model_name_problem,
-    pointer_key,
     port_name_problem,
+    similar_names,
 )
+from flexbt_core.behavior_tree.model.port_types import bool_from_text, is_fixed
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue, pointer_key
+from flexbt_core.behavior_tree.model.source import Source
 from flexbt_core.behavior_tree.model.status import NodeKind
-from flexbt_core.behavior_tree.script.compiled_script import CONDITION, SCRIPT, CompiledScript
+from flexbt_core.behavior_tree.script.compiled_script import CONDITION, SCRIPT
 
-from .parser import Element, Source
+from .parser import Element, value_offset
 
 _CONTROL_CHARACTER: Final = re.compile(r'[^\t\r\n -\U0010ffff]')
 EXPLICIT_TAGS: Final = frozenset(kind.value for kind in NodeKind)
 
 
+class NodeTypes(Protocol):
+    """The node types that a document may name."""
+
+    @property
+    def scripts(self) -> Scripts: ...
+
+    def get(self, id: str) -> NodeManifest | None: ...
+
+    def suggestions(self, id: str) -> list[str]:
+        """Known IDs that look like ``id``, best first."""
+
+    def __contains__(self, id: str) -> bool: ...
+
+
 class NodeReader:
     """Reads the nodes of one tree; adds what is wrong to ``errors``, and goes on."""
 
-    def __init__(self, source: Source, registry: NodeRegistry, errors: list[LoadError]) -> None:
+    def __init__(self, source: Source, registry: NodeTypes, errors: list[LoadError]) -> None:
         self._source = source
         self._registry = registry
         self._errors = errors
@@ -164,13 +176,13 @@ class NodeReader:
             manifest, name, values, (), element.offset, element.offsets, extra, tree_id, autoremap, conditions
         )
 
-    def _script(self, element: Element, attribute: str, text: str, *, may_be_empty: bool) -> CompiledScript | None:
+    def _script(self, element: Element, attribute: str, text: str, *, may_be_empty: bool) -> Script | None:
         try:
             script = self._registry.scripts.script(text)
             if script.empty and not may_be_empty:
                 raise ScriptError(text, 0, 'the script is empty')
         except ScriptError as error:
-            place = self._source.value_offset(element.offsets[attribute], text, error.offset)
+            place = value_offset(self._source, element.offsets[attribute], text, error.offset)
             self._errors.append(self._source.error(place, f'script of [{attribute}]: {error.reason}', str(element)))
             return None
         return script

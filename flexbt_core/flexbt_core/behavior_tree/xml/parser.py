@@ -8,11 +8,11 @@ expand), too large or too deep documents, control characters, text that is not U
 
 from __future__ import annotations
 
-import bisect
 import re
 from typing import Final
 
 from flexbt_core.behavior_tree.model.errors import LoadError, TreeLoadError
+from flexbt_core.behavior_tree.model.source import Source
 
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 256
@@ -30,49 +30,6 @@ _FOLDED = re.compile(rf'\r\n|{_ENTITY.pattern}')
 _NAMED_ENTITIES = {'lt': '<', 'gt': '>', 'amp': '&', 'quot': '"', 'apos': "'"}
 
 
-class Source:
-    """The text of one file, and the lines and columns of its offsets."""
-
-    def __init__(self, file: str, text: str) -> None:
-        self.file = file
-        self.text = text
-        self._line_starts: list[int] | None = None
-
-    def position(self, offset: int) -> tuple[int, int]:
-        """Line and column, from 1, of the character at ``offset``."""
-        if self._line_starts is None:
-            self._line_starts = [0, *(match.end() for match in re.finditer('\n', self.text))]
-        line = bisect.bisect_right(self._line_starts, offset)
-        return line, offset - self._line_starts[line - 1] + 1
-
-    def value_offset(self, attribute: int, value: str, index: int) -> int:
-        """Where the character ``index`` of the value is written of the attribute that begins at ``attribute``.
-
-        The attribute itself when its value is not the one that is written there.
-        """
-        match = _ATTRIBUTE.match(self.text, attribute)
-        if match is None:
-            return attribute
-        group = 2 if match.group(2) is not None else 3
-        written = match.group(group)
-        if _unescape(written) != value:
-            return attribute
-        for folded in _FOLDED.finditer(written):
-            if folded.start() >= index:
-                break
-            index += len(folded.group()) - len(_unescape(folded.group()))
-        return match.start(group) + index
-
-    def error(self, offset: int, message: str, node: str = '') -> LoadError:
-        line, column = self.position(offset)
-        return LoadError(self.file, line, column, _short(node), _short(message))
-
-
-def _short(text: str) -> str:
-    """The text of an error, even when a hostile file puts a megabyte into a name."""
-    return text if len(text) <= 500 else f'{text[:240]} ... {text[-240:]}'
-
-
 class Element:
     """An element: tag, attributes in document order, children, and offsets into the source."""
 
@@ -88,6 +45,25 @@ class Element:
     def __str__(self) -> str:
         name = self.attributes.get('name') or self.attributes.get('ID')
         return f'<{self.tag} {name!r}>' if name else f'<{self.tag}>'
+
+
+def value_offset(source: Source, attribute: int, value: str, index: int) -> int:
+    """Where the character ``index`` of the value is written of the attribute that begins at ``attribute``.
+
+    The attribute itself when its value is not the one that is written there.
+    """
+    match = _ATTRIBUTE.match(source.text, attribute)
+    if match is None:
+        return attribute
+    group = 2 if match.group(2) is not None else 3
+    written = match.group(group)
+    if _unescape(written) != value:
+        return attribute
+    for folded in _FOLDED.finditer(written):
+        if folded.start() >= index:
+            break
+        index += len(folded.group()) - len(_unescape(folded.group()))
+    return match.start(group) + index
 
 
 def decode(data: bytes, file: str, max_bytes: int = MAX_BYTES) -> str:

@@ -12,14 +12,15 @@ import gc
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, SubTreeModelPort, TreeDefinition, TreeDocument
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, LoadError, TreeLoadError
-from flexbt_core.behavior_tree.model.ports import PortDirection, model_name_problem, port_name_problem
+from flexbt_core.behavior_tree.model.names import model_name_problem, port_name_problem
+from flexbt_core.behavior_tree.model.ports import PortDirection
+from flexbt_core.behavior_tree.model.source import Source
 
 from .format3 import is_format_3, make_format_4
-from .node_elements import NodeReader
-from .parser import MAX_BYTES, MAX_DEPTH, Element, Source, decode, parse
+from .node_elements import NodeReader, NodeTypes
+from .parser import MAX_BYTES, MAX_DEPTH, Element, decode, parse
 
 MAX_INCLUDES: Final = 100
 
@@ -30,7 +31,7 @@ IncludeResolver = Callable[[str, 'str | None', str], 'tuple[str, str | bytes]']
 def load_xml(
     text: str | bytes,
     file: str,
-    registry: NodeRegistry,
+    registry: NodeTypes,
     *,
     include: IncludeResolver | None = None,
     max_bytes: int = MAX_BYTES,
@@ -63,7 +64,7 @@ def _without_collector() -> Iterator[None]:
 class _Loader:
     """A document with all that it includes."""
 
-    def __init__(self, registry: NodeRegistry, include: IncludeResolver | None, max_bytes: int, max_depth: int) -> None:
+    def __init__(self, registry: NodeTypes, include: IncludeResolver | None, max_bytes: int, max_depth: int) -> None:
         self._registry = registry
         self._include = include
         self._max_bytes = max_bytes

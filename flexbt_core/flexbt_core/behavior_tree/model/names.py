@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What nodes, trees and ports may be called, and which name may have been meant."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+from collections.abc import Iterable
+from typing import Final
+
+# Attributes that any node may have, and which no port can be named after (reference: BehaviorTree.CPP 4).
+PRE_POST_ATTRIBUTES: Final = frozenset(
+    ('_failureIf', '_successIf', '_skipIf', '_while', '_onHalted', '_onFailure', '_onSuccess', '_post')
+)
+RESERVED_ATTRIBUTES: Final = PRE_POST_ATTRIBUTES | {'name', 'ID', '_autoremap'}
+FORBIDDEN_IN_NAMES: Final = frozenset(' \t\r\n<>&"\'/\\:*?|.')
+
+
+@functools.lru_cache(1024)
+def port_name_problem(name: str) -> str:
+    """Why ``name`` cannot name a port; '' when it can."""
+    if not name:
+        return 'a port name cannot be empty'
+    if name in RESERVED_ATTRIBUTES:
+        return f"'{name}' is a reserved attribute name"
+    if not (name[0].isascii() and name[0].isalpha()):
+        return f"port name '{name}' has to begin with a letter"
+    return _forbidden_character(name)
+
+
+def model_name_problem(name: str) -> str:
+    """Why ``name`` cannot be the ID of a node type or of a tree; '' when it can."""
+    if not name:
+        return 'the name of a tree or node type cannot be empty'
+    if name in ('Root', 'root'):
+        return f"'{name}' is a reserved name"
+    return _forbidden_character(name)
+
+
+def _forbidden_character(name: str) -> str:
+    for character in name:
+        if character in FORBIDDEN_IN_NAMES or ord(character) < 0x20 or ord(character) == 0x7F:
+            return f"name '{name}' contains the character {character!r}, which is not allowed there"
+    return ''
+
+
+def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
+    """The known names that ``name`` may be a slip of, best first."""
+    # The comparison takes quadratic time, and hostile files have long names.
+    return difflib.get_close_matches(name, known, n=most, cutoff=0.65) if len(name) <= 100 else []
