@@ -21,6 +21,7 @@ from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
 from flexbt_common.calls.action_link import ActionServerLink
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.ros.scripted_servers import ScriptedServer
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 20.0
 APPEARS = 10.0  # wall time for the server to be discovered on a busy machine
@@ -63,13 +64,6 @@ def link(client: NodeRuntime) -> ActionServerLink:
 def call(link: ActionServerLink, done: Done, **options: Any) -> ActionCall:
     timeouts = {'server_timeout': APPEARS, 'accept_timeout': APPEARS}
     return ActionCall(link, Wait.Goal(), on_done=done, **timeouts | options)
-
-
-def wait_for(condition: Any, what: str = 'condition') -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, f'{what} did not come'
-        time.sleep(0.002)
 
 
 def test_a_goal_succeeds(link: ActionServerLink, server: ScriptedServer, client: NodeRuntime) -> None:
@@ -152,11 +146,11 @@ def test_cancel_before_the_server_appears_sends_nothing(link: ActionServerLink) 
 
 
 def test_cancel_before_acceptance_is_sent_on_acceptance(link: ActionServerLink, server: ScriptedServer) -> None:
-    wait_for(link.is_ready)
+    wait_until(link.is_ready)
     server.delay_accept = threading.Event()
     done = Done()
     one = call(link, done)
-    wait_for(lambda: one._sent)
+    wait_until(lambda: one._sent)
     one.cancel(timeout=DEADLINE)
     server.delay_accept.set()
     assert done.wait().status is GoalStatus.CANCELED
@@ -164,7 +158,7 @@ def test_cancel_before_acceptance_is_sent_on_acceptance(link: ActionServerLink, 
 
 
 def test_a_late_acceptance_is_canceled(link: ActionServerLink, server: ScriptedServer) -> None:
-    wait_for(link.is_ready)
+    wait_until(link.is_ready)
     server.delay_accept = threading.Event()
     done = Done()
     one = call(link, done, accept_timeout=0.1)
@@ -179,7 +173,7 @@ def test_a_late_acceptance_is_canceled(link: ActionServerLink, server: ScriptedS
 def test_cancel_at_any_moment_leaves_no_goal_running(
     link: ActionServerLink, server: ScriptedServer, delay_ms: int
 ) -> None:
-    wait_for(link.is_ready)
+    wait_until(link.is_ready)
     dones = []
     for _ in range(10):
         done = Done()
@@ -255,9 +249,9 @@ def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
         server.end(0)
         server.wait_until(lambda: server.statuses == ['succeed'])
         one.cancel(timeout=DEADLINE)
-        wait_for(lambda: cancels_answered, 'the answer to the cancel')
+        wait_until(lambda: cancels_answered, 'the answer to the cancel')
         assert not one.done, one.outcome
-        wait_for(lambda: len(server.server.held) > 1, 'another request for the result')
+        wait_until(lambda: len(server.server.held) > 1, 'another request for the result')
         runtime.call(lambda: runtime.node.executor.create_task(server.server.release))
         outcome = done.wait()
     assert outcome.status is GoalStatus.SUCCEEDED, outcome.reason
@@ -273,10 +267,10 @@ def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
         ScriptedServer(first)
         one = call(link, done, on_accepted=accepted.set)
         assert accepted.wait(DEADLINE)
-    wait_for(lambda: not link.is_ready(), 'the end of the server')
+    wait_until(lambda: not link.is_ready(), 'the end of the server')
     with NodeRuntime.open('server') as second:
         ScriptedServer(second)
-        wait_for(link.is_ready, 'the next server')
+        wait_until(link.is_ready, 'the next server')
         one.cancel(timeout=DEADLINE)
         outcome = done.wait()
     assert outcome.status is GoalStatus.LOST
@@ -290,8 +284,8 @@ def test_a_cancel_by_somebody_else_stays_canceled(link: ActionServerLink, server
     server.wait_until(lambda: len(server.goals) == 1)
     with NodeRuntime.open('stranger') as stranger:
         stranger_link = ActionLinks(stranger).link(Wait, 'wait')
-        wait_for(stranger_link.is_ready)
-        wait_for(lambda: one.accepted)
+        wait_until(stranger_link.is_ready)
+        wait_until(lambda: one.accepted)
         handle = one._own_handle()
         stranger.call(lambda: stranger_link.client._cancel_goal_async(handle))
         outcome = done.wait()

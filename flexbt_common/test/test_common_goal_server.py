@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import random
 import threading
-import time
 import uuid
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -25,15 +24,9 @@ from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime.names import deep_action_services
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 20.0
-
-
-def wait_for(condition: Callable[[], Any], what: str) -> None:
-    end = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < end, f'{what} did not come'
-        time.sleep(0.002)
 
 
 class Wire:
@@ -68,7 +61,7 @@ class Served:
         self.canceled.append((goal, goal.cancel_requested))
 
     def goal(self, number: int = 0) -> ServedGoal:
-        wait_for(lambda: len(self.goals) > number, f'goal {number}')
+        wait_until(lambda: len(self.goals) > number, f'goal {number}')
         return self.goals[number]
 
 
@@ -85,7 +78,7 @@ class Client:
         self.runtime = runtime
         self.listed: list[list[int]] = []
         self.client: Any = runtime.call(self._make)
-        wait_for(self.client.server_is_ready, 'the server')
+        wait_until(self.client.server_is_ready, 'the server')
 
     def _make(self) -> ActionClient:
         topic = 'wait/_action/status'
@@ -102,7 +95,7 @@ class Client:
 
     def answer(self, ask: Callable[[], Any]) -> Any:
         future = self.runtime.call(ask)
-        wait_for(future.done, 'the answer')
+        wait_until(future.done, 'the answer')
         return future.result()
 
 
@@ -119,9 +112,9 @@ def result(text: str) -> Any:
 def test_results_can_be_asked_for_when_the_goal_is_not_listed_any_more(served: Served, client: Client) -> None:
     served.on_goal = lambda goal: goal.abort(result(f'goal {len(served.goals)}'))
     handles = [client.send() for _ in range(20)]
-    wait_for(lambda: len(served.server._server._goal_handles) == 0, 'the end of the listing')
+    wait_until(lambda: len(served.server._server._goal_handles) == 0, 'the end of the listing')
     client.send()
-    wait_for(lambda: client.listed and client.listed[-1] == [RosGoalStatus.STATUS_ABORTED], 'the short list')
+    wait_until(lambda: client.listed and client.listed[-1] == [RosGoalStatus.STATUS_ABORTED], 'the short list')
     for number, handle in enumerate(handles, 1):
         for _ in range(2):
             response = client.answer(handle.get_result_async)
@@ -139,7 +132,7 @@ def test_a_late_cancel_is_told_that_the_goal_has_ended_while_its_result_is_kept(
     goal = served.goal()
     served.runtime.call(lambda: goal.succeed(result('')))
     assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED  # listed
-    wait_for(lambda: not served.server._server._goal_handles, 'the end of the listing')
+    wait_until(lambda: not served.server._server._goal_handles, 'the end of the listing')
     assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED
     served.runtime.call(served.server._server.results.clear)
     assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
@@ -149,7 +142,7 @@ def test_results_are_not_kept_for_ever(served: Served, client: Client, monkeypat
     monkeypatch.setattr('flexbt_common.calls.goal_server.RESULT_SECONDS', 0.05)
     served.on_goal = lambda goal: goal.succeed(result(''))
     client.send()
-    wait_for(lambda: served.goals and not served.server._server.results, 'the end of the result')
+    wait_until(lambda: served.goals and not served.server._server.results, 'the end of the result')
 
 
 def test_the_result_comes_before_the_list_that_tells_of_the_end(served: Served, client: Client) -> None:
@@ -157,7 +150,7 @@ def test_the_result_comes_before_the_list_that_tells_of_the_end(served: Served, 
     handle = client.send()
     future = client.runtime.call(handle.get_result_async)
     server = served.server._server
-    wait_for(lambda: server._waiting, 'the request for the result')
+    wait_until(lambda: server._waiting, 'the request for the result')
 
     def note(what: str, sends: Callable[..., Any]) -> Callable[..., Any]:
         def send(*arguments: Any) -> Any:
@@ -178,8 +171,8 @@ def test_the_result_comes_before_the_list_that_tells_of_the_end(served: Served, 
         served.goal().succeed(result('done'))
 
     served.runtime.call(end)
-    wait_for(future.done, 'the result')
-    wait_for(lambda: len(seen) == 2, 'the list')
+    wait_until(future.done, 'the result')
+    wait_until(lambda: len(seen) == 2, 'the list')
     assert seen == ['result', 'list']
     assert future.result().result.error_msg == 'done'
 
@@ -229,7 +222,7 @@ def test_a_goal_whose_acceptance_cannot_be_sent_is_served(
     outcomes: list[GoalOutcome] = []
     link = ActionLinks(client.runtime).link(Wait, 'wait')
     ActionCall(link, Wait.Goal(), on_done=outcomes.append, accept_timeout=2.0)
-    wait_for(lambda: outcomes, 'the outcome')
+    wait_until(lambda: outcomes, 'the outcome')
     assert failed
     assert outcomes[0].status is GoalStatus.SUCCEEDED, outcomes[0].reason
     assert len(served.goals) == 1 and not served.faults
@@ -248,7 +241,7 @@ def test_a_client_that_asks_for_the_result_of_a_stranger_and_goes_is_no_fault(se
     response_type = Wait.Impl.SendGoalService.Response
     stranger = ClientGoalHandle(client.client, UUID(uuid=list(uuid.uuid4().bytes)), response_type(accepted=True))
     client.runtime.call(stranger.get_result_async)
-    wait_for(lambda: failed, 'the answer')
+    wait_until(lambda: failed, 'the answer')
     served.runtime.call(lambda: setattr(server, '_handle', real))
     assert not served.faults
 
@@ -283,7 +276,7 @@ def test_a_cancel_shows_before_its_callback_and_the_goal_may_end_otherwise(serve
     handles = [client.send(), client.send()]
     for handle in handles:
         assert len(client.answer(handle.cancel_goal_async).goals_canceling) == 1
-    wait_for(lambda: len(served.canceled) == 2, 'the cancels')
+    wait_until(lambda: len(served.canceled) == 2, 'the cancels')
     assert served.canceled == [(served.goals[0], True), (served.goals[1], True)]
     served.runtime.call(lambda: served.goals[0].canceled(result('rest')))
     served.runtime.call(lambda: served.goals[1].succeed(result('was done already')))
@@ -311,13 +304,13 @@ def test_a_goal_with_the_id_of_an_old_one_has_a_result_of_its_own(served: Served
     goal_id = uuid.uuid4().bytes
     client.answer(client.send(goal_id).get_result_async)
     assert not client.send(goal_id).accepted  # listed still
-    wait_for(lambda: not served.server._server._goal_handles, 'the end of the listing')
+    wait_until(lambda: not served.server._server._goal_handles, 'the end of the listing')
     served.on_goal = lambda goal: None
     handle = client.send(goal_id)
     future = client.runtime.call(handle.get_result_async)
-    wait_for(lambda: served.server._server._waiting, 'the request for the result')
+    wait_until(lambda: served.server._server._waiting, 'the request for the result')
     served.runtime.call(lambda: served.goal(1).succeed(result('new')))
-    wait_for(future.done, 'the result')
+    wait_until(future.done, 'the result')
     assert future.result().result.error_msg == 'new'
 
 

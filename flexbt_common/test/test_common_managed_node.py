@@ -32,6 +32,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
+from flexbt_testing.waiting import wait_until
 
 SPEED = ParameterDescriptor(
     description='speed in m/s', floating_point_range=[FloatingPointRange(from_value=0.0, to_value=9.0)]
@@ -192,15 +193,6 @@ def test_any_transitions_go_as_in_the_design(steps: list[tuple[int | str, str]])
         wait_until(lambda: len(bench.events) >= len(events))
         assert bench.events == events
         assert bench.faults == []
-
-
-def wait_until(condition: Any, seconds: float = 10.0) -> None:
-    pause = threading.Event()
-    for _ in range(int(seconds / 0.005)):
-        if condition():
-            return
-        pause.wait(0.005)
-    raise AssertionError('not in time')
 
 
 def test_the_graph_is_that_of_the_design() -> None:

@@ -19,7 +19,8 @@ from typing import Any, Final
 from flexbt_core.state_machine import EventState, OperatableStateMachine, Severity
 from flexbt_msgs.msg import PendingDecision
 from flexbt_onboard.runs.run_context import current_run
-from flexbt_testing.state_machines.state_bench import Run, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import Run, StateBench
+from flexbt_testing.waiting import wait_until
 
 from . import shim
 from .behavior import Behavior

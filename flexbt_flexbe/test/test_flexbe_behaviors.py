@@ -20,7 +20,8 @@ from flexbt_onboard.behaviors.building import building
 from flexbt_onboard.behaviors.run_building import RunRequest, definition_of
 from flexbt_onboard.errors import OnboardError, ParameterError
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
-from flexbt_testing.state_machines.state_bench import StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.waiting import wait_until
 
 _numbers = itertools.count()
 

@@ -24,7 +24,8 @@ from flexbt_flexbe import (
     UserData,
 )
 from flexbt_flexbe.states import WaitState
-from flexbt_testing.state_machines.state_bench import Run, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import Run, StateBench
+from flexbt_testing.waiting import wait_until
 
 Work = Callable[['Traced', Any], 'str | None']
 

@@ -16,7 +16,8 @@ import flexbt_states
 from flexbt_flexbe.for_flexbe import hosted
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_testing.state_machines.state_bench import StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import StateBench, ends
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 

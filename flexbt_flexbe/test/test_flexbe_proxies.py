@@ -22,7 +22,8 @@ from flexbt_flexbe import (
 )
 from flexbt_flexbe.errors import ProxyError
 from flexbt_msgs.action import BtExecute
-from flexbt_testing.state_machines.state_bench import Run, StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import Run, StateBench, ends
+from flexbt_testing.waiting import wait_until
 
 Goal, Result = BtExecute.Goal, BtExecute.Result
 GOOD = Result(code=Result.SUCCESS, message='ok')

@@ -36,7 +36,8 @@ from flexbt_flexbe.states import (
 from flexbt_flexbe.states.bt_states import full_type
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import StateBench, ends
+from flexbt_testing.waiting import wait_until
 
 Result = OperatorInput.Result
 

@@ -20,7 +20,8 @@ import pytest
 
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.record.run_metrics import metrics_of, read_events
-from flexbt_testing.executive.bench import ConsoleBench, wait_until
+from flexbt_testing.executive.bench import ConsoleBench
+from flexbt_testing.waiting import wait_until
 
 C = ExecutiveCommand
 KILLS = int(os.environ.get('FLEXBT_KILLS', '6'))

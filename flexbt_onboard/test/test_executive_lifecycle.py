@@ -26,9 +26,10 @@ from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.node.executive import Executive, open_executive
 from flexbt_onboard.node.executive_parameters import declare_parameters
 from flexbt_onboard.node.unconfigured_executive import UnconfiguredExecutive
-from flexbt_testing.executive.bench import ConsoleBench, behavior_of, entry_of, wait_until
+from flexbt_testing.executive.bench import ConsoleBench, behavior_of, entry_of
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
+from flexbt_testing.waiting import wait_until
 
 START = ExecutiveCommand.START
 INACTIVE = 'the executive is inactive; activate it (ros2 lifecycle set /onboard_executive activate)'

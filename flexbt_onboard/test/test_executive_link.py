@@ -31,7 +31,8 @@ from flexbt_onboard.link.operator_link import OperatorLink
 from flexbt_onboard.link.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
-from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
+from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
 
 
 class Hold(EventState):

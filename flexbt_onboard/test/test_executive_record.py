@@ -19,7 +19,8 @@ from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachi
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.record.event_log import Record, rotated
-from flexbt_testing.executive.bench import ExecutiveBench, behavior_of, wait_until
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
 
 
 class Go(EventState):

@@ -22,7 +22,8 @@ from flexbt_core.state_machine import (
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.runs.state_services import state_services
-from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of, wait_until
+from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
 
 START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
 IDLE, STARTING, RUNNING, STOPPING = (

@@ -16,7 +16,8 @@ from flexbt_common.runtime import names
 from flexbt_common.values.entries import from_entry
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import GetUserdata
-from flexbt_testing.executive.bench import ExecutiveBench, behavior_of, wait_until
+from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
 
 Result = GetUserdata.Result
 GOAL = Point(x=1.0, y=-2.0)

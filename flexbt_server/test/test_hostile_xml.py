@@ -16,7 +16,8 @@ from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_testing.behavior_trees.bt_tool import tool
 from flexbt_testing.behavior_trees.hostile_xml import ACCEPTED, BROKEN_IN_MANY_PLACES, CORPUS, TREE
-from flexbt_testing.ros.server_world import World, open_world, until
+from flexbt_testing.ros.server_world import World, open_world
+from flexbt_testing.waiting import wait_until
 
 Result = BtLoad.Result
 IN_TIME = 1.0
@@ -33,7 +34,7 @@ def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='module')
 def world(directory: Path) -> Iterator[World]:
     with open_world(allowed_directories=[str(directory)]) as opened:
-        until(opened.client.loader.is_ready)
+        wait_until(opened.client.loader.is_ready)
         yield opened
 
 

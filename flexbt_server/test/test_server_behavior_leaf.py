@@ -11,7 +11,8 @@ import pytest
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
-from flexbt_testing.ros.server_world import DEADLINE, ScriptedAction, World, open_world, until
+from flexbt_testing.ros.server_world import DEADLINE, ScriptedAction, World, open_world
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 RESULT = ExecuteBehavior.Result
@@ -88,7 +89,7 @@ def test_halting_stops_the_behavior(world: World, executive: Executive) -> None:
     executive.answer = None
     world.client.load_tree(LEAF.format(ports=''))
     goal = world.client.execute()
-    until(lambda: executive.action.running == [0], 'behavior begun')
+    wait_until(lambda: executive.action.running == [0], 'behavior begun')
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED
     assert executive.action.statuses == {0: 'canceled'}

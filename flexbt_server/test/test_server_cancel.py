@@ -19,7 +19,8 @@ from flexbt_common.runtime import names
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, until
+from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world
+from flexbt_testing.waiting import wait_until
 
 CANCELS = int(os.environ.get('FLEXBT_CANCELS', '250'))
 
@@ -50,7 +51,7 @@ def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
     spin, wait = world.navigation.actions[names.SPIN], world.navigation.actions[names.WAIT]
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree(TREE)
-    until(world.client.executor.is_ready)
+    wait_until(world.client.executor.is_ready)
     chance = random.Random(5)
     places: collections.Counter[str] = collections.Counter()
     slowest = 0.0
@@ -71,7 +72,7 @@ def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
         assert not Work.running(), f'after {number} cancels'
         assert not spin.running and not wait.running, f'after {number} cancels'
         assert len(goal.outcomes) == 1
-    until(lambda: not tree_threads(), 'the end of the threads')
+    wait_until(lambda: not tree_threads(), 'the end of the threads')
     print(f'\n{CANCELS} cancels, none left a leaf running; slowest {slowest * 1000:.0f} ms; {dict(places)}')
     assert places['not accepted yet'] and places['accepted'], 'the cancels came at different moments'
     assert slowest < 2.0
@@ -79,7 +80,7 @@ def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
 
 def test_no_goal_is_taken_over_by_an_older_one(world: World) -> None:
     world.client.load_tree('<Sequence><Runs ms="1"/><Raises/></Sequence>')
-    until(world.client.executor.is_ready)
+    wait_until(world.client.executor.is_ready)
     for _ in range(40):
         goals = [world.client.execute() for _ in range(5)]
         for goal in goals:

@@ -20,7 +20,8 @@ from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
 from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, pose, until
+from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, pose
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 PAUSE, RESUME, STEP = ControlTree.Request.PAUSE, ControlTree.Request.RESUME, ControlTree.Request.STEP
@@ -51,7 +52,7 @@ class Operator:
         runtime.call(
             lambda: node.create_subscription(TreeStatus, names.TREE_STATUS, self.statuses.append, names.latched(100))
         )
-        until(self._client.service_is_ready, 'control_tree')
+        wait_until(self._client.service_is_ready, 'control_tree')
 
     def send(self, command: int, run_id: str = '') -> Any:
         """The future of the response."""
@@ -69,7 +70,7 @@ class Operator:
 
 
 def answer(future: Any) -> str:
-    until(future.done, 'the response')
+    wait_until(future.done, 'the response')
     response = future.result()
     assert response.success is not bool(response.message)
     return str(response.message)
@@ -94,19 +95,19 @@ def test_a_paused_tree_is_not_ticked_and_gives_no_result_before_it_goes_on(world
     spin = world.navigation.actions[names.SPIN]
     world.client.load_tree('<Spin/>')
     goal = world.client.execute()
-    until(lambda: spin.running)
+    wait_until(lambda: spin.running)
     assert operator.ask(PAUSE) == ''
-    until(lambda: operator.shown, 'paused in the stream')
+    wait_until(lambda: operator.shown, 'paused in the stream')
     spin.end(0)  # what the leaf has begun ends; the tree does not hear of it
-    until(lambda: not spin.running)
+    wait_until(lambda: not spin.running)
     known = len(goal.feedback)
-    until(lambda: len(goal.feedback) > known + 3, 'feedback')
+    wait_until(lambda: len(goal.feedback) > known + 3, 'feedback')
     assert not goal.ended
     assert goal.feedback[-1].active_nodes
     assert operator.ask(PAUSE) == ''  # it is, already
     assert operator.ask(RESUME) == ''
     assert goal.result.code == Result.SUCCESS
-    until(lambda: operator.statuses[-1].finished)
+    wait_until(lambda: operator.statuses[-1].finished)
     assert [message.paused for message in operator.statuses].count(True) == 1
     assert not operator.shown
 
@@ -116,7 +117,7 @@ def test_a_step_is_one_tick_answered_when_it_is_over_and_refused_when_not_paused
 ) -> None:
     world.client.load_tree(COUNTING)
     goal = world.client.execute()
-    until(lambda: ticks(world) > 2)
+    wait_until(lambda: ticks(world) > 2)
     assert 'not paused' in operator.ask(STEP)
     assert operator.ask(PAUSE) == ''
     before = ticks(world)
@@ -128,7 +129,7 @@ def test_a_step_is_one_tick_answered_when_it_is_over_and_refused_when_not_paused
     assert [answer(future) for future in futures] == [''] * 60
     assert ticks(world) == before + 65
     assert operator.ask(RESUME) == ''
-    until(lambda: ticks(world) > before + 70)
+    wait_until(lambda: ticks(world) > before + 70)
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED
     assert operator.ask(STEP) == 'no tree is running'
@@ -138,7 +139,7 @@ def test_a_step_may_end_the_tree_and_its_result_follows(world: World, operator: 
     world.client.load_tree('<Sequence><Sleep msec="1"/><AlwaysFailure name="last"/></Sequence>')
     world.client.load_tree('<Sequence><Sleep msec="100000"/><AlwaysFailure name="last"/></Sequence>', 'Long')
     goal = world.client.execute('Long')
-    until(lambda: goal.feedback and goal.feedback[-1].active_nodes)
+    wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes)
     assert operator.ask(PAUSE) == ''
     assert operator.ask(STEP) == ''
     assert not goal.ended
@@ -158,11 +159,11 @@ def test_time_goes_on_while_a_tree_is_paused(world: World, operator: Operator) -
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree('<Timeout msec="200" name="limit"><Spin/></Timeout>')
     goal = world.client.execute()
-    until(lambda: world.navigation.actions[names.SPIN].running)
+    wait_until(lambda: world.navigation.actions[names.SPIN].running)
     assert operator.ask(PAUSE) == ''
     clock = world.server_runtime.clock
     due = clock.now() + 0.2
-    until(lambda: clock.now() > due)
+    wait_until(lambda: clock.now() > due)
     assert not goal.ended
     assert operator.ask(RESUME) == ''
     assert (goal.result.code, goal.result.failed_node) == (Result.FAILURE, 'limit')
@@ -191,7 +192,7 @@ def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(wo
     assert server_nodes.Blocks.entered.wait(DEADLINE)
     pause = operator.send(PAUSE)
     run = world.server.execute.find_run('')
-    until(lambda: run._control.pending, 'the command at the run')
+    wait_until(lambda: run._control.pending, 'the command at the run')
     server_nodes.Blocks.release.set()
     assert answer(pause) == 'the run has ended'
     assert goal.result.code == Result.SUCCESS
@@ -202,7 +203,7 @@ def test_a_paused_tree_is_canceled_and_its_leaves_are_halted(world: World, opera
     spin = world.navigation.actions[names.SPIN]
     world.client.load_tree('<Spin/>')
     goal = world.client.execute()
-    until(lambda: spin.running)
+    wait_until(lambda: spin.running)
     assert operator.ask(PAUSE) == ''
     goal.call.cancel(DEADLINE)
     assert goal.wait().status is GoalStatus.CANCELED
@@ -216,12 +217,12 @@ def test_a_paused_tree_is_taken_over_and_stays_paused(world: World, operator: Op
         '<Sequence><ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/></Sequence>'
     )
     old = world.client.execute(goals=[pose(1)])
-    until(lambda: follow.running)
+    wait_until(lambda: follow.running)
     assert operator.ask(PAUSE) == ''
     new = world.client.execute(goals=[pose(2)], outputs=['goal'], output_encoding=BtExecute.Goal.BINARY)
     assert 'newer goal' in old.result.message
     follow.end(0)
-    until(lambda: not follow.running)
+    wait_until(lambda: not follow.running)
     assert not new.ended
     # The run has the ID of the goal that began it, and is known by that of its present one as well.
     structure_id = operator.statuses[-1].run_id
@@ -237,7 +238,7 @@ def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Oper
     with NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
         goal = world.client.execute(owner='/owner')
-        until(lambda: world.server.execute._owners.sees('/owner'))
+        wait_until(lambda: world.server.execute._owners.sees('/owner'))
         assert operator.ask(PAUSE) == ''
     assert goal.result.code == Result.CANCELED
     assert '/owner' in goal.result.message
@@ -248,7 +249,7 @@ def test_the_end_of_the_server_does_not_wait_for_a_paused_tree() -> None:
         operator = Operator(world.client.runtime)
         world.client.load_tree(COUNTING)
         goal = world.client.execute()
-        until(lambda: goal.feedback)
+        wait_until(lambda: goal.feedback)
         assert operator.ask(PAUSE) == ''
         began = time.monotonic()
         world.server_runtime.close()
@@ -259,7 +260,7 @@ def test_the_end_of_the_server_does_not_wait_for_a_paused_tree() -> None:
 def test_several_trees_are_paused_each_by_itself(world: World, operator: Operator) -> None:
     world.client.load_tree(COUNTING)
     goals = {name: world.client.execute(blackboard=name) for name in 'abc'}
-    until(lambda: all(ticks(world, name) > 2 for name in goals))
+    wait_until(lambda: all(ticks(world, name) > 2 for name in goals))
     asked = operator.ask(PAUSE)
     assert 'several trees' in asked
     ids = {name: found for found, name in re.findall(r"(\w{32}) \(tree 'Main' on blackboard '(\w)'\)", asked)}
@@ -267,7 +268,7 @@ def test_several_trees_are_paused_each_by_itself(world: World, operator: Operato
     assert operator.ask(PAUSE, ids['b']) == ''
     still = ticks(world, 'b')
     before = {name: ticks(world, name) for name in 'ac'}
-    until(lambda: all(ticks(world, name) > before[name] + 5 for name in before))
+    wait_until(lambda: all(ticks(world, name) > before[name] + 5 for name in before))
     assert ticks(world, 'b') == still
     goals['b'].call.cancel(DEADLINE)
     assert goals['b'].result.code == Result.CANCELED
@@ -288,7 +289,7 @@ def test_a_command_that_is_none_is_refused(world: World, operator: Operator, com
 def test_commands_goals_and_cancels_at_random_are_all_answered(world: World, operator: Operator, seed: int) -> None:
     chance = random.Random(seed)
     world.client.load_tree('<Sequence><Counts key="ticks"/><Sleep msec="2"/><Counts key="ticks"/></Sequence>')
-    until(world.client.executor.is_ready)
+    wait_until(world.client.executor.is_ready)
     goals, futures = [], []
     for _ in range(60):
         match chance.randrange(4):

@@ -15,7 +15,8 @@ from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.values.entries import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose, until
+from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.waiting import wait_until
 
 
 @pytest.fixture(scope='module')
@@ -109,9 +110,9 @@ def test_a_write_wakes_the_tree_that_runs_on_the_blackboard(world: World) -> Non
     world.client.load_tree('<FollowPath path="{path}"/>', 'Follower')
     world.client.set(to_entry('path', Path(poses=[pose(1)])), blackboard='woken')
     goal = world.client.execute('Follower', blackboard='woken')
-    until(lambda: follow.running)
+    wait_until(lambda: follow.running)
     world.client.set(to_entry('path', Path(poses=[pose(7)])), blackboard='woken')
-    until(lambda: follow.goals[-1].path.poses[-1] == pose(7))
+    wait_until(lambda: follow.goals[-1].path.poses[-1] == pose(7))
     follow.end(len(follow.goals) - 1)
     assert goal.result.code == BtExecute.Result.SUCCESS
     world.navigation.hold.clear()

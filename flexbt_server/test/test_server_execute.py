@@ -22,7 +22,8 @@ from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world, pose, until
+from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world, pose
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 PLAN = '<ComputePathToPose goal="{goal}" path="{path}" error_code_id="{compute_path_error_code}"/>'
@@ -128,7 +129,7 @@ def test_cancel_halts_the_leaves_and_awaits_them(world: World) -> None:
     follow.delay_cancel = 0.3
     world.client.load_tree(DRIVE)
     goal = world.client.execute(goals=[pose(5)])
-    until(lambda: follow.running, 'follow_path')
+    wait_until(lambda: follow.running, 'follow_path')
     goal.call.cancel(DEADLINE)
     outcome = goal.wait()
     assert not follow.running, 'the result came before the robot was told'
@@ -142,7 +143,7 @@ def test_cancel_at_any_moment_leaves_no_leaf_running(world: World, seed: int) ->
     world.navigation.hold.update(names_of_actions := [names.FOLLOW_PATH, names.SPIN])
     world.client.load_tree(f'<Sequence>{PLAN}<Wait wait_duration="1"/>{FOLLOW}<Spin/></Sequence>')
     chance = random.Random(seed)
-    until(world.client.executor.is_ready)
+    wait_until(world.client.executor.is_ready)
     for _ in range(25):
         goal = world.client.execute(goals=[pose(1)])
         time.sleep(chance.uniform(0.0, 0.02))
@@ -156,7 +157,7 @@ def test_a_leaf_that_does_not_come_to_rest_is_an_error_in_time() -> None:
     with open_world(cancel_timeout=0.2) as world:
         world.client.load_tree('<NeverRests/>')
         goal = world.client.execute()
-        until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
+        wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
         goal.call.cancel(DEADLINE)
         assert goal.result.code == Result.ERROR
         assert 'a motor that still turns' in goal.result.message
@@ -166,7 +167,7 @@ def test_a_leaf_that_needs_several_ticks_to_stop_gets_them(world: World) -> None
     server_nodes.TidiesUp.tidied.clear()
     world.client.load_tree('<TidiesUp/>')
     goal = world.client.execute()
-    until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
+    wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED
     assert server_nodes.TidiesUp.tidied.is_set()
@@ -179,12 +180,12 @@ def test_a_new_goal_takes_the_running_tree_over(world: World) -> None:
         '<PipelineSequence><RateController hz="20">' + PLAN + '</RateController>' + FOLLOW + '</PipelineSequence>'
     )
     old = world.client.execute(goals=[pose(1)])
-    until(lambda: follow.running, 'follow_path')
+    wait_until(lambda: follow.running, 'follow_path')
     new = world.client.execute(goals=[pose(2)])
     assert old.wait().status is GoalStatus.ABORTED
     assert old.result.code == Result.CANCELED
     assert 'newer goal' in old.result.message
-    until(lambda: follow.goals[-1].path.poses[-1] == pose(2), 'the new path at the controller')
+    wait_until(lambda: follow.goals[-1].path.poses[-1] == pose(2), 'the new path at the controller')
     assert 'canceled' not in follow.statuses.values(), 'the robot was stopped in between'
     follow.end(follow.running[-1])
     assert new.result.code == Result.SUCCESS
@@ -195,7 +196,7 @@ def test_a_new_goal_whose_inputs_do_not_fit_is_refused_and_the_tree_runs_on(worl
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load_tree(DRIVE)
     old = world.client.execute(goals=[pose(1)])
-    until(lambda: follow.running, 'follow_path')
+    wait_until(lambda: follow.running, 'follow_path')
     bad = world.client.execute(inputs={'path': 'not a path'})
     assert bad.result.code == Result.ERROR
     assert 'path' in bad.result.message
@@ -206,7 +207,7 @@ def test_a_new_goal_whose_inputs_do_not_fit_is_refused_and_the_tree_runs_on(worl
 
 def test_goals_in_quick_succession_all_end_and_the_last_one_wins(world: World) -> None:
     world.client.load_tree(f'<Sequence>{PLAN}{FOLLOW}</Sequence>')
-    until(world.client.executor.is_ready)
+    wait_until(world.client.executor.is_ready)
     chance = random.Random(1)
     for _ in range(5):
         goals = []
@@ -221,7 +222,7 @@ def test_goals_in_quick_succession_all_end_and_the_last_one_wins(world: World) -
 
 def test_goals_and_cancels_at_random_all_end_as_they_should(world: World) -> None:
     world.client.load_tree(f'<Sequence>{PLAN}<Delay delay_msec="5"><AlwaysSuccess/></Delay>{FOLLOW}</Sequence>')
-    until(world.client.executor.is_ready)
+    wait_until(world.client.executor.is_ready)
     chance = random.Random(2)
     sent: list[tuple[Any, bool]] = []
     for number in range(60):
@@ -250,7 +251,7 @@ def test_trees_run_at_the_same_time_and_apart(world: World) -> None:
     two = world.client.execute(goals=[pose(2)], blackboard='two')
     turn = world.client.execute('Turn')
     follow, spin = world.navigation.actions[names.FOLLOW_PATH], world.navigation.actions[names.SPIN]
-    until(lambda: len(follow.running) == 2 and spin.running)
+    wait_until(lambda: len(follow.running) == 2 and spin.running)
     turn.call.cancel(DEADLINE)
     assert turn.result.code == Result.CANCELED
     assert len(follow.running) == 2
@@ -291,11 +292,11 @@ def test_a_node_of_an_installed_package_waits_for_a_topic(world: World) -> None:
     world.client.load_tree('<ReactiveFallback><DoorOpen/><Wait wait_duration="60"/></ReactiveFallback>')
     world.navigation.hold.add(names.WAIT)
     goal = world.client.execute()
-    until(lambda: world.navigation.actions[names.WAIT].running)
+    wait_until(lambda: world.navigation.actions[names.WAIT].running)
     door = world.client.runtime.call(lambda: world.client.runtime.node.create_publisher(Bool, 'door', names.latched()))
-    until(lambda: (door.publish(Bool(data=True)), goal.ended)[1])
+    wait_until(lambda: (door.publish(Bool(data=True)), goal.ended)[1])
     assert goal.result.code == Result.SUCCESS
-    until(lambda: world.navigation.actions[names.WAIT].statuses == {0: 'canceled'})
+    wait_until(lambda: world.navigation.actions[names.WAIT].statuses == {0: 'canceled'})
 
 
 def test_feedback_tells_where_the_tree_and_the_robot_are() -> None:
@@ -305,12 +306,12 @@ def test_feedback_tells_where_the_tree_and_the_robot_are() -> None:
         robot = runtime.call(lambda: runtime.node.create_publisher(type(pose(0)), names.POSE, 1))
         world.client.load_tree(f'<Sequence name="drive">{PLAN}<Spin/>{FOLLOW}</Sequence>')
         goal = world.client.execute(goals=[pose(3)])
-        until(lambda: (robot.publish(pose(1)), goal.feedback and goal.feedback[-1].current_location == pose(1))[1])
-        until(lambda: any('FollowPath' in path for path in goal.feedback[-1].active_nodes), 'the leaf')
+        wait_until(lambda: (robot.publish(pose(1)), goal.feedback and goal.feedback[-1].current_location == pose(1))[1])
+        wait_until(lambda: any('FollowPath' in path for path in goal.feedback[-1].active_nodes), 'the leaf')
         feedback = goal.feedback[-1]
         assert 'drive' in feedback.active_nodes[0]
         assert feedback.number_of_recoveries == 1
-        until(lambda: goal.feedback[-1].distance_remaining == pytest.approx(2.0))
+        wait_until(lambda: goal.feedback[-1].distance_remaining == pytest.approx(2.0))
         assert feedback.execution_time.sec + feedback.execution_time.nanosec > 0
         goal.call.cancel(DEADLINE)
         goal.wait()
@@ -328,7 +329,7 @@ def test_every_transition_is_published_before_the_result(world: World) -> None:
     )
     world.client.load_tree(DRIVE)
     assert world.client.execute(goals=[pose(1)]).result.code == Result.SUCCESS
-    until(lambda: statuses and statuses[-1].finished)
+    wait_until(lambda: statuses and statuses[-1].finished)
     (structure,) = structures
     assert [node.registration for node in structure.nodes][-2:] == ['ComputePathToPose', 'FollowPath']
     assert [node.uid for node in structure.nodes] == list(range(1, len(structure.nodes) + 1))
@@ -354,8 +355,8 @@ def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
     with NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
         goal = world.client.execute(goals=[pose(1)], owner='/owner')
-        until(lambda: follow.running)
-        until(lambda: world.server.execute._owners.sees('/owner'), 'the owner was seen')
+        wait_until(lambda: follow.running)
+        wait_until(lambda: world.server.execute._owners.sees('/owner'), 'the owner was seen')
     assert goal.wait().status is GoalStatus.ABORTED
     assert goal.result.code == Result.CANCELED
     assert '/owner' in goal.result.message
@@ -390,7 +391,7 @@ def test_the_end_of_the_server_stops_the_robot_and_tells_the_client() -> None:
         follow = world.navigation.actions[names.FOLLOW_PATH]
         world.client.load_tree(DRIVE)
         goal = world.client.execute(goals=[pose(1)])
-        until(lambda: follow.running)
+        wait_until(lambda: follow.running)
         began = time.monotonic()
         world.server_runtime.close()
         assert time.monotonic() - began < 1.7

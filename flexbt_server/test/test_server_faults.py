@@ -30,7 +30,8 @@ from flexbt_server.runs.tree_run import _Overruns
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
 from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, Client, World, document, install_nodes, open_world, until
+from flexbt_testing.ros.server_world import DEADLINE, Client, World, document, install_nodes, open_world
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 
@@ -51,7 +52,7 @@ def world() -> Iterator[World]:
             yield opened
     finally:
         Held.release.set()
-    until(lambda: not tree_threads(), 'the end of the threads')
+    wait_until(lambda: not tree_threads(), 'the end of the threads')
     assert not Work.running()
 
 
@@ -99,7 +100,7 @@ def test_the_path_of_a_leaf_that_does_not_return_is_the_failed_node(world: World
 def test_a_leaf_that_does_not_return_from_its_halt_is_given_up(world: World) -> None:
     world.client.load_tree('<HeldInHalt ms="60000"/>')
     goal = world.client.execute()
-    until(lambda: Work.running(), 'the leaf')
+    wait_until(lambda: Work.running(), 'the leaf')
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.ERROR
     assert goal.result.failed_node.startswith('HeldInHalt')
@@ -130,14 +131,14 @@ def test_the_end_of_the_server_waits_for_no_leaf_and_tells_the_client(body: str)
     with open_world() as world:
         world.client.load_tree(body)
         goal = world.client.execute()
-        until(lambda: (goal.feedback and goal.feedback[-1].active_nodes) or Held.entered.is_set(), 'the leaf')
+        wait_until(lambda: (goal.feedback and goal.feedback[-1].active_nodes) or Held.entered.is_set(), 'the leaf')
         began = time.monotonic()
         world.server_runtime.close()
         assert time.monotonic() - began < 1.7
         assert goal.result.code == Result.ERROR
         assert goal.result.message.startswith('the BT server is shutting down; not at rest in time')
         Held.release.set()
-    until(lambda: not tree_threads(), 'the end of the threads')
+    wait_until(lambda: not tree_threads(), 'the end of the threads')
 
 
 def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
@@ -151,7 +152,7 @@ def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
             user = Client(client)
             assert user.load(xml=document(f'<HeldInTick busy="{busy}"/>')).code == BtLoad.Result.SUCCESS
             goal = user.execute()
-            until(lambda: goal.feedback, 'the running tree')
+            wait_until(lambda: goal.feedback, 'the running tree')
             process.send_signal(signal.SIGTERM)
             began = time.monotonic()
             assert process.wait(DEADLINE) == 0
@@ -313,7 +314,7 @@ def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPa
             '</KeepRunningUntilFailure></Parallel>'
         )
         goal = world.client.execute()
-        until(lambda: len(ticks) >= 42, 'the ticks')
+        wait_until(lambda: len(ticks) >= 42, 'the ticks')
         goal.call.cancel(DEADLINE)
         assert goal.result.code == Result.CANCELED
     # The median: on a busy machine some come late, and the next one early.
@@ -324,7 +325,7 @@ def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPa
 def test_a_goal_for_a_tree_that_runs_is_answered_at_once(world: World) -> None:
     world.client.load_tree('<Runs ms="60000"/>')
     goals = [world.client.execute()]
-    until(lambda: goals[0].feedback, 'the running tree')
+    wait_until(lambda: goals[0].feedback, 'the running tree')
     times = []
     for _ in range(5):
         began = time.monotonic()
@@ -332,6 +333,6 @@ def test_a_goal_for_a_tree_that_runs_is_answered_at_once(world: World) -> None:
         assert goals[-1].accepted.wait(DEADLINE)
         times.append(time.monotonic() - began)
     assert min(times) < 0.05
-    until(lambda: goals[-1].feedback, 'the takeover')
+    wait_until(lambda: goals[-1].feedback, 'the takeover')
     goals[-1].call.cancel(DEADLINE)
     assert [goal.result.code for goal in goals] == [Result.CANCELED] * 6

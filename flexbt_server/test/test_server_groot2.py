@@ -24,7 +24,8 @@ from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.log_file import read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.node.bt_server import BtServer
-from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose, until
+from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 _PORTS = itertools.count(40_000 + os.getpid() % 200 * 100, 2)
@@ -56,7 +57,7 @@ class Groot2:
         assert self.ask(RequestType.HOOK_INSERT, json.dumps(hook | changes).encode())[0] != b'error'
 
     def held(self) -> None:
-        until(lambda: self.paused and self.paused[-1], 'the pause')
+        wait_until(lambda: self.paused and self.paused[-1], 'the pause')
 
 
 @pytest.fixture
@@ -86,7 +87,7 @@ def test_a_breakpoint_holds_a_run_up_until_it_is_unlocked(groot2: Groot2) -> Non
     )
     assert goal.wait().status is GoalStatus.ABORTED
     assert goal.result.code == Result.FAILURE
-    until(lambda: not groot2.paused[-1], 'the end of the pause')
+    wait_until(lambda: not groot2.paused[-1], 'the end of the pause')
 
 
 def test_a_cancel_lets_go_at_once_and_begins_nothing(groot2: Groot2) -> None:

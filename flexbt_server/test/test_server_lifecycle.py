@@ -28,7 +28,8 @@ from flexbt_server.node.bt_server import BtServer
 from flexbt_server.node.parameters import declare_parameters
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
-from flexbt_testing.ros.server_world import Client, Navigation, document, until
+from flexbt_testing.ros.server_world import Client, Navigation, document
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 ACTIONS = {names.BT_LOADER, names.BT_EXECUTOR, names.BT_GET_DATA, names.BT_SET_DATA}
@@ -77,12 +78,12 @@ def managed(**parameters: Any) -> Iterator[Managed]:
 
 
 def wait_for_leaf(world: Managed) -> None:
-    until(lambda: world.wait.ends, 'goal of the leaf')
+    wait_until(lambda: world.wait.ends, 'goal of the leaf')
 
 
 def test_goals_are_refused_until_the_server_is_active_and_told_why() -> None:
     with managed() as world:
-        until(lambda: world.actions() == set())
+        wait_until(lambda: world.actions() == set())
         world.change('configure')
         client = world.client
         refused = [
@@ -107,10 +108,10 @@ def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
         world.wait.delay_cancel = 0.3  # it takes a moment until the robot stands
         world.client.load_tree(WAITING)
         runs = [world.client.execute(blackboard=name) for name in ('', 'a', 'b')]
-        until(lambda: len(world.wait.ends) == 3, 'goals of the leaves')
+        wait_until(lambda: len(world.wait.ends) == 3, 'goals of the leaves')
         controlled = threading.Event()
         control = world.client.runtime.node.create_client(ControlTree, names.CONTROL_TREE)
-        until(control.service_is_ready)
+        wait_until(control.service_is_ready)
         world.change('deactivate')
         # All that is so when the manager has its answer.
         assert set(world.wait.statuses.values()) == {'canceled'} and len(world.wait.statuses) == 3
@@ -123,7 +124,7 @@ def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
         assert controlled.wait(10.0)
         world.change('activate')
         again = world.client.execute()  # its trees are still loaded
-        until(lambda: len(world.wait.ends) == 4)
+        wait_until(lambda: len(world.wait.ends) == 4)
         world.wait.end(3)
         assert again.result.code == Result.SUCCESS
 
@@ -133,10 +134,10 @@ def test_the_server_is_alive_in_every_state() -> None:
         changes: list[bool] = []
         watch = LivelinessWatch(world.client.runtime, names.BT_SERVER, changes.append)
         for label in ('configure', 'activate', 'deactivate', 'cleanup', 'configure', 'shutdown'):
-            until(lambda: watch.alive)
+            wait_until(lambda: watch.alive)
             world.change(label)
         world.runtime.close()
-        until(lambda: changes == [True, False], 'the end')
+        wait_until(lambda: changes == [True, False], 'the end')
 
 
 def test_cleanup_forgets_everything_and_frees_it() -> None:
@@ -146,14 +147,14 @@ def test_cleanup_forgets_everything_and_frees_it() -> None:
         before = world.entities()
         for _ in range(2):  # the port can be taken again
             world.change('configure', 'activate')
-            until(lambda: world.actions() == ACTIONS)
+            wait_until(lambda: world.actions() == ACTIONS)
             assert world.client.execute().result.code == Result.ERROR  # no such tree, any more
             world.client.load_tree('<SetBlackboard value="5" output_key="key"/>')
             assert world.client.get('key').code == BtGetData.Result.FAILURE
             assert world.client.execute().result.code == Result.SUCCESS
             world.change('deactivate', 'cleanup')
             assert world.entities() == before
-            until(lambda: world.actions() == set())
+            wait_until(lambda: world.actions() == set())
 
 
 def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> None:
@@ -172,7 +173,7 @@ def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> N
                 DiagnosticArray, '/diagnostics', lambda array: heard.extend(array.status), 10
             )
         )
-        until(lambda: heard, 'diagnostics')
+        wait_until(lambda: heard, 'diagnostics')
         assert heard[-1].name == '/bt_server: lifecycle'
         assert heard[-1].level == DiagnosticStatus.ERROR
         assert heard[-1].message.startswith('unconfigured: ') and 'NoSuchNode' in heard[-1].message
@@ -180,7 +181,7 @@ def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> N
         tick_rate = [Parameter('tick_rate', value=20.0)]
         assert world.runtime.call(lambda: world.node.set_parameters(tick_rate))[0].successful
         world.change('configure', 'activate')
-        until(lambda: heard[-1].message == 'active')
+        wait_until(lambda: heard[-1].message == 'active')
         assert heard[-1].level == DiagnosticStatus.OK
         world.client.execute()
         wait_for_leaf(world)

@@ -13,7 +13,8 @@ from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.calls.sent_goal import SentGoal
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_testing.ros.server_world import DEADLINE, World, document, open_world, until
+from flexbt_testing.ros.server_world import DEADLINE, World, document, open_world
+from flexbt_testing.waiting import wait_until
 
 Result = BtLoad.Result
 MUCH = 1_000_000
@@ -108,7 +109,7 @@ def test_an_include_that_cannot_be_read_is_refused_at_its_place_with_all_other_e
 )  # fmt: skip
 def test_bad_and_hostile_files_are_refused_in_time(world: World, tmp_path: Path, text: str, fragment: str) -> None:
     file = write(tmp_path / 'trees/hostile.xml', text)
-    until(world.client.loader.is_ready)
+    wait_until(world.client.loader.is_ready)
     began = time.monotonic()
     result = world.client.load(file)
     assert time.monotonic() - began < 1.0
@@ -153,7 +154,7 @@ def test_an_edited_file_is_loaded_again_and_a_running_tree_keeps_its_own(world: 
     file = write(tmp_path / 'trees/edited.xml', document('<Sequence><Spin/><AlwaysSuccess/></Sequence>', 'Edited'))
     assert world.client.load(file).code == Result.SUCCESS
     running = world.client.execute('Edited')
-    until(lambda: spin.running)
+    wait_until(lambda: spin.running)
     write(tmp_path / 'trees/edited.xml', document('<AlwaysFailure/>', 'Edited'))
     assert world.client.load(file).reports[0].code == BtLoadReport.LOADED
     other = world.client.execute('Edited', blackboard='other')

@@ -27,7 +27,8 @@ from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world, until
+from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world
+from flexbt_testing.waiting import wait_until
 
 STEPS = int(os.environ.get('FLEXBT_MODEL_STEPS', '700'))
 SEED = int(os.environ.get('FLEXBT_MODEL_SEED', '0'))
@@ -130,7 +131,7 @@ class Walk:
             LivelinessToken(owner)
             name = f'/{owner.name}'
             goal = self.client.execute('Endless', blackboard=name, owner=name)
-            until(lambda: self.world.server.execute._owners.sees(name), 'the owner was seen')
+            wait_until(lambda: self.world.server.execute._owners.sees(name), 'the owner was seen')
         assert goal.wait().status is GoalStatus.ABORTED
         assert goal.result.code == BtExecute.Result.CANCELED and name in goal.result.message
 
@@ -141,7 +142,7 @@ class Walk:
         """Everything ends as it may, and nothing is left."""
         model = self.model
         if self.chance.random() < 0.3:
-            until(lambda: all(goal.sent.ended for goal in model.live if self._ends(goal)), 'the ends')
+            wait_until(lambda: all(goal.sent.ended for goal in model.live if self._ends(goal)), 'the ends')
         for goal in model.live:
             if not goal.sent.ended:
                 goal.canceled = True
@@ -152,10 +153,10 @@ class Walk:
             result = goal.sent.wait().result
             self.counts['not sent' if result is None else f'code {result.code}'] += 1
         execute = self.world.server.execute
-        until(lambda: not tree_threads(), 'the end of the threads')
+        wait_until(lambda: not tree_threads(), 'the end of the threads')
         assert not Work.running(), '\n'.join([str(Work.running()), *self.log])
         assert not execute._slots and not execute._goals
-        until(lambda: not any(action.running for action in self.world.navigation.actions.values()), 'the actions')
+        wait_until(lambda: not any(action.running for action in self.world.navigation.actions.values()), 'the actions')
         model.rest()
 
     def _ends(self, goal: ModelGoal) -> bool:

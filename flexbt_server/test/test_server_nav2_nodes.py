@@ -19,7 +19,8 @@ from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import ServerParameterError
 from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, pose, until
+from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, pose
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 
@@ -39,7 +40,7 @@ def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[An
     """Publishes messages, once somebody has subscribed."""
     runtime = world.client.runtime
     made = runtime.call(lambda: runtime.node.create_publisher(message_type, topic, 1))
-    until(made.get_subscription_count, f'a subscription of {topic}')
+    wait_until(made.get_subscription_count, f'a subscription of {topic}')
     return lambda message: runtime.call(lambda: made.publish(message))
 
 
@@ -65,13 +66,13 @@ def cancel(goal: SentGoal) -> None:
 def test_distance_controller_follows_the_pose_of_the_robot(world: World) -> None:
     publish = publisher(world, PoseStamped, names.POSE)
     publish(pose(0.0))
-    until(lambda: world.server.execute._pose.latest.header.frame_id, 'the pose at the server')
+    wait_until(lambda: world.server.execute._pose.latest.header.frame_id, 'the pose at the server')
     world.client.load_tree(counting('DistanceController', 'distance="2"'))
     goal = world.client.execute()
-    until(lambda: entry(world, 'n') == 1, 'the first run of the child')
+    wait_until(lambda: entry(world, 'n') == 1, 'the first run of the child')
     publish(pose(1.9))
     publish(pose(2.5))
-    until(lambda: entry(world, 'n') == 2, 'the second run of the child')
+    wait_until(lambda: entry(world, 'n') == 2, 'the second run of the child')
     cancel(goal)
 
 
@@ -87,13 +88,13 @@ def test_speed_controller_begins_its_child_the_more_often_the_faster_the_robot_i
     goal = world.client.execute()
     publish = publisher(world, Odometry, names.ODOM)
     # After the first period, the robot stands: the next run of the child is far away.
-    until(lambda: entry(world, 'n') == 2, 'the second run of the child')
+    wait_until(lambda: entry(world, 'n') == 2, 'the second run of the child')
     cancel(goal)
     driving = Odometry()
     driving.twist.twist.linear.x, driving.twist.twist.linear.y = 0.6, 0.8
     publish(driving)
     goal = world.client.execute()
-    until(lambda: entry(world, 'n') > 6, 'more runs of the child')
+    wait_until(lambda: entry(world, 'n') > 6, 'more runs of the child')
     cancel(goal)
 
 
@@ -109,11 +110,11 @@ def test_goal_updater_takes_a_newer_goal(dialect: str, stamp: int, taken: bool) 
             '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
         )
         goal = world.client.execute(goals=[given])
-        until(lambda: entry(world, 'new') == given, 'the goal that was given')
+        wait_until(lambda: entry(world, 'new') == given, 'the goal that was given')
         publish = publisher(world, PoseStamped, 'goal_update')
         publish(other)
         seen = entry(world, 'n')
-        until(lambda: entry(world, 'n') > seen + 3, 'some more ticks')
+        wait_until(lambda: entry(world, 'n') > seen + 3, 'some more ticks')
         assert entry(world, 'new') == (other if taken else given)
         cancel(goal)
 
@@ -141,21 +142,21 @@ def test_a_tree_is_paused_and_resumed_by_services(world: World) -> None:
         return list(goal.feedback[-1].active_nodes) if goal.feedback else []
 
     goal = world.client.execute()
-    until(lambda: 'work' in active(), 'the work')
+    wait_until(lambda: 'work' in active(), 'the work')
     assert not ask('resume').success
     assert ask('pause').success
-    until(lambda: 'paused' in active(), 'the pause')
+    wait_until(lambda: 'paused' in active(), 'the pause')
     assert entry(world, 'pauses') == 1
     refused = ask('pause')
     assert not refused.success
     assert 'no running tree' in refused.message
     assert ask('resume').success
-    until(lambda: 'work' in active(), 'the work again')
+    wait_until(lambda: 'work' in active(), 'the work again')
     cancel(goal)
     # Nothing runs any more; the next run is found under the same names.
     assert not ask('pause').success
     goal = world.client.execute()
-    until(lambda: 'work' in active(), 'the work of the next run')
+    wait_until(lambda: 'work' in active(), 'the work of the next run')
     assert ask('pause').success
     cancel(goal)
 

@@ -15,7 +15,8 @@ from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
 from flexbt_common.runtime import names
 from flexbt_msgs.action import BtExecute
-from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose, until
+from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 
@@ -140,9 +141,9 @@ def test_the_goal_is_replaced_without_stopping_the_robot(world: World) -> None:
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load(xml=DEFAULT_TREE)
     world.client.execute('MainTree', goals=[pose(1)])
-    until(lambda: follow.running)
+    wait_until(lambda: follow.running)
     second = world.client.execute('MainTree', goals=[pose(2)])
-    until(lambda: follow.goals[-1].path.poses[-1] == pose(2), 'the path to the new goal')
+    wait_until(lambda: follow.goals[-1].path.poses[-1] == pose(2), 'the path to the new goal')
     assert follow.running == [len(follow.goals) - 1]
     assert 'canceled' not in follow.statuses.values()
     follow.end(len(follow.goals) - 1)
@@ -155,11 +156,11 @@ def test_cancel_during_a_recovery(world: World) -> None:
     spin = world.navigation.actions[names.SPIN]
     world.client.load(xml=DEFAULT_TREE)
     goal = world.client.execute('MainTree', goals=[pose(1)])
-    until(lambda: spin.running)
+    wait_until(lambda: spin.running)
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED
     assert spin.statuses == {0: 'canceled'}
-    until(lambda: not goal.feedback or goal.feedback[-1].number_of_recoveries >= 0)
+    wait_until(lambda: not goal.feedback or goal.feedback[-1].number_of_recoveries >= 0)
 
 
 def test_from_the_result_of_a_leaf_to_the_next_goal_takes_little_time(world: World) -> None:
@@ -207,6 +208,6 @@ def test_other_stock_files_run_as_they_are(file: str, goals: int) -> None:
         path = str(STOCK_TREES / file)
         runtime = world.navigation_runtime
         robot = runtime.call(lambda: runtime.node.create_publisher(type(pose(0)), names.POSE, names.latched()))
-        until(lambda: (robot.publish(pose(0)), world.server.execute._pose.latest.header.frame_id)[1])
+        wait_until(lambda: (robot.publish(pose(0)), world.server.execute._pose.latest.header.frame_id)[1])
         result = world.client.execute(path, goals=[pose(number + 1) for number in range(goals)]).result
         assert result.code == Result.SUCCESS, result.message

@@ -15,7 +15,8 @@ from flexbt_common.runtime import names
 from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, until
+from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world
+from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 FOREVER = '<Sleep msec="1000000000"/>'
@@ -65,7 +66,7 @@ class Simulation:
             self._publisher.publish(message)
             return bool(server.call(server.clock.stamp) == message.clock)
 
-        until(arrived, 'the time at the server')
+        wait_until(arrived, 'the time at the server')
         self.everybody_is_ticked()
 
     def everybody_is_ticked(self) -> None:
@@ -78,10 +79,10 @@ class Simulation:
         for name, body in {**ENDING, **COUNTING}.items():
             self.world.client.load_tree(body, name)
             self._goals[name] = self.world.client.execute(name, blackboard=name)
-        until(
+        wait_until(
             lambda: all(goal.feedback and goal.feedback[-1].active_nodes for goal in self._goals.values()), 'the trees'
         )
-        until(lambda: all(self.count(name) == 1 for name in COUNTING), 'the first counts')
+        wait_until(lambda: all(self.count(name) == 1 for name in COUNTING), 'the first counts')
 
     def count(self, name: str) -> int:
         entries = self.world.client.get(blackboard=name).entries
@@ -96,7 +97,7 @@ class Simulation:
         for name in ENDING:
             assert self._goals[name].result.code == Result.SUCCESS, name
         for name in COUNTING:
-            until(lambda name=name: self.count(name) == 2, f'the second count of {name}')  # type: ignore[misc]
+            wait_until(lambda name=name: self.count(name) == 2, f'the second count of {name}')  # type: ignore[misc]
 
     def cancel(self) -> None:
         for name in COUNTING:

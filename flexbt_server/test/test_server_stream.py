@@ -26,7 +26,8 @@ from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
 from flexbt_server.runs.status_encoding import encoded, serialized
 from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream, TreeStream
 from flexbt_testing.behavior_trees.user_nodes import make, random_body, run_some
-from flexbt_testing.ros.server_world import open_world, until
+from flexbt_testing.ros.server_world import open_world
+from flexbt_testing.waiting import wait_until
 
 Changes = list[tuple[int, int, int]]
 SLEEP = '<Sleep msec="1000000"/>'
@@ -89,7 +90,7 @@ class Subscriber:
 
     def await_end(self, *run_ids: str) -> None:
         for run_id in run_ids:
-            until(lambda: any(message.finished for message in self.of(run_id)), f'the end of {run_id}')  # noqa: B023
+            wait_until(lambda: any(message.finished for message in self.of(run_id)), f'the end of {run_id}')  # noqa: B023
 
 
 @pytest.fixture
@@ -190,7 +191,7 @@ def test_who_comes_late_sees_every_open_run_at_once(server: NodeRuntime, monitor
         other.tree.tick_once()
         other.end()
     subscriber = Subscriber(monitor)
-    until(lambda: subscriber.of('quiet') and [each for each in subscriber.structures if each.run_id == 'quiet'])
+    wait_until(lambda: subscriber.of('quiet') and [each for each in subscriber.structures if each.run_id == 'quiet'])
     (message,) = subscriber.of('quiet')
     assert list(message.statuses) == [1, 2, 1]
     assert message.paused and not message.finished and not message.changes
@@ -222,7 +223,7 @@ def test_the_first_change_of_a_quiet_time_is_sent_at_once_and_others_wait(
     while time.monotonic() < began + 6.5 * BATCH_SECONDS:
         watched.tree.tick_exactly_once()
         time.sleep(0.002)
-    until(lambda: changes_of(subscriber.of('run')) == watched.heard, 'what waited for its time')
+    wait_until(lambda: changes_of(subscriber.of('run')) == watched.heard, 'what waited for its time')
     assert 5 <= len(subscriber.of('run')) <= 9
     watched.end()
     subscriber.await_end('run')
@@ -252,7 +253,7 @@ def test_a_flush_that_comes_before_its_timer_is_known_stops_nothing(
     watched = Watched(stream, 'run', '<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>')
     for _ in range(3):
         watched.tree.tick_exactly_once()
-        until(lambda: changes_of(subscriber.of('run')) == watched.heard, 'what was ticked')
+        wait_until(lambda: changes_of(subscriber.of('run')) == watched.heard, 'what was ticked')
     watched.end()
 
 
@@ -290,7 +291,7 @@ def test_a_server_that_is_not_to_publish_watches_nothing() -> None:
         world.navigation.hold.add(names.SPIN)
         world.client.load_tree('<Sequence><AlwaysSuccess/><Spin/></Sequence>')
         goal = world.client.execute()
-        until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running tree')
+        wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running tree')
         (run,) = (slot.run for slot in world.server.execute._slots.values())
         assert run.tree is not None
         assert [type(node).__dict__.get('status') for node in run.tree.nodes] == [None] * len(run.tree.nodes)

@@ -25,7 +25,8 @@ from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import DEADLINE, ScriptedServer, StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import DEADLINE, ScriptedServer, StateBench, ends
+from flexbt_testing.waiting import wait_until
 
 RESULT = BtExecute.Result
 

@@ -13,7 +13,8 @@ from flexbt_common.runtime import names
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState
-from flexbt_testing.state_machines.state_bench import Run, ScriptedServer, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import Run, ScriptedServer, StateBench
+from flexbt_testing.waiting import wait_until
 
 RESULT = BtExecute.Result
 PAUSE, RESUME = ControlTree.Request.PAUSE, ControlTree.Request.RESUME

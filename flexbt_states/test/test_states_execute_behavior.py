@@ -11,7 +11,8 @@ from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import ExecuteBehavior
 from flexbt_states import ExecuteBehaviorState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import ScriptedServer, StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import ScriptedServer, StateBench, ends
+from flexbt_testing.waiting import wait_until
 
 RESULT = ExecuteBehavior.Result
 ACTION = 'inspector/execute_behavior'

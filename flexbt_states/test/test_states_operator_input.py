@@ -19,7 +19,8 @@ from flexbt_onboard.commands.operator_questions import OperatorQuestions
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_states import OperatorInputState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import StateBench, ends, wait_until
+from flexbt_testing.state_machines.state_bench import StateBench, ends
+from flexbt_testing.waiting import wait_until
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 RESULT = OperatorInput.Result

@@ -17,7 +17,8 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import DEADLINE, StateBench, wait_until
+from flexbt_testing.state_machines.state_bench import DEADLINE, StateBench
+from flexbt_testing.waiting import wait_until
 
 
 class Peer:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import itertools
-import threading
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -25,19 +24,10 @@ from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 10.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
-
-
-def wait_until(condition: Callable[[], Any], what: Any, deadline: float = DEADLINE) -> Any:
-    """The first true value of the condition; ``what`` is shown when there is none in time (called if it can be)."""
-    end = time.monotonic() + deadline
-    pause = threading.Event()
-    while not (value := condition()):
-        assert time.monotonic() < end, f'not within {deadline} s: {what() if callable(what) else what}'
-        pause.wait(0.002)
-    return value
 
 
 def entry_of(behavior: type[Behavior]) -> BehaviorEntry:

@@ -31,16 +31,9 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_server.node.bt_server import BtServer
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 20.0
-
-
-def until(condition: Callable[[], Any], what: str = 'the condition', timeout: float = DEADLINE) -> None:
-    """Wait for something that has no event of its own."""
-    deadline = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < deadline, f'{what} did not come'
-        time.sleep(0.002)
 
 
 def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
@@ -87,7 +80,7 @@ class ScriptedAction:
 
     def end(self, number: int, how: str = 'succeed', result: Any = None) -> None:
         """End a goal that is held."""
-        until(lambda: len(self.ends) > number, f'goal {number}')
+        wait_until(lambda: len(self.ends) > number, f'goal {number}')
         self.runtime.post(lambda: self._end(number, how, result))
 
     def _end(self, number: int, how: str, result: Any = None) -> None:

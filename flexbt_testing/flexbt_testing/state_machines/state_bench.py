@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
@@ -24,25 +22,12 @@ from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.commands.command_answers import Decided
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.state_services import StateServices
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 10.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
 
 Script = Callable[[ServerGoalHandle], Awaitable[Any]]
-
-
-def wait_until(condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> Any:
-    """The first true value of the condition.
-
-    Raises:
-        AssertionError: it has not become true in time.
-    """
-    end = time.monotonic() + deadline
-    pause = threading.Event()
-    while not (value := condition()):
-        assert time.monotonic() < end, f'not within {deadline} s: {what}'
-        pause.wait(0.002)
-    return value
 
 
 class ScriptedServer:
