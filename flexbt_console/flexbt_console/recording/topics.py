@@ -28,6 +28,8 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.TREE_STATUS: Topic('flexbt_msgs/msg/TreeStatus', names.latched(16)),
     names.MAP: Topic('nav_msgs/msg/OccupancyGrid', names.latched()),
     names.POSE: Topic('geometry_msgs/msg/PoseStamped', qos_profile_sensor_data),
+    names.TF: Topic('tf2_msgs/msg/TFMessage', QoSProfile(depth=100)),
+    names.TF_STATIC: Topic('tf2_msgs/msg/TFMessage', names.latched(100)),  # one message of each broadcaster
     names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
     names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
 }
