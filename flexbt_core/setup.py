@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package_name = 'flexbt_core'
@@ -12,14 +14,15 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'pyyaml'],
-    extras_require={'test': ['pytest']},  # colcon test looks for it
+    python_requires='>=3.11',
+    install_requires=['pyyaml'],
+    extras_require={'test': ['pytest', 'hypothesis']},  # colcon test looks for it
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='The engines without ROS: behavior trees, hierarchical state machines, clocks and bounded values.',
+    description='Behavior trees (BehaviorTree.CPP XML) and hierarchical state machines (as in FlexBE), without ROS.',
+    long_description=(Path(__file__).parent / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    classifiers=['Programming Language :: Python :: 3', 'Topic :: Scientific/Engineering', 'Typing :: Typed'],
     license='BSD-3-Clause',
-    entry_points={
-        'console_scripts': [],
-    },
 )

@@ -394,7 +394,7 @@ def test_a_run_that_does_not_stop_does_not_hold_up_the_end(make_bench: Make) -> 
     assert not closing.is_alive()
     go.set()
     wait_until(lambda: not bench.executive.run or bench.executive.run.join(0.0), 'thread of the run')
-    bench.logged('had not halted')
+    bench.logged('was not at rest')
 
 
 def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> None:

@@ -12,7 +12,7 @@ from .authoring.yaml_form import read_machine
 from .checks.data_flow import Race, Read, races, unsure_reads
 from .engine.command_queue import Answer
 from .engine.leaf import CallbackOnThread, LeafRun, callback_on
-from .engine.observer import RunObserver
+from .engine.observer import LoggingObserver, RunObserver
 from .engine.region import HeldBack
 from .engine.run import MAX_TRANSITIONS, MachineRun
 from .model.autonomy import AUTONOMY_NAMES, Autonomy
@@ -59,6 +59,7 @@ __all__ = [
     'ExitReason',
     'HeldBack',
     'LeafRun',
+    'LoggingObserver',
     'Machine',
     'MachineDefinition',
     'MachineError',

@@ -3,10 +3,21 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+import logging
+from typing import Final, Protocol
 
 from flexbt_core.state_machine.model.event_state import ExitReason
 from flexbt_core.state_machine.model.state_host import Severity
+
+_logger = logging.getLogger(__name__)
+
+_LEVELS: Final = {
+    Severity.DEBUG: logging.DEBUG,
+    Severity.INFO: logging.INFO,
+    Severity.HINT: logging.INFO,
+    Severity.WARN: logging.WARNING,
+    Severity.ERROR: logging.ERROR,
+}
 
 
 class RunObserver(Protocol):
@@ -27,3 +38,19 @@ class RunObserver(Protocol):
         ``target`` is the path of what follows, ``=OUTCOME`` of the machine around it, or '' for a child of a
         concurrency container which goes on without it. One that is repeated has no outcome, and follows itself.
         """
+
+
+class LoggingObserver:
+    """Writes what a run tells to the log of Python: each transition as INFO, faults as ERROR."""
+
+    def changed(self) -> None:
+        """Nothing to write: what changed is told by the rest."""
+
+    def log(self, severity: Severity, path: str, text: str) -> None:
+        _logger.log(_LEVELS[severity], '%s: %s', path, text)
+
+    def fault(self, path: str, text: str) -> None:
+        _logger.error('%s: %s', path, text)
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+        _logger.info('%s > %s, %s', path, outcome or '(again)', reason.value)

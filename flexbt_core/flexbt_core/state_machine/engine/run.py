@@ -28,7 +28,7 @@ from .container import ContainerRun
 from .controls import Controls
 from .halt_wait import HaltWait
 from .leaf import LeafRun
-from .observer import RunObserver
+from .observer import LoggingObserver, RunObserver
 from .pausing import Pausing
 from .region import HeldBack, Region
 
@@ -51,15 +51,16 @@ class MachineRun:
     """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
 
     ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
-    ``clock`` is what states see, ``steady`` counts the time that they may take to halt (``exit_timeout``, s).
-    More than ``max_transitions`` in one step count as a livelock, which ends the run.
+    ``clock`` is what states see, ``steady`` counts the time that they may take to halt (``exit_timeout``, s). Without
+    an ``observer`` the run is written to the log of Python. More than ``max_transitions`` in one step count as a
+    livelock, which ends the run.
     """
 
     def __init__(
         self,
         definition: MachineDefinition,
         clock: Clock,
-        observer: RunObserver,
+        observer: RunObserver | None = None,
         *,
         autonomy: int = Autonomy.Low,
         userdata: Mapping[str, Any] | None = None,
@@ -73,7 +74,7 @@ class MachineRun:
             raise StateMachineError(commands.no_level(autonomy))
         self.definition = definition
         self.clock = clock
-        self.observer = observer
+        self.observer: RunObserver = observer if observer is not None else LoggingObserver()
         self.services = services
         self.outcome: str | None = None
         self.message = ''
