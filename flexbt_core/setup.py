@@ -21,7 +21,8 @@ setup(
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
     description='Behavior trees (BehaviorTree.CPP XML) and hierarchical state machines (as in FlexBE), without ROS.',
-    long_description=(Path(__file__).parent / 'README.md').read_text(encoding='utf-8'),
+    # colcon runs this through a symbolic link.
+    long_description=(Path(__file__).resolve().parent / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     classifiers=['Programming Language :: Python :: 3', 'Topic :: Scientific/Engineering', 'Typing :: Typed'],
     license='BSD-3-Clause',
