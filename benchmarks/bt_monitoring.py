@@ -228,7 +228,7 @@ def main() -> int:
     rows = []
     with domain_id() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
-        from flexbt_common.runtime.node_runtime import NodeRuntime
+        from flexbt_common.runtime import NodeRuntime
         from flexbt_server.runs.tree_stream import TreeStream
 
         with NodeRuntime.open('bench') as runtime, subscriber():

@@ -52,7 +52,7 @@ class Station:
     def __init__(self, runtime: Any) -> None:
         from rclpy.serialization import serialize_message
 
-        from flexbt_common.runtime import names
+        from flexbt_common import names
         from flexbt_console.commands.requests import Requests
         from flexbt_console.link.operator_link import OperatorLink
         from flexbt_console.mirror import Mirror
@@ -158,7 +158,7 @@ def main() -> int:
         os.environ.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
         if not arguments.simple:
             os.environ['ROS_DISCOVERY_SERVER'] = stack.enter_context(discovery_server())
-        from flexbt_common.runtime.node_runtime import NodeRuntime
+        from flexbt_common.runtime import NodeRuntime
 
         started = time.monotonic()
         processes: list[subprocess.Popen[bytes]] = []

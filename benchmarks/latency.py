@@ -44,9 +44,8 @@ class Probe:
     def __init__(self, runtime: Any) -> None:
         from nav2_msgs.action import Wait
 
-        from flexbt_common.calls.action_call import ActionLinks
-        from flexbt_common.calls.goal_server import GoalServer
-        from flexbt_common.runtime import names
+        from flexbt_common import names
+        from flexbt_common.calls import ActionLinks, GoalServer
         from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 
         self.runtime = runtime
@@ -106,7 +105,7 @@ class Probe:
 
     def load(self, xml: str) -> None:
         """Load the tree."""
-        from flexbt_common.calls.action_call import ActionCall
+        from flexbt_common.calls import ActionCall
         from flexbt_msgs.action import BtLoad
 
         ended: list[Any] = []
@@ -130,7 +129,7 @@ def measure(samples: int) -> dict[str, list[float]]:
     """Latencies in ms."""
     from _latency_probe import TREE_XML
 
-    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_common.runtime import NodeRuntime
     from flexbt_msgs.msg import ExecutiveCommand
 
     result_to_transition, command_to_effect = [], []

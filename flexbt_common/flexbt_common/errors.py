@@ -45,5 +45,5 @@ class UnfitParameterError(FlexbtError):
     """The parameter ``name`` has no value that its type and its limits allow."""
 
     def __init__(self, name: str, message: str) -> None:
-        super().__init__(f'parameter {name}: {message}')
+        super().__init__(f'parameter {name!r}: {message}')
         self.name = name

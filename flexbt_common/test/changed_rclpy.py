@@ -42,12 +42,19 @@ def main() -> None:
 
     from lifecycle_msgs.srv import ChangeState, GetState
 
-    from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
-    from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-    from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
-    from flexbt_common.lifecycle.managed_node import ManagedNode
-    from flexbt_common.runtime import rclpy_private
-    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_common.calls import (
+        ActionCall,
+        ActionLinks,
+        GoalOutcome,
+        GoalServer,
+        GoalStatus,
+        ServedGoal,
+        ServiceCall,
+        ServiceLinks,
+        ServiceOutcome,
+    )
+    from flexbt_common.lifecycle import ManagedNode
+    from flexbt_common.runtime import NodeRuntime, is_usable, rclpy_private
     from flexbt_msgs.action import BtGetData
 
     def serve(goal: ServedGoal) -> None:
@@ -112,7 +119,7 @@ def main() -> None:
         assert request(ChangeState, 'change_state', deactivate).success
         assert runtime.node.state == 'inactive'
     for name in ('EXECUTOR', 'ACTION_CLIENT', 'ACTION_SERVER', 'LIFECYCLE'):
-        if rclpy_private.is_usable(getattr(rclpy_private, name)):
+        if is_usable(getattr(rclpy_private, name)):
             print(name)
 
 

@@ -17,9 +17,8 @@ from action_msgs.srv import CancelGoal
 from nav2_msgs.action import Spin, Wait
 from rclpy.action import ActionServer
 
-from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
-from flexbt_common.calls.action_link import ActionServerLink
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.ros.scripted_servers import ScriptedServer
 from flexbt_testing.waiting import wait_until
 

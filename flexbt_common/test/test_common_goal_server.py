@@ -20,10 +20,9 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.action.server import RCLError, ServerGoalHandle
 from unique_identifier_msgs.msg import UUID
 
-from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime.names import deep_action_services
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, GoalServer, GoalStatus, ServedGoal
+from flexbt_common.names import deep_action_services
+from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 20.0

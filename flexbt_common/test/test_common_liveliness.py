@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_common.lifecycle.node_scope import NodeScope
-from flexbt_common.liveness.liveliness import (
+from flexbt_common.lifecycle import NodeScope
+from flexbt_common.liveness import (
     GRACE_SECONDS,
     LEASE_SECONDS,
     START_SECONDS,
@@ -24,7 +24,7 @@ from flexbt_common.liveness.liveliness import (
     LivelinessToken,
     LivelinessWatch,
 )
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 
 DEADLINE = 20.0
 PROGRAM = """

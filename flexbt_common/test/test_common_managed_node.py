@@ -19,24 +19,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lifecycle_msgs.msg import TransitionEvent
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.action import ActionClient
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from flexbt_common.lifecycle.managed_node import ManagedNode
-from flexbt_common.lifecycle.parameters import declare
-from flexbt_common.liveness.liveliness import LivelinessToken, LivelinessWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.lifecycle import ManagedNode
+from flexbt_common.liveness import LivelinessToken, LivelinessWatch
+from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
 from flexbt_testing.waiting import wait_until
 
-SPEED = ParameterDescriptor(
-    description='speed in m/s', floating_point_range=[FloatingPointRange(from_value=0.0, to_value=9.0)]
-)
+
+def speed(node: Node) -> float:
+    """Declares the parameter, and gives its value."""
+    return ParameterDeclarer(node).real('speed', 1.0, 0.0, 9.0, 'speed in m/s')
 
 
 class Machine:
@@ -47,7 +47,7 @@ class Machine:
         self.bench = bench
         bench.notes.append('configure')
         runtime.on_close(lambda: bench.notes.append('close'))
-        self.speed = runtime.call(lambda: declare(runtime.node, 'speed', 1.0, SPEED))
+        self.speed = runtime.call(lambda: speed(runtime.node))
         runtime.call(self._open)
         self.token = LivelinessToken(runtime)
         self.watch = LivelinessWatch(runtime, 'somebody', lambda _alive: None)
@@ -94,7 +94,7 @@ class Bench:
         self.managed.manage(
             node,
             lambda runtime, refusal: Machine(runtime, self),
-            parameters=lambda node: declare(node, 'speed', 1.0, SPEED),
+            parameters=speed,
         )
         self.before = self.entities()
         self.client = LifecycleClient(manager, 'managed')

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from std_msgs.msg import Empty
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 
 DEADLINE = 20.0
 PROGRAM = """

@@ -9,10 +9,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from flexbt_common.liveness import presence
-from flexbt_common.liveness.presence import PresenceToken, PresenceWatch
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.liveness import PresenceToken, PresenceWatch, presence
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import PeerStatus
 
 DEADLINE = 20.0
@@ -41,7 +40,7 @@ class Watcher:
 
 @pytest.fixture
 def watcher(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watcher]:
-    monkeypatch.setattr(presence, 'LEASE_SECONDS', LEASE)
+    monkeypatch.setattr(presence, 'PRESENCE_LEASE_SECONDS', LEASE)
     monkeypatch.setattr(presence, 'WORD_SECONDS', LEASE / 5.0)
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
         yield Watcher(runtime)

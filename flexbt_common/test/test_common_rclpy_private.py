@@ -14,8 +14,16 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime import rclpy_private
-from flexbt_common.runtime.rclpy_private import ACTION_CLIENT, ACTION_SERVER, EXECUTOR, LIFECYCLE, Part, Use
+from flexbt_common.runtime.rclpy_private import (
+    ACTION_CLIENT,
+    ACTION_SERVER,
+    EXECUTOR,
+    LIFECYCLE,
+    SWITCH,
+    Part,
+    Use,
+    is_usable,
+)
 
 CASE = Path(__file__).with_name('changed_rclpy.py')
 USES = {'EXECUTOR': EXECUTOR, 'ACTION_CLIENT': ACTION_CLIENT, 'ACTION_SERVER': ACTION_SERVER, 'LIFECYCLE': LIFECYCLE}
@@ -31,7 +39,7 @@ def run(pattern: str, replacement: str, stock: str = '0') -> list[str]:
     """
     done = subprocess.run(
         [sys.executable, str(CASE), pattern, replacement],
-        env=os.environ | {rclpy_private.SWITCH: stock},
+        env=os.environ | {SWITCH: stock},
         capture_output=True,
         text=True,
         timeout=120,
@@ -71,4 +79,4 @@ def test_the_environment_leaves_out_all_uses_without_a_warning() -> None:
 
 def test_a_compiled_member_that_is_missing_is_named() -> None:
     assert Part(EXECUTOR.parts[-1].owner, 'add_events').fault().endswith('.WaitSet.add_events is missing')
-    assert not rclpy_private.is_usable(Use((Part(object, 'add_events'),), 'nothing'))
+    assert not is_usable(Use((Part(object, 'add_events'),), 'nothing'))

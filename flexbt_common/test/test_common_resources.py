@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.runtime.resources import resolve_file
+from flexbt_common.runtime import resolve_file
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import pytest
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import ManualClock, Timer, WakeEvent
 
 DEADLINE = 20.0

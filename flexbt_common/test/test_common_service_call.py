@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
+from flexbt_common.runtime import NodeRuntime
 
 DEADLINE = 20.0
 PATIENT = {'server_timeout': DEADLINE, 'response_timeout': DEADLINE}

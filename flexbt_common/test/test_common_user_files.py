@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import pytest
 
-from flexbt_common.cli.user_files import USER_DIRECTORY, home_path
+from flexbt_common.cli import USER_DIRECTORY, home_path
 
 TEMPORARY = Path(tempfile.gettempdir())
 

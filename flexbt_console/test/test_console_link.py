@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands.requests import Requests
 from flexbt_console.errors import NoLinkError
 from flexbt_console.link.interface_check import interface_problem

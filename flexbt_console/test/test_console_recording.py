@@ -17,7 +17,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands.requests import Requests
 from flexbt_console.errors import ExitCode
 from flexbt_console.link.operator_link import OperatorLink
@@ -150,7 +150,7 @@ def test_files_that_are_no_recordings_are_refused(data: bytes) -> None:
 
 
 def test_definitions_have_every_type_that_they_need() -> None:
-    from flexbt_common.values.value_types import resolve_type
+    from flexbt_common.values import resolve_type
 
     def types_in(name: str) -> set[str]:
         message: Any = resolve_type(name).message

@@ -171,7 +171,7 @@ def test_answers(requests: Requests) -> None:
 
 @given(*[st.floats(-1e6, 1e6, allow_nan=False)] * 2, st.floats(-math.pi, math.pi))
 def test_a_pose_arrives_as_it_was_written(x: float, y: float, yaw: float) -> None:
-    from flexbt_common.values.entries import text_to_value
+    from flexbt_common.values import text_to_value
 
     pose = text_to_value(value_text(f'{x!r} {y!r} {yaw!r}', POSE, {}), POSE)
     assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ('map', x, y)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands.operator_values import load_places
 from flexbt_console.commands.requests import Requests
 from flexbt_console.link.operator_link import OperatorLink

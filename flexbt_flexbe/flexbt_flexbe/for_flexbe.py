@@ -21,9 +21,8 @@ import threading
 from functools import cache
 from typing import Any, Final
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ActionLinks, ServiceLinks
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Clock
 from flexbt_core.state_machine import EventState, ExitReason, Severity
 from flexbt_onboard.runs.state_services import StateServices

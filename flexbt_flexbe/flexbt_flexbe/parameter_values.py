@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from typing import Any, Final
 
-from flexbt_common.runtime.resources import resolve_file
+from flexbt_common.runtime import resolve_file
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import load_yaml
 from flexbt_onboard.errors import ParameterError

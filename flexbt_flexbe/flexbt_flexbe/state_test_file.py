@@ -12,8 +12,7 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_common.values.value_text import from_plain
-from flexbt_common.values.value_types import resolve_type
+from flexbt_common.values import from_plain, resolve_type
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import YamlError, compose_yaml, construct_yaml
 

@@ -267,7 +267,7 @@ class TestServices:
             return response
 
         # A node of its own: the bench's own thread must stay free.
-        from flexbt_common.runtime.node_runtime import NodeRuntime
+        from flexbt_common.runtime import NodeRuntime
 
         runtime = NodeRuntime('service_server', args=())
         runtime.call(lambda: runtime.node.create_service(Trigger, name, callback))

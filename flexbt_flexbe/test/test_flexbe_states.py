@@ -10,9 +10,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Bool, Empty, Int64, String
 
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import to_entry
-from flexbt_common.values.value_types import resolve_type
+from flexbt_common import names
+from flexbt_common.values import resolve_type, to_entry
 from flexbt_core.state_machine import EventState, Severity
 from flexbt_flexbe import Logger, states
 from flexbt_flexbe.states import (

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.node.executive import open_executive

@@ -11,8 +11,8 @@ import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import from_entry, to_entry
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import from_entry, to_entry
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_common.liveness.presence import PresenceToken
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.liveness import PresenceToken
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters

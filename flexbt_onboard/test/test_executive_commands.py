@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from rclpy.action import ActionClient
 
-from flexbt_common.values.entries import to_entry
+from flexbt_common.values import to_entry
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveCommand, ExecutiveStatus, PendingDecision

@@ -80,11 +80,11 @@ def test_damage_that_no_crash_leaves_is_told_and_kept(tmp_path: Path, rest: byte
     journal = Journal(file, no_problem)
     journal.close()
     assert journal.state.begin == {'run': 'r'}
-    spoiled = tmp_path / 'e.spoiled'
-    assert bool(journal.damage) == spoiled.exists() == is_damage
+    corrupt = tmp_path / 'e.corrupt'
+    assert bool(journal.damage) == corrupt.exists() == is_damage
     if is_damage:
-        assert str(spoiled) in journal.damage and 'after 1 lines' in journal.damage
-        assert spoiled.read_bytes() == data
+        assert str(corrupt) in journal.damage and 'after 1 lines' in journal.damage
+        assert corrupt.read_bytes() == data
     assert Journal(file, no_problem).damage == ''
 
 

@@ -14,11 +14,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.lifecycle.managed_node import ManagedNode
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, SentGoal
+from flexbt_common.lifecycle import ManagedNode
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus

@@ -19,11 +19,11 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.cli.user_files import USER_DIRECTORY
-from flexbt_common.lifecycle.node_scope import NodeScope
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.cli import USER_DIRECTORY
+from flexbt_common.lifecycle import NodeScope
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from flexbt_common.liveness.presence import PresenceToken
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.liveness import PresenceToken
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, OperatorGone

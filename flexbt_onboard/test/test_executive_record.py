@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
@@ -146,7 +146,7 @@ def test_a_directory_that_cannot_be_written_is_told_once_and_harms_nobody(
 FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_onboard.record.event_log import Record
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.values.entries import to_entry
+from flexbt_common.values import to_entry
 from flexbt_core.state_machine import (
     Autonomy,
     EventState,

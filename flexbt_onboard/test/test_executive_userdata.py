@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import Point
 
-from flexbt_common.calls.action_call import ActionCall, ActionLinks
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import from_entry
+from flexbt_common import names
+from flexbt_common.calls import ActionCall, ActionLinks
+from flexbt_common.values import from_entry
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import GetUserdata
 from flexbt_testing.executive.bench import ExecutiveBench, behavior_of

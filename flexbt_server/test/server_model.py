@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.calls import GoalOutcome, GoalStatus, SentGoal
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.behavior_trees.faulty_leaves import NONSENSE, RAISERS
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import from_entry, to_entry
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_testing.ros.server_world import DEADLINE, ScriptedAction, World, open_world
 from flexbt_testing.waiting import wait_until

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.ros import server_nodes

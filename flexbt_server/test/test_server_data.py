@@ -11,8 +11,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.values.entries import Encoding, from_entry, to_entry
+from flexbt_common.calls import GoalStatus
+from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose

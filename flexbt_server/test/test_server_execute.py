@@ -13,12 +13,11 @@ import pytest
 from nav2_msgs.action import FollowPath
 from std_msgs.msg import Bool
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import from_entry
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_testing.ros import server_nodes

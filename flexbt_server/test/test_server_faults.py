@@ -19,10 +19,9 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import Encoding, from_entry, to_entry
+from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree import NodeStatus
 from flexbt_core.behavior_tree.model.library import TreeKey
 from flexbt_msgs.action import BtExecute, BtLoad

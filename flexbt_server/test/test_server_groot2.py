@@ -15,9 +15,9 @@ import msgpack
 import pytest
 import zmq
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError

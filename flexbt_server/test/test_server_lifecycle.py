@@ -16,12 +16,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.lifecycle.managed_node import ManagedNode
-from flexbt_common.liveness.liveliness import LivelinessWatch
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import to_entry
+from flexbt_common import names
+from flexbt_common.calls import SentGoal
+from flexbt_common.lifecycle import ManagedNode
+from flexbt_common.liveness import LivelinessWatch
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
 from flexbt_server.node.bt_server import BtServer

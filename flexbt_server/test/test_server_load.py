@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
+from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_testing.ros.server_world import DEADLINE, World, document, open_world

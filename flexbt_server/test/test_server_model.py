@@ -17,12 +17,11 @@ from pathlib import Path
 import pytest
 from server_model import NEVER, Model, ModelGoal, Plan, make_plan
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import Encoding, from_entry, to_entry
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads

@@ -12,10 +12,9 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.calls.service_call import ServiceCall, ServiceLinks
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import from_entry
+from flexbt_common import names
+from flexbt_common.calls import SentGoal, ServiceCall, ServiceLinks
+from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import ServerParameterError
 from flexbt_testing.ros import server_nodes

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from rosgraph_msgs.msg import Clock
 
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import from_entry, to_entry
+from flexbt_common import names
+from flexbt_common.calls import SentGoal
+from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.ros import server_nodes
 from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world

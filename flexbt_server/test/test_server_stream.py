@@ -17,9 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, Tree
 from flexbt_core.clock import Timer
 from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import sys
 
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_testing.ros.sim_world import DOCK, Probe, line
 
 

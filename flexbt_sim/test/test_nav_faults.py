@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes.motion_server import MotionArbiter
 from flexbt_sim.nodes.navigation_servers import Navigation
 from flexbt_sim.nodes.ros_messages import duration_message

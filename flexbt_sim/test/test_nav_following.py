@@ -12,7 +12,7 @@ import pytest
 from nav2_msgs.action import FollowPath
 from nav_msgs.msg import Path
 
-from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes.simulator_parameters import built_in_map
 from flexbt_sim.world.occupancy_map import load_map
 from flexbt_sim.world.robot import RobotLimits

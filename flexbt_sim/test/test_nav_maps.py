@@ -14,8 +14,8 @@ from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 from nav_msgs.msg import OccupancyGrid, Path
 from numpy.typing import NDArray
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes.ros_messages import grid_message, time_message
 from flexbt_sim.nodes.simulator_parameters import built_in_map
 from flexbt_sim.world.occupancy_map import OCCUPIED, UNKNOWN, OccupancyMap, load_map

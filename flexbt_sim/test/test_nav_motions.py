@@ -13,9 +13,8 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
 from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_sim.nodes.ros_messages import seconds_of
 from flexbt_testing.ros.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
 

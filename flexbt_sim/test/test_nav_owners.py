@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes.ros_messages import duration_message
 from flexbt_testing.ros.sim_world import DEADLINE, DOCK, Probe, line, open_world
 

@@ -13,9 +13,8 @@ from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
 from nav_msgs.msg import Path
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_sim.nodes.ros_messages import pose_of
 from flexbt_testing.ros.sim_world import DEADLINE, DOCK, OFFICE, Probe, aborted, open_world, pose
 

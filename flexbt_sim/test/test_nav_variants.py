@@ -6,8 +6,8 @@ from __future__ import annotations
 from geometry_msgs.msg import TwistStamped
 from nav2_msgs.action import FollowPath
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes.navigation_servers import Navigation
 from flexbt_sim.nodes.ros_messages import seconds_of
 from flexbt_sim.nodes.simulator import Simulator

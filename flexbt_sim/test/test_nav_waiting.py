@@ -8,9 +8,8 @@ from collections.abc import Iterator
 import pytest
 from builtin_interfaces.msg import Duration
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_sim.nodes.ros_messages import duration_message, seconds_of
 from flexbt_testing.ros.sim_world import DOCK, Probe, line, open_world
 

@@ -19,8 +19,8 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.nodes.ros_messages import map_of, pose_of, seconds_of
 from flexbt_sim.nodes.simulator import Simulator
 from flexbt_sim.nodes.simulator_parameters import built_in_map

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.nodes.navigation_servers import Navigation
 from flexbt_sim.nodes.simulator import Simulator

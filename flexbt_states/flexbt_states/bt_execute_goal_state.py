@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import check_value
+from flexbt_common import names
+from flexbt_common.values import check_value
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, UserData
 

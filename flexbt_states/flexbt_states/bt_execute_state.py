@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from flexbt_common.runtime import names
+from flexbt_common import names
 from flexbt_core.state_machine import EventState, UserData
 
 from .bt_use import BtUse

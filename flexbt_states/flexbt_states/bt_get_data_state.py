@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from flexbt_common.runtime import names
+from flexbt_common import names
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_msgs.action import BtGetData

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_common.calls.action_call import GoalOutcome
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalOutcome
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadReport

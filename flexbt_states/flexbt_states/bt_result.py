@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
-from flexbt_common.values.entries import check_value, from_entry
+from flexbt_common.calls import GoalOutcome, GoalStatus
+from flexbt_common.values import check_value, from_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtExecute
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import to_entry
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
+from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import Autonomy, EventState, UserData
 from flexbt_msgs.action import BtExecute, ExecuteBehavior

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_core.clock import Clock, Timer
 from flexbt_core.state_machine import EventState
 from flexbt_onboard.runs.state_services import READY_SECONDS, state_services

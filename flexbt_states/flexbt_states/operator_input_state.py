@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import check_value, from_entry, text_to_value
+from flexbt_common import names
+from flexbt_common.calls import GoalOutcome, GoalStatus
+from flexbt_common.values import check_value, from_entry, text_to_value
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_msgs.action import OperatorInput

@@ -12,8 +12,8 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common.errors import ResourceError, UnknownTypeError
-from flexbt_common.runtime.resources import resolve_file
-from flexbt_common.values.entries import resolve_type
+from flexbt_common.runtime import resolve_file
+from flexbt_common.values import resolve_type
 
 from .errors import StateParameterError
 

@@ -8,8 +8,8 @@ from typing import Any
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import check_value, message_type_name
+from flexbt_common import names
+from flexbt_common.values import check_value, message_type_name
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_onboard.runs.state_services import state_services
 

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState
 from flexbt_onboard.runs.state_services import state_services
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from flexbt_common.runtime import names
+from flexbt_common import names
 from flexbt_core.clock import Timer
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_onboard.runs.state_services import state_services

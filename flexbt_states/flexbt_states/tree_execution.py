@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from flexbt_common.values.entries import to_entry
+from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, Severity, UserData
 from flexbt_msgs.action import BtExecute

@@ -6,8 +6,8 @@ from __future__ import annotations
 import threading
 from typing import Final
 
-from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import ServiceCall, ServiceLink, ServiceOutcome
 from flexbt_core.state_machine import EventState
 from flexbt_msgs.srv import ControlTree
 from flexbt_onboard.runs.state_services import state_services

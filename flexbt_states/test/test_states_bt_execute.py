@@ -13,9 +13,9 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.action import CancelResponse
 
-from flexbt_common.calls.action_call import ActionCall, GoalStatus
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import from_entry, to_entry
+from flexbt_common.calls import ActionCall, GoalStatus
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import from_entry, to_entry
 from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine
 from flexbt_msgs.action import BtExecute
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.runtime import names
+from flexbt_common import names
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState

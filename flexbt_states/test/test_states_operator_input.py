@@ -10,9 +10,9 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import CancelResponse
 
-from flexbt_common.calls.goal_admission import GoalGate
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import to_entry
+from flexbt_common.calls import GoalAdmission
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import to_entry
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_onboard.commands.operator_questions import OperatorQuestions
@@ -32,7 +32,9 @@ class Desk:
     def __init__(self, bench: StateBench) -> None:
         self.runtime = NodeRuntime('desk', args=())
         self.changes = 0
-        self.questions = self.runtime.call(lambda: OperatorQuestions(self.runtime, GoalGate('the desk'), self._count))
+        self.questions = self.runtime.call(
+            lambda: OperatorQuestions(self.runtime, GoalAdmission('the desk'), self._count)
+        )
         link = bench.services.actions.link(OperatorInput, 'operator_input')
         wait_until(lambda: bench.runtime.call(link.is_ready), 'discovered')
 

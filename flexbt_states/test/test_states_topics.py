@@ -12,8 +12,8 @@ from geometry_msgs.msg import Point
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError

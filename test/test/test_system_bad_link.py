@@ -17,8 +17,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands.requests import Requests
 from flexbt_console.link.operator_link import OperatorLink
 from flexbt_console.mirror import CommandState, LinkState, Mirror, TrackedCommand, View

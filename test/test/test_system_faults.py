@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.operator.probe import Probe

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.operator.probe import Probe
 from flexbt_testing.processes.stack import Stack, executable
 from flexbt_testing.ros.lifecycle_client import LifecycleClient

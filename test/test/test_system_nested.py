@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.operator.probe import Probe
 from flexbt_testing.processes.stack import Stack, executable

@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.liveness.presence import LEASE_SECONDS
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.liveness import PRESENCE_LEASE_SECONDS
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.operator.probe import Probe
 from flexbt_testing.processes.stack import Stack, executable
 
 DEADLINE = 30.0
 TIMEOUT = 2.0
-SEEN_AFTER_DEATH = LEASE_SECONDS + 1.0
+SEEN_AFTER_DEATH = PRESENCE_LEASE_SECONDS + 1.0
 
 
 @pytest.fixture

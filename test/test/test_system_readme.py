@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import to_entry
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import to_entry
 from flexbt_core.state_machine import Child, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 from flexbt_testing.operator.probe import Probe

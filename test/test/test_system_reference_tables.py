@@ -17,7 +17,7 @@ import flexbt_onboard.node.executive_parameters
 import flexbt_server.node.parameters
 import flexbt_sim.nodes.navigation_parameters
 import flexbt_sim.nodes.simulator_parameters
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands.command_table import COMMANDS, EXIT_CODES
 
 ROOT = Path(__file__).parents[2]

@@ -1,2 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Actions and services with deadlines and exactly one outcome."""
+
+from .action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
+from .goal_admission import GoalAdmission
+from .goal_server import GoalServer, ServedGoal
+from .sent_goal import SentGoal
+from .service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
+
+__all__ = [
+    'ActionCall',
+    'ActionLinks',
+    'ActionServerLink',
+    'GoalAdmission',
+    'GoalOutcome',
+    'GoalServer',
+    'GoalStatus',
+    'SentGoal',
+    'ServedGoal',
+    'ServiceCall',
+    'ServiceLink',
+    'ServiceLinks',
+    'ServiceOutcome',
+]

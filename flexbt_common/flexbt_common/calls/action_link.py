@@ -10,9 +10,8 @@ from action_msgs.msg import GoalStatusArray
 from rclpy.action import ActionClient
 from rclpy.qos import qos_profile_action_status_default
 
-from flexbt_common.runtime import rclpy_private
-from flexbt_common.runtime.names import deep_action_services
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.names import deep_action_services
+from flexbt_common.runtime import ACTION_CLIENT, NodeRuntime, OpenActionClient, is_usable
 
 
 class ActionServerLink:
@@ -33,8 +32,8 @@ class ActionServerLink:
     def _make_client(self) -> ActionClient:
         node = self.runtime.node
         arguments, options = (node, self.action_type, self.name), deep_action_services()
-        if rclpy_private.is_usable(rclpy_private.ACTION_CLIENT):
-            client = rclpy_private.OpenActionClient(*arguments, **options)
+        if is_usable(ACTION_CLIENT):
+            client = OpenActionClient(*arguments, **options)
             client.on_list = self._on_list
             return client
         topic = f'{self.name}/_action/status'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lets goals in, or refuses them with a reason: the goals of a node that is not active."""
+"""Admits goals, or refuses them with a reason: the goals of a node that is not active."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .goal_server import ServedGoal
 Serve = Callable[[ServedGoal], None]
 
 
-class GoalGate:
-    """One gate for all goals of ``subject``, such as 'the server'. ``refusal``: why nothing is let in; '' if open."""
+class GoalAdmission:
+    """One for all goals of ``subject``, such as 'the server'. ``refusal``: why none is admitted; '' when all are."""
 
     def __init__(self, subject: str, why: str = '') -> None:
         """Closed if ``why``, which follows the subject, is given."""
@@ -22,15 +22,15 @@ class GoalGate:
             self.close(why)
 
     def open(self) -> None:
-        """Let goals in."""
+        """Admit goals."""
         self.refusal = ''
 
     def close(self, why: str) -> None:
         """Refuse goals from now on."""
         self.refusal = f'{self._subject} {why}'
 
-    def before(self, serve: Serve, result_of: Callable[[str], Any]) -> Serve:
-        """``serve``, for the goals that are let in. The others are aborted with the result for the reason."""
+    def guard(self, serve: Serve, result_of: Callable[[str], Any]) -> Serve:
+        """``serve``, for the goals that are admitted. The others are aborted with the result for the reason."""
 
         def admit(goal: ServedGoal) -> None:
             if self.refusal:

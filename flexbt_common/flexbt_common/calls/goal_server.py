@@ -22,10 +22,8 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import GoalEvent, ServerGoalHandle
 from rclpy.task import Future
 
-from flexbt_common.runtime import rclpy_private
-from flexbt_common.runtime.names import deep_action_services
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.rclpy_private import OpenActionServer
+from flexbt_common.names import deep_action_services
+from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, OpenActionServer, is_usable
 
 __all__ = ['RESULT_SECONDS', 'GoalServer', 'ServedGoal']
 
@@ -114,7 +112,7 @@ class GoalServer:
         self._on_goal = on_goal
         self._on_cancel = on_cancel
         self._goals: dict[bytes, ServedGoal] = {}
-        server_class = _Server if rclpy_private.is_usable(rclpy_private.ACTION_SERVER) else _StockServer
+        server_class = _Server if is_usable(ACTION_SERVER) else _StockServer
         self._server = server_class(
             runtime,
             action_type,

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_common.runtime.names import deep_services
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.names import deep_services
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 
 _APPEAR_PERIOD: Final = 0.05

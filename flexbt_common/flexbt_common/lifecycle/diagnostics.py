@@ -9,7 +9,7 @@ from typing import Final
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.values import sendable
 
 TOPIC: Final = '/diagnostics'
@@ -33,7 +33,7 @@ class DiagnosticsPublisher:
         self._publisher.publish(array)
 
 
-def entry(
+def diagnostic_status(
     runtime: NodeRuntime, what: str, level: bytes, message: str, values: Mapping[str, str] | None = None
 ) -> DiagnosticStatus:
     """What is to be told of one thing of a node: ``level`` is one of the constants of DiagnosticStatus."""

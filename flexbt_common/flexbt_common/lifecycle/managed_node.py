@@ -36,14 +36,12 @@ from rclpy.lifecycle import LifecycleNode, LifecycleNodeMixin, LifecycleState, T
 from rclpy.node import Node
 from rclpy.task import Future
 
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
-from flexbt_common.runtime.rclpy_private import destroy_lifecycle_services
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime, destroy_lifecycle_services, refuse_while_configured, run_node
 from flexbt_core.errors import FlexbtError
 
-from .diagnostics import DiagnosticsPublisher, entry
+from .diagnostics import DiagnosticsPublisher, diagnostic_status
 from .node_scope import NodeScope
-from .parameters import refuse_while_configured
 
 DEACTIVATED: Final = 'was deactivated'
 SHUTTING_DOWN: Final = 'is shutting down'
@@ -222,11 +220,11 @@ class ManagedNode(LifecycleNode):
     def _diagnosis(self) -> DiagnosticStatus:
         state, error = self.state, self._error
         if error is not None:
-            return entry(
+            return diagnostic_status(
                 self._runtime, 'lifecycle', DiagnosticStatus.ERROR, f'{state}: {error or type(error).__name__}'
             )
         level = DiagnosticStatus.OK if state == 'active' else DiagnosticStatus.WARN
-        return entry(self._runtime, 'lifecycle', level, state)
+        return diagnostic_status(self._runtime, 'lifecycle', level, state)
 
     def destroy_node(self) -> None:
         """As that of the base, which leaves the services of the lifecycle in the graph until Python collects them."""

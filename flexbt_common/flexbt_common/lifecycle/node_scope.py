@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from rclpy.action import ActionClient, ActionServer
 
-from flexbt_common.runtime.names import CLOCK
-from flexbt_common.runtime.node_runtime import CALL_SECONDS, NodeRuntime
+from flexbt_common.names import CLOCK
+from flexbt_common.runtime import CALL_SECONDS, NodeRuntime
 
 T = TypeVar('T')
 

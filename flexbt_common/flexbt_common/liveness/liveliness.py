@@ -30,8 +30,8 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 
-from flexbt_common.runtime.names import alive_topic
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.names import alive_topic
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 
 LEASE_SECONDS: Final = 0.5

@@ -16,8 +16,8 @@ from typing import Any, Final
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import PeerStatus
@@ -25,7 +25,7 @@ from flexbt_msgs.msg import PeerStatus
 WORD_SECONDS: Final = 1.0
 """From one word of a token to the next."""
 
-LEASE_SECONDS: Final = 5.0
+PRESENCE_LEASE_SECONDS: Final = 5.0
 """How long a watcher waits for a word. Of a link that loses 30 % of its packets, one in 400 silences is so long."""
 
 
@@ -95,9 +95,9 @@ class PresenceWatch:
 
     def _review(self) -> None:
         now = self._runtime.steady.now()
-        self._heard = {token: heard for token, heard in self._heard.items() if now < heard + LEASE_SECONDS}
+        self._heard = {token: heard for token, heard in self._heard.items() if now < heard + PRESENCE_LEASE_SECONDS}
         if self._look is None and self._heard:
-            first_end = min(self._heard.values()) + LEASE_SECONDS
+            first_end = min(self._heard.values()) + PRESENCE_LEASE_SECONDS
             self._look = self._runtime.steady.call_at(first_end, lambda: self._runtime.post(self._look_again))
         present = frozenset(name for name, _, _ in self._heard)
         if present != self.present:

@@ -1,2 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A node on rclpy: executor thread, clocks, names and quality of service."""
+"""A node on rclpy: its executor and thread, its clock, its parameters, and how it ends."""
+
+from .node_runtime import CALL_SECONDS, NodeRuntime, run_node
+from .parameters import ParameterDeclarer, refuse_while_configured
+from .rclpy_private import (
+    ACTION_CLIENT,
+    ACTION_SERVER,
+    OpenActionClient,
+    OpenActionServer,
+    destroy_lifecycle_services,
+    is_usable,
+)
+from .resources import resolve_file
+from .ros_clock import RosClock
+
+__all__ = [
+    'ACTION_CLIENT',
+    'ACTION_SERVER',
+    'CALL_SECONDS',
+    'NodeRuntime',
+    'OpenActionClient',
+    'OpenActionServer',
+    'ParameterDeclarer',
+    'RosClock',
+    'destroy_lifecycle_services',
+    'is_usable',
+    'refuse_while_configured',
+    'resolve_file',
+    'run_node',
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
 from rclpy.clock import JumpThreshold
@@ -13,12 +13,25 @@ from rclpy.duration import Duration
 
 from flexbt_core.clock import Timer, TimerQueue
 
-if TYPE_CHECKING:
-    from .node_runtime import NodeRuntime
-
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
 """Seconds; a timer that is farther away is looked at again then. rcl counts nanoseconds in 64 bits."""
+
+
+class Host(Protocol):
+    """What the clock needs of a :class:`~flexbt_common.runtime.NodeRuntime`."""
+
+    node: Any
+
+    @property
+    def on_executor_thread(self) -> bool:
+        """Whether the caller is on the executor thread."""
+
+    def post(self, fn: Callable[[], object]) -> None:
+        """Run ``fn`` on the executor thread soon."""
+
+    def report_fault(self, error: BaseException, where: str) -> None:
+        """Log an exception that an alarm let escape."""
 
 
 class RosClock:
@@ -32,7 +45,7 @@ class RosClock:
     One rclpy timer serves all timers, set to the earliest.
     """
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Host) -> None:
         self._runtime = runtime
         self._ros_clock = runtime.node.get_clock()
         self._lock = threading.Lock()

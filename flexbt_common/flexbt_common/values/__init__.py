@@ -1,2 +1,32 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Typed values as messages and as text."""
+
+from .entries import (
+    Encoding,
+    ValueType,
+    check_value,
+    from_entry,
+    message_type_name,
+    resolve_type,
+    text_to_value,
+    to_entry,
+    value_to_text,
+)
+from .value_text import from_plain
+from .value_types import PRIMITIVES, shown, type_name
+
+__all__ = [
+    'PRIMITIVES',
+    'Encoding',
+    'ValueType',
+    'check_value',
+    'from_entry',
+    'from_plain',
+    'message_type_name',
+    'resolve_type',
+    'shown',
+    'text_to_value',
+    'to_entry',
+    'type_name',
+    'value_to_text',
+]

@@ -173,7 +173,7 @@ def is_pose(type: str) -> bool:
 def _checked_text(text: str, type: str) -> str:
     # Imported here because it brings rclpy and the interface packages along, which takes a while.
     from flexbt_common.errors import UnknownTypeError, ValueConversionError
-    from flexbt_common.values.entries import resolve_type, text_to_value, value_to_text
+    from flexbt_common.values import resolve_type, text_to_value, value_to_text
 
     try:
         resolved = resolve_type(type)

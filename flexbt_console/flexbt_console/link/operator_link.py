@@ -14,9 +14,9 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from std_msgs.msg import Header
 
-from flexbt_common.liveness.presence import PresenceToken
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.liveness import PresenceToken
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.errors import NoLinkError
 from flexbt_console.mirror import Change, Mirror, TrackedCommand, Transit, View
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Future
 
-from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.errors import NoAnswerError, RefusedError
 from flexbt_console.mirror.records import InputValue, UserdataScope
 from flexbt_msgs.action import GetUserdata

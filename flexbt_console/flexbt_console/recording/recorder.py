@@ -10,12 +10,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from flexbt_common.cli.user_files import USER_DIRECTORY, home_path
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
-from flexbt_common.values.value_types import resolve_type
+from flexbt_common.cli import USER_DIRECTORY, home_path
+from flexbt_common.runtime import NodeRuntime, ParameterDeclarer, run_node
+from flexbt_common.values import resolve_type
 
 from .run_file import RunWriter
 from .topics import TOPICS
@@ -26,9 +25,9 @@ NODE_NAME: Final = 'recorder'
 def declare_parameters(node: Node) -> Path:
     """Declare the parameters; gives the file to write."""
     description = f'file to write, which must not exist; empty for one in {USER_DIRECTORY}, named after the time'
-    given = node.declare_parameter('file', '', ParameterDescriptor(description=description, read_only=True)).value
+    given = ParameterDeclarer(node).text('file', '', description)
     now = datetime.now(UTC).strftime('%Y%m%d_%H%M%S')
-    return home_path(str(given) or f'{USER_DIRECTORY}/run_{now}.mcap')
+    return home_path(given or f'{USER_DIRECTORY}/run_{now}.mcap')
 
 
 class Recorder:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_common.cli.streams import make_streams_safe
+from flexbt_common.cli import make_streams_safe
 from flexbt_console.commands.operator_values import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
 
@@ -58,7 +58,7 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
         UsageError: the file cannot be used.
         NoLinkError: a real executive is there, which must not be mixed up with a recorded one.
     """
-    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_common.runtime import NodeRuntime
 
     from .run_file import read_run
     from .topics import NOT_REPLAYED
@@ -98,7 +98,7 @@ class _Stage:
 
     def refuse_executives(self) -> None:
         """Raises NoLinkError when somebody publishes a status here."""
-        from flexbt_common.runtime import names
+        from flexbt_common import names
 
         node = self._runtime.node
         topic = node.resolve_topic_name(names.EXECUTIVE_STATUS)
@@ -122,7 +122,7 @@ class _Stage:
     def _marked(self, type: Any, message: Any) -> Any:
         from rclpy.serialization import deserialize_message
 
-        from flexbt_common.runtime import names
+        from flexbt_common import names
 
         if message.topic != names.EXECUTIVE_STATUS:
             return message.data
@@ -138,7 +138,7 @@ class _Stage:
             publisher.wait_for_all_acked(Duration(seconds=1))
 
     def _publisher(self, message: Any) -> Any:
-        from flexbt_common.values.value_types import resolve_type
+        from flexbt_common.values import resolve_type
 
         from .definitions import full_definition
         from .topics import TOPICS

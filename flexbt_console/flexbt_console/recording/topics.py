@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
-from flexbt_common.runtime import names
+from flexbt_common import names
 
 
 class Topic(NamedTuple):

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from flexbt_common.cli.streams import abandon_stdout, make_streams_safe
+from flexbt_common.cli import abandon_stdout, make_streams_safe
 from flexbt_console.commands import command_table
 from flexbt_console.commands.command_line import CommandLine, command_help, overview, parse
 from flexbt_console.commands.operator_values import Place, full_namespace, load_places
@@ -25,7 +25,7 @@ from flexbt_console.present import json_form
 from flexbt_core.values import lines
 
 if TYPE_CHECKING:
-    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_common.runtime import NodeRuntime
     from flexbt_console.commands.requests import Requests
     from flexbt_console.link.operator_link import OperatorLink
     from flexbt_console.mirror import Mirror
@@ -117,7 +117,7 @@ def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLin
 
 @contextlib.contextmanager
 def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
-    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_common.runtime import NodeRuntime
 
     arguments = list(line.ros_arguments)
     namespace = line.value('--namespace')

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from action_msgs.msg import GoalStatus as RosGoalStatus
 
-from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_flexbe.errors import NoResultError, ProxyError
 
 from .run_goals import RunGoals

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from flexbt_common.calls.action_call import ActionCall
+from flexbt_common.calls import ActionCall
 from flexbt_core.state_machine import EventState
 from flexbt_onboard.runs.run_context import RunContext
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from types import MethodType
 from typing import Any, TypeVar, cast
 
-from flexbt_common.values.entries import resolve_type
+from flexbt_common.values import resolve_type
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, called_state
 from flexbt_flexbe.errors import ProxyError

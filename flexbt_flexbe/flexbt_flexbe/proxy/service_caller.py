@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_common.calls import ServiceCall, ServiceLink, ServiceOutcome
 from flexbt_flexbe.errors import NoResultError, ProxyError
 
 from .action_client import SERVER_SECONDS

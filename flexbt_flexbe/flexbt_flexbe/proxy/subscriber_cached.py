@@ -12,7 +12,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.runs.run_context import RunContext
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Final
 
 import flexbt_states
-from flexbt_common.runtime import names
+from flexbt_common import names
 from flexbt_flexbe.ros_access import RosAccess
 
 _TYPES: Final = {

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final
 
-from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import check_value, from_entry
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
+from flexbt_common.values import check_value, from_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_flexbe.ros_access import RosAccess

@@ -8,9 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ActionLinks, ServiceLinks
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Severity
 from flexbt_onboard.runs.run_context import RunContext
 from flexbt_onboard.runs.state_services import StateServices

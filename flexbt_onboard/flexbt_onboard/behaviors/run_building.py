@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flexbt_common.values.entries import from_entry
+from flexbt_common.values import from_entry
 from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine, Position, define
 from flexbt_msgs.msg import BehaviorStructure, BlackboardEntry, StateStructure
 from flexbt_onboard.errors import ManifestError, ParameterError

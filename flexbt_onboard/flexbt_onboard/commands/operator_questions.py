@@ -10,11 +10,10 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 
-from flexbt_common.calls.goal_admission import GoalGate
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import from_entry, resolve_type, text_to_value, to_entry
+from flexbt_common import names
+from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import from_entry, resolve_type, text_to_value, to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, PendingDecision
@@ -38,12 +37,12 @@ class OperatorQuestions:
     Used on the executor thread only. ``on_change`` is called when a question comes or goes.
     """
 
-    def __init__(self, runtime: NodeRuntime, gate: GoalGate, on_change: Callable[[], None]) -> None:
+    def __init__(self, runtime: NodeRuntime, admission: GoalAdmission, on_change: Callable[[], None]) -> None:
         self._runtime = runtime
         self._on_change = on_change
         self._questions: dict[str, _Question] = {}
         self._numbers = itertools.count(1)
-        ask = gate.before(self._ask, _refused)
+        ask = admission.guard(self._ask, _refused)
         self._server = GoalServer(runtime, OperatorInput, names.OPERATOR_INPUT, ask, self._withdraw)
 
     def decisions(self) -> list[PendingDecision]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flexbt_common.liveness.presence import PresenceWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.liveness import PresenceWatch
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_core.state_machine import MachineRun
 from flexbt_onboard.behaviors.behavior import OperatorGone

@@ -4,7 +4,7 @@
 The file ``<node>.journal`` holds lines that are only appended: the CRC-32 of the rest as eight hexadecimal digits, a
 space, and an object of JSON. What a crash has cut off at the end is dropped when the file is opened. The file is
 written anew, beside the old one and then in its place, when it has grown. Damage that no crash leaves, a whole line
-that is wrong, is told, and the file is kept as ``<node>.spoiled``.
+that is wrong, is told, and the file is kept as ``<node>.corrupt``.
 
 A line has some of these:
 
@@ -172,11 +172,11 @@ class Journal:
         for line in lines:
             self.state.apply(line)
         if b'\n' in rest:
-            spoiled = self.file.with_suffix('.spoiled')
-            spoiled.write_bytes(data)
+            corrupt = self.file.with_suffix('.corrupt')
+            corrupt.write_bytes(data)
             self.damage = (
                 f'the journal {self.file} is damaged after {len(lines)} lines, and what it said from there on is lost: '
-                f'a run that was interrupted may not be known, or be known at an earlier state; it is kept as {spoiled}'
+                f'a run that was interrupted may not be known, or be known at an earlier state; it is kept as {corrupt}'
             )
 
     def _append(self, data: bytes) -> None:
@@ -223,7 +223,7 @@ def encode_line(line: dict[str, Any]) -> bytes:
 
 
 def read_lines(data: bytes) -> tuple[list[dict[str, Any]], bytes]:
-    """The lines up to the first that is not whole, and the rest: what a crash has cut off, or a disk has spoiled."""
+    """The lines up to the first that is not whole, and the rest: what a crash has cut off, or a disk has corrupted."""
     lines: list[dict[str, Any]] = []
     size = 0
     for raw in data.split(b'\n')[:-1]:

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from flexbt_common.values.entries import message_type_name, resolve_type
+from flexbt_common.values import message_type_name, resolve_type
 from flexbt_core.errors import FlexbtError
 
 _MARK: Final = '$'

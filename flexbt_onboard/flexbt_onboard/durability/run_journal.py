@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flexbt_common.cli.user_files import home_path
+from flexbt_common.cli import home_path
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError, position_of
 from flexbt_msgs.msg import BlackboardEntry, CommandResult

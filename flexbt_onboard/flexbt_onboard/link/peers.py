@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from builtin_interfaces.msg import Time
 
-from flexbt_common.liveness.liveliness import LivelinessWatch
-from flexbt_common.runtime import names as table
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names as table
+from flexbt_common.liveness import LivelinessWatch
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import PeerStatus
 
 

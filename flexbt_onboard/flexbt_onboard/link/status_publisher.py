@@ -9,7 +9,7 @@ from typing import Final
 
 from rclpy.clock import Clock, ClockType
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 
 MAXIMUM_RATE: Final = 20.0

@@ -6,10 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import Encoding, to_entry
-from flexbt_common.values.value_types import shown
+from flexbt_common import names
+from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.values import Encoding, shown, to_entry
 from flexbt_msgs.action import GetUserdata
 from flexbt_msgs.msg import BlackboardEntry, UserdataScope
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import Encoding, to_entry
+from flexbt_common import names
+from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.values import Encoding, to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ERROR, PREEMPTED
 from flexbt_msgs.action import BtExecute, ExecuteBehavior

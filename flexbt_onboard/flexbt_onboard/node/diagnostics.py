@@ -8,8 +8,8 @@ from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from flexbt_common.lifecycle.diagnostics import DiagnosticsPublisher, entry
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.lifecycle import DiagnosticsPublisher, diagnostic_status
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
 
 _STATES: Final = {
@@ -58,7 +58,7 @@ class Diagnostics:
             'autonomy': str(status.autonomy),
             'authority': status.authority,
         }
-        return entry(self._runtime, 'behavior', level, message, values)
+        return diagnostic_status(self._runtime, 'behavior', level, message, values)
 
     def _peers(self, status: ExecutiveStatus) -> DiagnosticStatus:
         gone = [one.name for one in status.peers if not one.alive]
@@ -68,7 +68,7 @@ class Diagnostics:
             level, message = DiagnosticStatus.ERROR, f'not alive: {", ".join(gone)}'
         elif unready:
             level, message = DiagnosticStatus.WARN, f'not ready: {", ".join(unready)}'
-        return entry(
+        return diagnostic_status(
             self._runtime,
             'nodes',
             level,
@@ -79,4 +79,6 @@ class Diagnostics:
     def _storage(self) -> DiagnosticStatus:
         wrong = {name: text for name, text in self._problems.items() if text}
         level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
-        return entry(self._runtime, 'record and journal', level, '; '.join(wrong.values()) or 'written', wrong)
+        return diagnostic_status(
+            self._runtime, 'record and journal', level, '; '.join(wrong.values()) or 'written', wrong
+        )

@@ -13,13 +13,10 @@ import uuid
 from collections.abc import Callable
 from typing import Final
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.goal_admission import GoalGate
-from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.liveness.presence import PresenceWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ActionLinks, GoalAdmission, ServiceLinks
+from flexbt_common.lifecycle import SHUTTING_DOWN
+from flexbt_common.liveness import LivelinessToken, PresenceWatch
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import ERROR, PREEMPTED, ROOT_PATH, Answer
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
@@ -80,7 +77,7 @@ class Executive:
         self._ended: Ended = _nobody  # who waits for its end
         self._open_commands: dict[str, ExecutiveCommand] = {}
         self._news = ExecutiveNews(self)
-        self.gate = GoalGate('the executive', refusal)
+        self.gate = GoalAdmission('the executive', refusal)
         self.command_table = CommandTable()
         self._handlers = CommandHandlers(self)
         self.link = OperatorLink(runtime, self.executive_id, parameters.heartbeat_period, self._on_command)

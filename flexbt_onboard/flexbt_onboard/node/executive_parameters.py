@@ -5,14 +5,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
 
-from flexbt_common.cli.user_files import USER_DIRECTORY
-from flexbt_common.lifecycle.parameters import declare
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.cli import USER_DIRECTORY
+from flexbt_common.runtime import ParameterDeclarer
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.record.event_log import RECORD_FILES, RECORD_SIZE
 
@@ -34,107 +33,72 @@ class ExecutiveParameters:
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
     """Declare the parameters on the node and read them;
-    see :mod:`flexbt_common.lifecycle.parameters` for when they can be set.
+    see :mod:`flexbt_common.runtime.parameters` for when they can be set.
 
     Raises:
         OnboardError, UnfitParameterError: a value is not acceptable; names parameter and value.
     """
-    defaults = ExecutiveParameters()
-    peers = declare(
-        node,
+    defaults, declare = ExecutiveParameters(), ParameterDeclarer(node)
+    peers = declare.texts(
         'peers',
-        list(defaults.peers),
-        ParameterDescriptor(
-            description='names of the nodes that missions depend on; an operator sees whether they are alive and ready'
-        ),
+        defaults.peers,
+        'names of the nodes that missions depend on; an operator sees whether they are alive and ready',
     )
-    pose_topic = declare(
-        node,
-        'pose_topic',
-        defaults.pose_topic,
-        ParameterDescriptor(description='topic of the robot pose (geometry_msgs/msg/PoseStamped) for the status'),
-    )
-    heartbeat_period = declare(
-        node,
-        'heartbeat_period',
-        defaults.heartbeat_period,
-        ParameterDescriptor(
-            description='seconds of wall time between two status messages while nothing changes',
-            floating_point_range=[FloatingPointRange(from_value=0.05, to_value=10.0)],
-        ),
-    )
-    autonomy = declare(
-        node,
-        'autonomy',
-        defaults.autonomy,
-        ParameterDescriptor(
-            description='autonomy level before the first run: 0 Off, 1 Low, 2 High, 3 Full',
-            integer_range=[IntegerRange(from_value=0, to_value=3, step=1)],
-        ),
-    )
-    authority_timeout = declare(
-        node,
-        'authority_timeout',
-        defaults.authority_timeout,
-        ParameterDescriptor(
-            description='seconds of wall time without a console or a command of the operator who has the authority, '
-            'after which it is lost',
-            floating_point_range=[FloatingPointRange(from_value=0.5, to_value=3600.0)],
-        ),
-    )
-    journal_directory = declare(
-        node,
-        'journal_directory',
-        defaults.journal_directory,
-        ParameterDescriptor(
-            description='directory of the journal, by which a run can go on after a crash of the executive; '
-            'empty for none'
-        ),
-    )
-    record_directory = declare(
-        node,
-        'record_directory',
-        USER_DIRECTORY,
-        ParameterDescriptor(
-            description='directory of the record of commands, decisions and transitions; empty for no record'
-        ),
-    )
-    record_size = declare(
-        node,
-        'record_size',
-        defaults.record_size,
-        ParameterDescriptor(
-            description='bytes of a file of the record before the next one is begun',
-            integer_range=[IntegerRange(from_value=1000, to_value=10**12)],
-        ),
-    )
-    record_files = declare(
-        node,
-        'record_files',
-        defaults.record_files,
-        ParameterDescriptor(
-            description='files of the record that are kept',
-            integer_range=[IntegerRange(from_value=1, to_value=1000)],
-        ),
+    pose_topic = declare.text(
+        'pose_topic', defaults.pose_topic, 'topic of the robot pose (geometry_msgs/msg/PoseStamped) for the status'
     )
     try:
         validate_topic_name(pose_topic)
     except InvalidTopicNameException as error:
         raise OnboardError(f'parameter pose_topic: {pose_topic!r} is not a topic: {error}') from None
-    wanted = tuple(dict.fromkeys(name for name in peers if name))
-    for name in wanted:
+    for name in peers:
         try:
             validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
     return ExecutiveParameters(
-        peers=wanted,
-        pose_topic=str(pose_topic),
-        heartbeat_period=float(heartbeat_period),
-        autonomy=int(autonomy),
-        authority_timeout=float(authority_timeout),
-        journal_directory=str(journal_directory),
-        record_directory=str(record_directory),
-        record_size=int(record_size),
-        record_files=int(record_files),
+        peers=tuple(dict.fromkeys(peers)),
+        pose_topic=pose_topic,
+        heartbeat_period=declare.real(
+            'heartbeat_period',
+            defaults.heartbeat_period,
+            0.05,
+            10.0,
+            'seconds of wall time between two status messages while nothing changes',
+        ),
+        autonomy=declare.integer(
+            'autonomy',
+            defaults.autonomy,
+            0,
+            3,
+            'autonomy level before the first run: 0 Off, 1 Low, 2 High, 3 Full',
+        ),
+        authority_timeout=declare.real(
+            'authority_timeout',
+            defaults.authority_timeout,
+            0.5,
+            3600.0,
+            'seconds of wall time without a console or a command of the operator who has the authority, '
+            'after which it is lost',
+        ),
+        journal_directory=declare.text(
+            'journal_directory',
+            defaults.journal_directory,
+            'directory of the journal, by which a run can go on after a crash of the executive; empty for none',
+        ),
+        record_directory=declare.text(
+            'record_directory',
+            USER_DIRECTORY,
+            'directory of the record of commands, decisions and transitions; empty for no record',
+        ),
+        record_size=declare.integer(
+            'record_size',
+            defaults.record_size,
+            1000,
+            10**12,
+            'bytes of a file of the record before the next one is begun',
+        ),
+        record_files=declare.integer(
+            'record_files', defaults.record_files, 1, 1000, 'files of the record that are kept'
+        ),
     )

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import sys
 
-from flexbt_common.lifecycle.managed_node import run_managed_node
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.lifecycle import run_managed_node
+from flexbt_common.runtime import NodeRuntime
 
 from .executive import Executive, open_executive
 from .executive_parameters import declare_parameters

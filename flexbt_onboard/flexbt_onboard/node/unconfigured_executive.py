@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import uuid
 
-from flexbt_common.lifecycle.managed_node import unconfigured
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.lifecycle import unconfigured
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.commands.command_table import CommandTable
 from flexbt_onboard.link.operator_link import OperatorLink

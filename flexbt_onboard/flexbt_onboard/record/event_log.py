@@ -40,10 +40,10 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
-from flexbt_common.cli.user_files import home_path
+from flexbt_common.cli import home_path
 
 if TYPE_CHECKING:
-    from flexbt_common.runtime.ros_clock import RosClock
+    from flexbt_common.runtime import RosClock
 
 RECORD_SIZE: Final = 10_000_000
 """Bytes of a file before the next one is begun."""

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from flexbt_common.cli.streams import abandon_stdout, make_streams_safe
-from flexbt_common.cli.user_files import USER_DIRECTORY, home_path
+from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe
 from flexbt_core.values import one_line
 
 from .event_log import rotated

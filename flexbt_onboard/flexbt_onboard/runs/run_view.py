@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from builtin_interfaces.msg import Time
 
-from flexbt_common.runtime.ros_clock import RosClock
+from flexbt_common.runtime import RosClock
 from flexbt_core.state_machine import HeldBack, LeafRun, MachineRun, is_inside
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import ActiveState, PendingDecision

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ActionLinks, ServiceLinks
+from flexbt_common.runtime import NodeRuntime
 
 if TYPE_CHECKING:
     from flexbt_core.state_machine import EventState

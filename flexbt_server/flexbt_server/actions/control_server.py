@@ -9,8 +9,8 @@ from typing import Any, Final
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import TickCommand
 from flexbt_msgs.srv import ControlTree
 from flexbt_server.errors import UnknownRunError

@@ -7,11 +7,10 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from flexbt_common.calls.goal_admission import GoalGate
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import Encoding
+from flexbt_common import names
+from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import BlackboardError
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtGetData, BtSetData
@@ -22,12 +21,12 @@ class DataServers:
     """Serves BtGetData and BtSetData. ``on_write(blackboard)`` is told when entries were written."""
 
     def __init__(
-        self, runtime: NodeRuntime, boards: Blackboards, on_write: Callable[[str], None], gate: GoalGate
+        self, runtime: NodeRuntime, boards: Blackboards, on_write: Callable[[str], None], admission: GoalAdmission
     ) -> None:
         self._boards = boards
         self._on_write = on_write
         servers = [
-            GoalServer(runtime, action, name, gate.before(serve, functools.partial(_refused, action)))
+            GoalServer(runtime, action, name, admission.guard(serve, functools.partial(_refused, action)))
             for action, name, serve in (
                 (BtGetData, names.BT_GET_DATA, self._get),
                 (BtSetData, names.BT_SET_DATA, self._set),

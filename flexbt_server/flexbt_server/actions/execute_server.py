@@ -12,10 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from flexbt_common.calls.goal_admission import GoalGate
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Blackboard, TreeKey, TreeLibrary
 from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
@@ -99,7 +98,7 @@ class ExecuteServer:
         boards: Blackboards,
         services: LeafServices,
         reader: ThreadPoolExecutor,
-        gate: GoalGate,
+        admission: GoalAdmission,
         watchers: Sequence[RunWatcher] = (),
     ) -> None:
         self._runtime = runtime
@@ -116,7 +115,7 @@ class ExecuteServer:
         self._owners = GoalOwners(runtime)
         self._no_goals = threading.Event()
         self._no_goals.set()
-        serve = gate.before(self._serve, lambda why: Result(code=Result.ERROR, message=why))
+        serve = admission.guard(self._serve, lambda why: Result(code=Result.ERROR, message=why))
         server = GoalServer(runtime, BtExecute, names.BT_EXECUTOR, serve, self._on_cancel)
         runtime.on_close(lambda: runtime.call(server.close))
 

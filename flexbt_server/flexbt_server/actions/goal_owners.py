@@ -8,9 +8,9 @@ from typing import Final
 
 from rclpy.action.server import RCLError
 
-from flexbt_common.liveness.liveliness import LivelinessWatch
-from flexbt_common.runtime.names import alive_topic
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.liveness import LivelinessWatch
+from flexbt_common.names import alive_topic
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
 
 OWNER_SECONDS: Final = 5.0

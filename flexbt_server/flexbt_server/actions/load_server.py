@@ -5,10 +5,9 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from flexbt_common.calls.goal_admission import GoalGate
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
@@ -23,12 +22,16 @@ ERRORS_SHOWN = 20
 class LoadServer:
     """Serves BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
 
-    def __init__(self, runtime: NodeRuntime, store: TreeStore, reader: ThreadPoolExecutor, gate: GoalGate) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, store: TreeStore, reader: ThreadPoolExecutor, admission: GoalAdmission
+    ) -> None:
         self._runtime = runtime
         self._store = store
         self._reader = reader
         # A goal that is to be canceled ends at the next file.
-        serve = gate.before(self._serve, lambda why: Result(code=Result.FAILURE, message=f'nothing was loaded: {why}'))
+        serve = admission.guard(
+            self._serve, lambda why: Result(code=Result.FAILURE, message=f'nothing was loaded: {why}')
+        )
         server = GoalServer(runtime, BtLoad, names.BT_LOADER, serve, on_cancel=lambda goal: None)
         runtime.on_close(lambda: runtime.call(server.close))
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from builtin_interfaces.msg import Duration
 
-from flexbt_common.values.entries import Encoding
+from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute

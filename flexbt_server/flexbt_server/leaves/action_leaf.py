@@ -16,7 +16,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
-from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_core.behavior_tree import (
     NodeConfig,
     NodeStatus,

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from flexbt_common.calls.action_call import GoalOutcome
-from flexbt_common.runtime import names
-from flexbt_common.values.entries import Encoding
+from flexbt_common import names
+from flexbt_common.calls import GoalOutcome
+from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import BlackboardError, NodeStatus, inout_port, input_port, output_port
 from flexbt_core.behavior_tree.model.port_types import KEYS, STRING, UNSIGNED, separated
 from flexbt_core.errors import FlexbtError

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ActionLinks, ServiceLinks
+from flexbt_common.runtime import NodeRuntime
 
 from .topic_cache import TopicCaches
 from .trigger_services import TriggerServices

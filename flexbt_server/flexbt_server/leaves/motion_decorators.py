@@ -9,7 +9,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
-from flexbt_common.runtime import names
+from flexbt_common import names
 from flexbt_core.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
 

@@ -14,8 +14,8 @@ from geometry_msgs.msg import Point, PoseStamped
 from nav2_msgs import action
 from nav_msgs.msg import Path
 
-from flexbt_common.calls.action_call import GoalOutcome
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import GoalOutcome
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model.port_types import BOOL, DOUBLE, STRING
 from flexbt_server.trees.blackboards import RECOVERIES_KEY

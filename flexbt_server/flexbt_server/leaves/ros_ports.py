@@ -14,7 +14,7 @@ from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_common.values.entries import message_type_name, text_to_value
+from flexbt_common.values import message_type_name, text_to_value
 from flexbt_core.behavior_tree import ConversionError, PortType
 from flexbt_core.errors import FlexbtError
 

@@ -11,8 +11,8 @@ from action_msgs.srv import CancelGoal
 from nav2_msgs import srv
 from nav_msgs.msg import Path
 
-from flexbt_common.calls.service_call import ServiceCall
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.calls import ServiceCall
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
 from flexbt_core.behavior_tree.model.errors import PortError
 from flexbt_core.behavior_tree.model.port_types import STRING, UNSIGNED

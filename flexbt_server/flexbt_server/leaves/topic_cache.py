@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import TreeContext
 
 

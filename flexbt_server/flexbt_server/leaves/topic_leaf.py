@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from flexbt_common.runtime import names
+from flexbt_common import names
 from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, Port, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model.port_types import STRING
 

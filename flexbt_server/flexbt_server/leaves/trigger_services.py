@@ -9,7 +9,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 
 Handler = Callable[[], bool]
 

@@ -10,13 +10,11 @@ from __future__ import annotations
 import sys
 from concurrent.futures import ThreadPoolExecutor, wait
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.goal_admission import GoalGate
-from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, run_managed_node
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, GoalAdmission, ServiceLinks
+from flexbt_common.lifecycle import SHUTTING_DOWN, run_managed_node
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import JsonTypes
 from flexbt_core.behavior_tree.observers.status_observer import prepare
 from flexbt_msgs.msg import BtLoadReport
@@ -73,15 +71,15 @@ class BtServer:
         )
         reader = self._reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
-        gate = self._gate = GoalGate('the BT server', refusal)
+        admission = self._admission = GoalAdmission('the BT server', refusal)
 
         watchers = self._watchers(runtime, parameters, RosJsonTypes(registry.json_types))
         self.execute = runtime.call(
-            lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, gate, watchers)
+            lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, admission, watchers)
         )
         self.control = runtime.call(lambda: ControlServer(runtime, self.execute.find_run))
-        self.load = runtime.call(lambda: LoadServer(runtime, store, reader, gate))
-        self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake, gate))
+        self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
+        self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake, admission))
         self.alive = LivelinessToken(runtime)
         runtime.on_close(lambda: self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS))
         self._log = logger.info
@@ -89,7 +87,7 @@ class BtServer:
 
     def activate(self) -> None:
         """Let goals in."""
-        self._gate.open()
+        self._admission.open()
         self._log('active')
 
     def deactivate(self, why: str, refusal: str, within: float) -> None:
@@ -109,7 +107,7 @@ class BtServer:
         self._log(f'the BT server {refusal}')
 
     def _stop(self, why: str, refusal: str, within: float) -> bool:
-        self._gate.close(refusal)
+        self._admission.close(refusal)
         return self.execute.stop_all(f'the BT server {why}', within)
 
     def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from flexbt_common.cli.user_files import home_path
-from flexbt_common.lifecycle import parameters
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.cli import home_path
+from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS, Dialect
 from flexbt_core.behavior_tree.xml.parser import MAX_BYTES, MAX_DEPTH
 from flexbt_server.errors import ServerParameterError
@@ -53,71 +52,61 @@ class ServerParameters:
 
 def declare_parameters(node: Node) -> ServerParameters:
     """Declare the parameters on ``node`` and read them;
-    see :mod:`flexbt_common.lifecycle.parameters` for when they can be set.
+    see :mod:`flexbt_common.runtime.parameters` for when they can be set.
 
     Raises:
         ServerParameterError, UnfitParameterError: a value that cannot work.
     """
 
-    def declare(name: str, default: Any, description: str, **limits: Any) -> Any:
-        return parameters.declare(node, name, default, ParameterDescriptor(description=description, **limits))
-
-    def real(name: str, default: float, least: float, most: float, description: str) -> float:
-        limits = [FloatingPointRange(from_value=least, to_value=most)]
-        return float(declare(name, default, description, floating_point_range=limits))
-
-    def integer(name: str, default: int, least: int, most: int, description: str) -> int:
-        limits = [IntegerRange(from_value=least, to_value=most, step=1)]
-        return int(declare(name, default, description, integer_range=limits))
-
-    def strings(name: str, default: tuple[str, ...], description: str) -> tuple[str, ...]:
-        # An empty array has no type in ROS 2, so [''] stands for it.
-        return tuple(text for text in declare(name, list(default) or [''], description) if text)
-
+    declare = ParameterDeclarer(node)
     directories = tuple(
         Path(text).expanduser()
-        for text in strings(
+        for text in declare.texts(
             'allowed_directories', (), 'directories, beside the package shares, that may hold XML files'
         )
     )
     for directory in directories:
         if not directory.is_absolute():
             raise ServerParameterError(f"parameter 'allowed_directories': {directory} is not an absolute path")
-    written = str(declare('nav2_dialect', 'jazzy', f'branch of Nav2 whose trees are run: {", ".join(DIALECTS)}'))
+    written = declare.text('nav2_dialect', 'jazzy', f'branch of Nav2 whose trees are run: {", ".join(DIALECTS)}')
     dialect = next((known for known in DIALECTS if known == written), None)
     if dialect is None:
         raise ServerParameterError(f"parameter 'nav2_dialect': {written!r} is not one of {', '.join(DIALECTS)}")
-    written = str(declare('btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty'))
+    written = declare.text('btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty')
     btlog_directory = home_path(written) if written else None
     if btlog_directory is not None and not btlog_directory.is_absolute():
         raise ServerParameterError(f"parameter 'btlog_directory': {btlog_directory} is not an absolute path")
     return ServerParameters(
-        default_tree=str(declare('default_tree', '', 'tree of a goal that names none: ID or package/path.xml')),
-        preload=strings('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
+        default_tree=declare.text('default_tree', '', 'tree of a goal that names none: ID or package/path.xml'),
+        preload=declare.texts('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
         allowed_directories=directories,
         nav2_dialect=dialect,
-        tick_rate=real(
+        tick_rate=declare.real(
             'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'
         ),
-        feedback_rate=real('feedback_rate', 5.0, 0.1, 100.0, 'rate of the feedback of a running tree, Hz of wall time'),
-        server_timeout=real(
+        feedback_rate=declare.real(
+            'feedback_rate', 5.0, 0.1, 100.0, 'rate of the feedback of a running tree, Hz of wall time'
+        ),
+        server_timeout=declare.real(
             'server_timeout', 1.0, 0.01, 60.0, 'wait for a server and for its acceptance, s of wall time'
         ),
-        cancel_timeout=real('cancel_timeout', 2.0, 0.01, 60.0, 'wait for halted leaves to be at rest, s of wall time'),
-        pose_topic=str(declare('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped")),
-        error_code_names=strings(
+        cancel_timeout=declare.real(
+            'cancel_timeout', 2.0, 0.01, 60.0, 'wait for halted leaves to be at rest, s of wall time'
+        ),
+        pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
+        error_code_names=declare.texts(
             'error_code_names', DEFAULT_ERROR_CODE_NAMES, 'blackboard keys whose error codes go into the result'
         ),
-        max_file_size=integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
-        max_depth=integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
-        groot2_port=integer(
+        max_file_size=declare.integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
+        max_depth=declare.integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
+        groot2_port=declare.integer(
             'groot2_port', 0, 0, 65534, 'port where Groot2 finds running trees (it asks at 1667), and the next; 0: off'
         ),
-        groot2_address=str(declare('groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all')),
-        groot2_tree=str(declare('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one')),
+        groot2_address=declare.text('groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all'),
+        groot2_tree=declare.text('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one'),
         btlog_directory=btlog_directory,
-        btlog_keep=integer('btlog_keep', 100, 1, 1_000_000, 'newest log files that are kept in that directory'),
-        publish_statuses=bool(
-            declare('publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published')
+        btlog_keep=declare.integer('btlog_keep', 100, 1, 1_000_000, 'newest log files that are kept in that directory'),
+        publish_statuses=declare.flag(
+            'publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published'
         ),
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import JsonTypes, Tree
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.mark_log import MarkLog

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.log_file import SUFFIX, LogWriter

@@ -22,8 +22,8 @@ from typing import Any, Final
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.time import Time
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
 from flexbt_core.clock import Clock, Timer
 from flexbt_msgs import msg

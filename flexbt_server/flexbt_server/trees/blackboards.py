@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from flexbt_common.errors import UnknownTypeError
-from flexbt_common.values.entries import Encoding, from_entry, resolve_type, to_entry
+from flexbt_common.values import Encoding, from_entry, resolve_type, to_entry
 from flexbt_core.behavior_tree import Blackboard, BlackboardError, PortType
 from flexbt_core.behavior_tree.model import port_types
 from flexbt_core.errors import FlexbtError

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.runtime.resources import resolve_file
+from flexbt_common.runtime import resolve_file
 
 Stamp = tuple[int, int, int]
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_common.calls.goal_server import ServedGoal
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError
 
 

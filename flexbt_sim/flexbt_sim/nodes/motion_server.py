@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_sim.navigation.motions import STOP, Motion
 from flexbt_sim.navigation.path_follower import PathFollower

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from rclpy.node import Node
 
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.runtime import ParameterDeclarer
 from flexbt_sim.navigation.costmap import Inflation
 from flexbt_sim.navigation.path_follower import FollowerLimits
-
-from .parameters import ParameterDeclarer
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ def declare_parameters(node: Node) -> NavigationParameters:
     """Declare the parameters on ``node`` and read them.
 
     Raises:
-        SimulationError: a value that cannot work.
+        UnfitParameterError: a value that cannot work.
     """
     declare = ParameterDeclarer(node)
     inflation, follower = Inflation(), FollowerLimits()

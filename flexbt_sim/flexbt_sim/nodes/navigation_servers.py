@@ -15,9 +15,9 @@ from typing import Any
 from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
-from flexbt_common.liveness.liveliness import LivelinessToken, LivelinessWatch
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common import names
+from flexbt_common.liveness import LivelinessToken, LivelinessWatch
+from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation.motions import DriveMotion, SpinMotion
 from flexbt_sim.navigation.path_follower import PathFollower, ProgressChecker

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
 from nav_msgs.msg import Path
 
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation.costmap import Costmap
 from flexbt_sim.navigation.planner import GridPlanner

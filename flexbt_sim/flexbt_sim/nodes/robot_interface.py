@@ -10,8 +10,8 @@ from typing import Any, Final
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError, SimulationError
 from flexbt_sim.navigation.costmap import Costmap
 from flexbt_sim.navigation.motions import Velocity

@@ -23,9 +23,9 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from flexbt_common.liveness.liveliness import LivelinessToken
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common import names
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.geometry import Pose
 from flexbt_sim.world.lidar import Lidar

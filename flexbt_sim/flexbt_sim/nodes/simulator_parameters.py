@@ -9,13 +9,12 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
-from flexbt_common.runtime import names
+from flexbt_common import names
+from flexbt_common.runtime import ParameterDeclarer
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.geometry import Pose
 from flexbt_sim.world.lidar import LidarModel
 from flexbt_sim.world.robot import RobotLimits
-
-from .parameters import ParameterDeclarer
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ def declare_parameters(node: Node) -> SimulatorParameters:
     """Declare the parameters on ``node`` and read them. ``speed_factor`` alone can be changed later.
 
     Raises:
-        SimulationError: a value that cannot work.
+        SimulationError, UnfitParameterError: a value that cannot work.
     """
     declare = ParameterDeclarer(node)
     factor = 'seconds of the simulated world per second; 0 for as fast as whoever drives the robot keeps up'
@@ -61,7 +60,7 @@ def declare_parameters(node: Node) -> SimulatorParameters:
     if len(pose) != 3:
         raise SimulationError(f"parameter 'initial_pose': expected [x, y, yaw], got {pose}")
     lidar = LidarModel(
-        beams=declare.whole('scan_beams', lidar.beams, 1, 100_000, 'beams of the lidar'),
+        beams=declare.integer('scan_beams', lidar.beams, 1, 100_000, 'beams of the lidar'),
         range_min=declare.real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),
         range_max=declare.real('scan_range_max', lidar.range_max, 0.1, 100.0, 'm'),
         noise=declare.real('scan_noise', lidar.noise, 0.0, 1.0, 'standard deviation of a range, m'),
@@ -75,7 +74,7 @@ def declare_parameters(node: Node) -> SimulatorParameters:
             declare.text('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()
         ),
         initial_pose=Pose(*pose),
-        seed=declare.whole('seed', 0, 0, 2**63 - 1, 'seed of all random numbers'),
+        seed=declare.integer('seed', 0, 0, 2**63 - 1, 'seed of all random numbers'),
         limits=RobotLimits(
             linear_speed=declare.real('linear_speed', limits.linear_speed, 0.01, 10.0, 'greatest speed, m/s'),
             angular_speed=declare.real(

@@ -9,9 +9,9 @@ from typing import Final
 
 from nav2_msgs.action import Wait
 
-from flexbt_common.calls.goal_server import GoalServer, ServedGoal
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, finish

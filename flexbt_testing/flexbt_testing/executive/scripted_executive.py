@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import from_entry
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import from_entry
 from flexbt_msgs.msg import (
     ActiveState,
     BehaviorList,

@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from rclpy.serialization import serialize_message
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands.requests import Requests
 from flexbt_console.link import messages
 from flexbt_console.link.operator_link import OperatorLink

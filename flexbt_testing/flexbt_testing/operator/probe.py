@@ -12,10 +12,10 @@ from typing import Any, Final, TypeVar
 
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import to_entry
+from flexbt_common import names
+from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 
 T = TypeVar('T')

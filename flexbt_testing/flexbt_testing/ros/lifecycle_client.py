@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 
-from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.runtime import NodeRuntime
 
 T = TypeVar('T')
 

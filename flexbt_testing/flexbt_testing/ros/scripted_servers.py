@@ -12,8 +12,8 @@ from nav2_msgs.action import Wait
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
-from flexbt_common.runtime.names import deep_action_services
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.names import deep_action_services
+from flexbt_common.runtime import NodeRuntime, run_node
 
 
 class ScriptedServer:

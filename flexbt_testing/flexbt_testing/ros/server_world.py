@@ -24,11 +24,10 @@ from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.entries import Encoding, to_entry
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, SentGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_server.node.bt_server import BtServer
 from flexbt_testing.waiting import wait_until

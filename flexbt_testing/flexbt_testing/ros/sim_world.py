@@ -26,11 +26,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 
-from flexbt_common.calls.action_call import ActionLinks, GoalStatus
-from flexbt_common.calls.sent_goal import SentGoal
-from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.nodes.navigation_servers import Navigation
 from flexbt_sim.nodes.ros_messages import pose_of
 from flexbt_sim.nodes.simulator import Simulator

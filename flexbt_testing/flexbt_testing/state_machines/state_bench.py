@@ -10,10 +10,9 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
 
-from flexbt_common.calls.action_call import ActionLinks
-from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, ServiceLinks
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, MachineRun, OperatableStateMachine
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest

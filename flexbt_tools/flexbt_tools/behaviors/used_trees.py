@@ -7,7 +7,7 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from flexbt_common.runtime.resources import resolve_file
+from flexbt_common.runtime import resolve_file
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.state_machine import MachineDefinition, StateDefinition

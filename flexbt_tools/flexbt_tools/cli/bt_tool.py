@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Final, Protocol
 
-from flexbt_common.cli.streams import abandon_stdout, make_streams_safe
+from flexbt_common.cli import abandon_stdout, make_streams_safe
 from flexbt_core.values import lines
 from flexbt_tools.errors import DeskError, ExitCode
 from flexbt_tools.mock_runs import run

@@ -103,7 +103,7 @@ def _include(path: str, package: str | None, including: str) -> tuple[str, bytes
 
 def _resource(name: str) -> Path:
     try:
-        from flexbt_common.runtime.resources import resolve_file
+        from flexbt_common.runtime import resolve_file
     except ImportError as error:
         raise OSError(f'packages are found by ROS, which is not here: {error}') from error
     try:

@@ -9,8 +9,7 @@ from importlib.metadata import distributions
 
 import pytest
 
-from flexbt_common.runtime import fastdds_shutdown as participant_end
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, fastdds_shutdown
 
 WHEEL = list(distributions(name='ros-fastrtps'))
 GET_LISTENER = '_ZNK8eprosima7fastdds3dds17DomainParticipant12get_listenerEv'
@@ -20,7 +19,7 @@ GET_LISTENER = '_ZNK8eprosima7fastdds3dds17DomainParticipant12get_listenerEv'
 def test_the_listener_of_a_participant_is_taken_off_before_it_is_destroyed(monkeypatch: pytest.MonkeyPatch) -> None:
     listeners = []
     with NodeRuntime.open('ending') as runtime:
-        participant = participant_end.participant_of(runtime.node)
+        participant = fastdds_shutdown.participant_of(runtime.node)
         assert participant is not None
         get_listener = ctypes.CDLL('libfastrtps.so.2.14', mode=os.RTLD_NOLOAD)[GET_LISTENER]
         get_listener.argtypes, get_listener.restype = [ctypes.c_void_p], ctypes.c_void_p

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters that a node reads once: when it starts or, if it is a managed node, each time when it is configured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
+from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from flexbt_common.errors import UnfitParameterError
+
+READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
+"""Said by the descriptors of the parameters of managed nodes."""
+
+
+class ParameterDeclarer:
+    """Declares parameters on a node, unless that was done, and gives their values; each with a description and bounds.
+
+    A parameter is read-only, unless said otherwise, except on a managed node, where :func:`refuse_while_configured`
+    decides.
+
+    Every method raises UnfitParameterError where there is no value that the type and the bounds allow.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+
+    def real(
+        self, name: str, default: float, least: float, most: float, description: str, read_only: bool = True
+    ) -> float:
+        """A number within bounds, both included."""
+        bounds = [FloatingPointRange(from_value=least, to_value=most)]
+        return float(self._declare(name, default, description, read_only, floating_point_range=bounds))
+
+    def integer(self, name: str, default: int, least: int, most: int, description: str) -> int:
+        """A whole number within bounds, both included."""
+        bounds = [IntegerRange(from_value=least, to_value=most, step=1)]
+        return int(self._declare(name, default, description, integer_range=bounds))
+
+    def reals(self, name: str, default: Sequence[float], description: str) -> list[float]:
+        """Any number of numbers."""
+        return [float(value) for value in self._declare(name, list(default), description)]
+
+    def text(self, name: str, default: str, description: str) -> str:
+        """A string."""
+        return str(self._declare(name, default, description))
+
+    def texts(self, name: str, default: Sequence[str], description: str) -> tuple[str, ...]:
+        """Strings. Empty ones are left out: an empty array has no type in ROS 2, so [''] stands for it."""
+        return tuple(text for text in self._declare(name, list(default) or [''], description) if text)
+
+    def flag(self, name: str, default: bool, description: str) -> bool:
+        """True or false."""
+        return bool(self._declare(name, default, description))
+
+    def _declare(self, name: str, default: Any, description: str, read_only: bool = True, **bounds: Any) -> Any:
+        descriptor = ParameterDescriptor(description=description, read_only=read_only, **bounds)
+        try:
+            if not self._node.has_parameter(name):
+                _declare(self._node, name, default, descriptor)
+            return self._node.get_parameter(name).value
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            reason = str(error).removesuffix(f': {name}')  # the text ends with the name once more
+            raise UnfitParameterError(name, f'{reason}; {description}; the default is {default!r}') from None
+        except ParameterUninitializedException:
+            raise UnfitParameterError(name, f'its value was refused, set another one; {description}') from None
+
+
+def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> None:
+    is_managed = isinstance(node, LifecycleNode)
+    if is_managed:
+        descriptor.read_only = False
+        descriptor.additional_constraints = READ_WHEN_CONFIGURED
+    try:
+        node.declare_parameter(name, default, descriptor)
+    except (InvalidParameterTypeException, InvalidParameterValueException):
+        if is_managed:  # it has no value now, but can get one
+            type = Parameter(name, value=default).type_
+            node.declare_parameter(name, type, descriptor, ignore_override=True)
+        raise
+
+
+def refuse_while_configured(node: LifecycleNode, parameters: list[Parameter], state: str) -> SetParametersResult:
+    """Whether these parameters can be set while the node is in ``state``: a callback for setting parameters."""
+    for parameter in parameters:
+        if state != 'unconfigured' and node.has_parameter(parameter.name):
+            descriptor = node.describe_parameter(parameter.name)
+            if descriptor.additional_constraints == READ_WHEN_CONFIGURED:
+                return SetParametersResult(
+                    successful=False,
+                    reason=f'{parameter.name} is {READ_WHEN_CONFIGURED}; it is {state}',
+                )
+    return SetParametersResult(successful=True)
