@@ -17,11 +17,10 @@ OUTCOME_TIMEOUT_S = 120
 
 
 def files_of_package(text: str) -> dict[str, str]:
-    """The files that the section shows: each fenced block after a paragraph that begins with a name in backquotes."""
-    section = text[: text.index('## Build and run it')]
+    """The files that the page shows: each fenced block after a paragraph that begins with a name in backquotes."""
     files: dict[str, str] = {}
     name = ''
-    lines = iter(section.splitlines())
+    lines = iter(text.splitlines())
     for line in lines:
         begun = re.match(r'`([\w./]+\.\w+)`', line)
         if begun:
@@ -33,10 +32,9 @@ def files_of_package(text: str) -> dict[str, str]:
 
 
 def commands(text: str) -> list[str]:
-    """The shell commands of the section on building and running."""
-    section = text[text.index('## Build and run it') :]
-    begin = section.index(f'{FENCE}sh') + len(f'{FENCE}sh')
-    return [line for line in section[begin : section.index(FENCE, begin)].splitlines() if line.strip()]
+    """The shell commands of the page, in their order."""
+    blocks = re.findall(rf'^{FENCE}sh\n(.*?)^{FENCE}$', text, re.MULTILINE | re.DOTALL)
+    return [line for block in blocks for line in block.splitlines() if line.strip()]
 
 
 @pytest.fixture
@@ -69,7 +67,7 @@ def test_the_package_of_the_tutorial_builds_and_runs_an_errand(workspace: Path) 
     script = ["trap 'kill $(jobs -p)' EXIT", *rest]
     assert script[-1].startswith('console watch')
     script[-1] = f'console watch --json --timeout {OUTCOME_TIMEOUT_S}'
-    programs = ('flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_console')
+    programs = ('flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_console', 'flexbt_tools')
     path = [f'{get_package_prefix(name)}/lib/{name}' for name in programs]
     process = subprocess.Popen(
         ['bash', '-e', '-c', '\n'.join(script)],
