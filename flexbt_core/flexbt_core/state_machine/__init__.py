@@ -2,41 +2,82 @@
 """The hierarchical state machine: a pure core, without ROS.
 
 Time is a clock object and waking up a callback, so that it runs in milliseconds and deterministically on a manual
-clock. What a user needs is exported here.
+clock. What a user needs is exported here. ::
+
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('Wait', WaitState(2.0), transitions={'done': 'finished'})
+    run = MachineRun(define(machine), clock, observer, on_wake=wake_event.set)
+    run.start()
+    while run.step():
+        wake_event.wait(clock, run.next_wake)
 """
 
-from .authoring.define import define
-from .authoring.machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
-from .authoring.wrappers import StateWrapper, with_retry, with_timeout
-from .authoring.yaml_form import read_machine
-from .checks.data_flow import Race, Read, races, unsure_reads
-from .engine.command_queue import Answer
-from .engine.leaf import CallbackOnThread, LeafRun, callback_on
-from .engine.observer import LoggingObserver, RunObserver
-from .engine.region import HeldBack
-from .engine.run import MAX_TRANSITIONS, MachineRun
-from .model.autonomy import AUTONOMY_NAMES, Autonomy
-from .model.decision import Decision, DecisionKind
-from .model.definition import (
+from .authoring import (
+    ConcurrencyContainer,
+    OperatableStateMachine,
+    PriorityContainer,
+    StateWrapper,
+    define,
+    read_machine,
+    with_retry,
+    with_timeout,
+)
+from .checks import (
+    Race,
+    Read,
+    races,
+    unsure_reads,
+)
+from .engine import (
+    MAX_TRANSITIONS,
+    Answer,
+    CallbackOnThread,
+    HeldBack,
+    LeafRun,
+    LoggingObserver,
+    MachineRun,
+    RunObserver,
+    callback_on,
+)
+from .model import (
+    AUTONOMY_NAMES,
+    DEFAULT_RATE,
     ERROR,
+    EXIT_TIMEOUT,
     PREEMPTED,
     ROOT_PATH,
+    Autonomy,
+    Child,
     Condition,
+    Decision,
+    DecisionKind,
+    DefaultUserData,
+    EventState,
+    ExitReason,
+    Machine,
     MachineDefinition,
+    MachineError,
+    Severity,
     StateDefinition,
+    StateError,
+    StateHost,
     StateKind,
+    StateMachineError,
     StructureEntry,
     Transition,
+    UserData,
+    UserDataError,
+    called_state,
     is_inside,
 )
-from .model.errors import MachineError, StateError, StateMachineError, UserDataError
-from .model.event_state import DEFAULT_RATE, EXIT_TIMEOUT, EventState, ExitReason, called_state
-from .model.machine import Child, Machine
-from .model.state_host import Severity, StateHost
-from .model.userdata import DefaultUserData, UserData
-from .resume.position import Position
-from .resume.restoring import position_of, reasons_against, start_at
-from .resume.switching import switch_machine
+from .resume import (
+    Position,
+    position_of,
+    reasons_against,
+    start_at,
+    switch_machine,
+)
 
 __all__ = [
     'AUTONOMY_NAMES',

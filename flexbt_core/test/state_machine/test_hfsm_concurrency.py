@@ -16,7 +16,7 @@ from flexbt_core.state_machine import (
     StateKind,
     define,
 )
-from flexbt_core.state_machine.engine.container import ContainerRun
+from flexbt_core.state_machine.engine import ContainerRun
 from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
 
 EITHER_FAILS = [('failed', [('A', 'failed')]), ('failed', [('B', 'failed')])]

@@ -7,19 +7,19 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TypeVar
 
-from flexbt_core.state_machine.checks.data_flow import problems_of_reads
-from flexbt_core.state_machine.checks.machine_check import problems_of
-from flexbt_core.state_machine.model.autonomy import UNDECLARED
-from flexbt_core.state_machine.model.definition import (
+from flexbt_core.state_machine.checks import problems_of, problems_of_reads
+from flexbt_core.state_machine.model import (
     ROOT_PATH,
+    UNDECLARED,
+    Child,
+    Machine,
     MachineDefinition,
+    MachineError,
     StateDefinition,
     StateKind,
     Transition,
     child_path,
 )
-from flexbt_core.state_machine.model.errors import MachineError
-from flexbt_core.state_machine.model.machine import Child, Machine
 
 _Key = TypeVar('_Key')
 _Value = TypeVar('_Value')

@@ -10,10 +10,7 @@ from contextvars import ContextVar
 from types import TracebackType
 from typing import Any
 
-from flexbt_core.state_machine.model.definition import Condition, StateKind
-from flexbt_core.state_machine.model.errors import StateMachineError
-from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.state_machine.model.machine import Child, Machine
+from flexbt_core.state_machine.model import Child, Condition, EventState, Machine, StateKind, StateMachineError
 
 # Which machines are open, innermost last; per thread and task, so that several can be built at the same time.
 _open_machines: ContextVar[tuple[OperatableStateMachine, ...]] = ContextVar('open_machines', default=())

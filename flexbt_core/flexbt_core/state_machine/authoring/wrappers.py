@@ -10,10 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Any, Final
 
-from flexbt_core.state_machine.model.errors import StateError
-from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, EventState, ExitReason
-from flexbt_core.state_machine.model.state_host import StateHost
-from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_core.state_machine.model import EXIT_TIMEOUT, EventState, ExitReason, StateError, StateHost, UserData
 
 TIMEOUT: Final = 'timeout'
 

@@ -33,12 +33,7 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_core.state_machine.model.autonomy import Autonomy
-from flexbt_core.state_machine.model.definition import MachineDefinition
-from flexbt_core.state_machine.model.errors import MachineError
-from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.state_machine.model.machine import Child
-from flexbt_core.state_machine.model.similar_names import hint
+from flexbt_core.state_machine.model import Autonomy, Child, EventState, MachineDefinition, MachineError, hint
 from flexbt_core.values import YamlError, compose_yaml, construct_yaml
 
 from .define import define

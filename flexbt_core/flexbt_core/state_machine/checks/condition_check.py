@@ -6,10 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from flexbt_core.state_machine.model.definition import Condition, StateKind
-from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.state_machine.model.machine import Machine
-from flexbt_core.state_machine.model.similar_names import hint
+from flexbt_core.state_machine.model import Condition, EventState, Machine, StateKind, hint
 
 _SEARCHED: Final = 20_000
 """Combinations of outcomes that are looked at; what is beyond is noticed when it happens."""

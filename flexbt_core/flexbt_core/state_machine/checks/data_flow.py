@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
+from flexbt_core.state_machine.model import MachineDefinition, StateDefinition, StateKind
 
 Node = StateDefinition | MachineDefinition
 Keys = frozenset[str]

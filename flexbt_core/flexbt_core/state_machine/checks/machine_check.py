@@ -6,12 +6,20 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Final
 
-from flexbt_core.state_machine.model.autonomy import UNDECLARED, Autonomy
-from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, ROOT_PATH, StateKind, child_path
-from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.state_machine.model.machine import Child, Machine
-from flexbt_core.state_machine.model.similar_names import hint
-from flexbt_core.state_machine.model.userdata import copied
+from flexbt_core.state_machine.model import (
+    ERROR,
+    PREEMPTED,
+    ROOT_PATH,
+    UNDECLARED,
+    Autonomy,
+    Child,
+    EventState,
+    Machine,
+    StateKind,
+    child_path,
+    copied,
+    hint,
+)
 
 from .condition_check import problems_of_conditions
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateKind, are_apart
-from flexbt_core.state_machine.model.event_state import ExitReason
-from flexbt_core.state_machine.model.userdata import Scope
+from flexbt_core.state_machine.model import ExitReason, MachineDefinition, Scope, StateKind, are_apart
 
 from .engine import Engine
 from .leaf import FAILED, LeafRun

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from flexbt_core.state_machine.model.autonomy import is_autonomous
-from flexbt_core.state_machine.model.definition import ROOT_PATH, MachineDefinition, is_inside
+from flexbt_core.state_machine.model import ROOT_PATH, MachineDefinition, is_autonomous, is_inside
 
 
 class Controls:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from flexbt_core.clock import Clock
-from flexbt_core.state_machine.model.decision import Decision, DecisionKind
+from flexbt_core.state_machine.model import Decision, DecisionKind
 
 from .controls import Controls
 from .halt_wait import HaltWait

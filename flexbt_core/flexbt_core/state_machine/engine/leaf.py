@@ -11,12 +11,17 @@ from enum import Enum
 from types import FrameType
 from typing import Any, Final, Literal, NamedTuple, TypeVar
 
-from flexbt_core.state_machine.model.definition import StateDefinition
-from flexbt_core.state_machine.model.errors import StateError
-from flexbt_core.state_machine.model.event_state import EventState, ExitReason, set_called_state
-from flexbt_core.state_machine.model.state_clock import StateClock
-from flexbt_core.state_machine.model.state_host import Severity
-from flexbt_core.state_machine.model.userdata import Scope, UserData
+from flexbt_core.state_machine.model import (
+    EventState,
+    ExitReason,
+    Scope,
+    Severity,
+    StateClock,
+    StateDefinition,
+    StateError,
+    UserData,
+    set_called_state,
+)
 
 from .engine import Engine
 

@@ -6,8 +6,7 @@ from __future__ import annotations
 import logging
 from typing import Final, Protocol
 
-from flexbt_core.state_machine.model.event_state import ExitReason
-from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model import ExitReason, Severity
 
 _logger = logging.getLogger(__name__)
 

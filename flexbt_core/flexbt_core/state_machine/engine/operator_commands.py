@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Protocol
 
-from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
-from flexbt_core.state_machine.model.decision import Decision
-from flexbt_core.state_machine.model.definition import ROOT_PATH
+from flexbt_core.state_machine.model import AUTONOMY_NAMES, ROOT_PATH, Decision
 
 from .engine import Engine
 from .leaf import LeafRun

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from flexbt_core.state_machine.model.definition import are_apart, is_inside
+from flexbt_core.state_machine.model import are_apart, is_inside
 
 
 class Pausing:

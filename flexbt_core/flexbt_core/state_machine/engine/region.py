@@ -14,11 +14,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
-from flexbt_core.state_machine.model.autonomy import UNDECLARED
-from flexbt_core.state_machine.model.decision import Decision, DecisionKind
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
-from flexbt_core.state_machine.model.event_state import ExitReason
-from flexbt_core.state_machine.model.userdata import Scope
+from flexbt_core.state_machine.model import (
+    UNDECLARED,
+    Decision,
+    DecisionKind,
+    ExitReason,
+    MachineDefinition,
+    Scope,
+    StateDefinition,
+)
 
 from .engine import Engine
 

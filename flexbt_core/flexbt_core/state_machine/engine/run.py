@@ -15,12 +15,21 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_core.clock import Clock
-from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy
-from flexbt_core.state_machine.model.decision import Decision, DecisionKind
-from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, is_inside
-from flexbt_core.state_machine.model.errors import StateMachineError
-from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason
-from flexbt_core.state_machine.model.userdata import Scope
+from flexbt_core.state_machine.model import (
+    AUTONOMY_NAMES,
+    ERROR,
+    EXIT_TIMEOUT,
+    PREEMPTED,
+    ROOT_PATH,
+    Autonomy,
+    Decision,
+    DecisionKind,
+    ExitReason,
+    MachineDefinition,
+    Scope,
+    StateMachineError,
+    is_inside,
+)
 
 from . import operator_commands as commands
 from .command_queue import Answer, CommandQueue

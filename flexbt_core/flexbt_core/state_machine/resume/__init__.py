@@ -1,2 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Positions of a run, restoring and switching."""
+"""Going on where another run was, or with another machine."""
+
+from .position import Position
+from .restoring import position_of, reasons_against, start_at
+from .switching import switch_machine
+
+__all__ = [
+    'Position',
+    'position_of',
+    'reasons_against',
+    'start_at',
+    'switch_machine',
+]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from flexbt_core.state_machine.model.errors import StateMachineError
+from flexbt_core.state_machine.model import StateMachineError
 
 
 @dataclass(frozen=True)

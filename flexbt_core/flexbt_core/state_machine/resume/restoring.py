@@ -6,14 +6,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from flexbt_core.state_machine.engine.container import ContainerRun
-from flexbt_core.state_machine.engine.leaf import LeafRun
-from flexbt_core.state_machine.engine.region import Node, Region
-from flexbt_core.state_machine.engine.run import MachineRun
-from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
-from flexbt_core.state_machine.model.errors import StateMachineError
-from flexbt_core.state_machine.model.userdata import Scope
+from flexbt_core.state_machine.engine import ContainerRun, LeafRun, MachineRun, Node, Region
+from flexbt_core.state_machine.model import (
+    AUTONOMY_NAMES,
+    MachineDefinition,
+    Scope,
+    StateDefinition,
+    StateKind,
+    StateMachineError,
+)
 
 from .position import Position
 

@@ -11,11 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from flexbt_core.state_machine.engine.command_queue import Answer
-from flexbt_core.state_machine.engine.container import ContainerRun
-from flexbt_core.state_machine.engine.leaf import LeafRun
-from flexbt_core.state_machine.engine.run import MachineRun
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
+from flexbt_core.state_machine.engine import Answer, ContainerRun, LeafRun, MachineRun
+from flexbt_core.state_machine.model import MachineDefinition, StateDefinition
 
 from .position import Position
 from .restoring import position_of, reasons_against, restore
