@@ -5,8 +5,8 @@ import os
 import re
 from pathlib import Path
 
-from flexbt_common.runtime import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.operator.probe import Probe
 from flexbt_testing.processes.stack import Stack
