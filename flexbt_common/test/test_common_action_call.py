@@ -14,12 +14,13 @@ from typing import Any
 
 import pytest
 from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Duration
 from nav2_msgs.action import Spin, Wait
-from rclpy.action import ActionServer
+from rclpy.action import ActionServer, CancelResponse
 
 from flexbt_common.calls import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.ros.scripted_servers import ScriptedServer
+from flexbt_testing.ros.scripted_action_server import ScriptedActionServer
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 20.0
@@ -50,9 +51,9 @@ def client() -> Iterator[NodeRuntime]:
 
 
 @pytest.fixture
-def server() -> Iterator[ScriptedServer]:
+def server() -> Iterator[ScriptedActionServer]:
     with NodeRuntime.open('server') as runtime:
-        yield ScriptedServer(runtime)
+        yield ScriptedActionServer(runtime, Wait, 'wait')
 
 
 @pytest.fixture
@@ -65,7 +66,7 @@ def call(link: ActionServerLink, done: Done, **options: Any) -> ActionCall:
     return ActionCall(link, Wait.Goal(), on_done=done, **timeouts | options)
 
 
-def test_a_goal_succeeds(link: ActionServerLink, server: ScriptedServer, client: NodeRuntime) -> None:
+def test_a_goal_succeeds(link: ActionServerLink, server: ScriptedActionServer, client: NodeRuntime) -> None:
     done, feedback, accepted, threads = Done(), threading.Event(), threading.Event(), []
 
     def on_feedback(message: Any) -> None:
@@ -75,9 +76,9 @@ def test_a_goal_succeeds(link: ActionServerLink, server: ScriptedServer, client:
 
     one = call(link, done, on_feedback=on_feedback, on_accepted=accepted.set)
     assert accepted.wait(DEADLINE)
-    server.wait_until(lambda: len(server.goals) == 1)
+    wait_until(lambda: len(server.goals) == 1)
     while not feedback.wait(0.05):
-        server.feedback(0, 3)
+        server.feedback(0, Wait.Feedback(time_left=Duration(sec=3)))
     server.end(0)
     outcome = done.wait()
     assert outcome.status is GoalStatus.SUCCEEDED
@@ -87,17 +88,17 @@ def test_a_goal_succeeds(link: ActionServerLink, server: ScriptedServer, client:
     assert all(threads)
 
 
-def test_an_abort_carries_the_servers_reason(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_an_abort_carries_the_servers_reason(link: ActionServerLink, server: ScriptedActionServer) -> None:
     done = Done()
     call(link, done)
-    server.end(0, 'abort')
+    server.end(0, 'abort', Wait.Result(error_msg='scripted abort'))
     outcome = done.wait()
     assert outcome.status is GoalStatus.ABORTED
     assert 'scripted abort' in outcome.reason
     assert outcome.result is not None and outcome.result.error_msg == 'scripted abort'
 
 
-def test_a_rejected_goal(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_a_rejected_goal(link: ActionServerLink, server: ScriptedActionServer) -> None:
     server.accept = lambda goal: False
     done = Done()
     call(link, done)
@@ -120,22 +121,22 @@ def test_a_server_of_another_type_is_no_server(link: ActionServerLink) -> None:
         assert done.wait().status is GoalStatus.NO_SERVER
 
 
-def test_a_goal_that_cannot_be_serialized_is_a_fault(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_a_goal_that_cannot_be_serialized_is_a_fault(link: ActionServerLink, server: ScriptedActionServer) -> None:
     done = Done()
     ActionCall(link, Spin.Goal(), on_done=done, server_timeout=APPEARS)
     assert done.wait().status is GoalStatus.FAULT
 
 
-def test_cancel(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_cancel(link: ActionServerLink, server: ScriptedActionServer) -> None:
     done, accepted = Done(), threading.Event()
     one = call(link, done, on_accepted=accepted.set)
     assert accepted.wait(DEADLINE)
-    server.wait_until(lambda: len(server.goals) == 1)
+    wait_until(lambda: len(server.goals) == 1)
     one.cancel(timeout=DEADLINE)
     one.cancel(timeout=DEADLINE)
     outcome = done.wait()
     assert outcome.status is GoalStatus.CANCELED
-    assert server.canceled == 1
+    assert server.cancels == 1
 
 
 def test_cancel_before_the_server_appears_sends_nothing(link: ActionServerLink) -> None:
@@ -144,33 +145,35 @@ def test_cancel_before_the_server_appears_sends_nothing(link: ActionServerLink) 
     assert done.wait().status is GoalStatus.CANCELED
 
 
-def test_cancel_before_acceptance_is_sent_on_acceptance(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_cancel_before_acceptance_is_sent_on_acceptance(link: ActionServerLink, server: ScriptedActionServer) -> None:
     wait_until(link.is_ready)
-    server.delay_accept = threading.Event()
+    gate = threading.Event()
+    server.accept = lambda _goal: gate.wait(DEADLINE)
     done = Done()
     one = call(link, done)
     wait_until(lambda: one._sent)
     one.cancel(timeout=DEADLINE)
-    server.delay_accept.set()
+    gate.set()
     assert done.wait().status is GoalStatus.CANCELED
-    server.wait_until(lambda: server.statuses == ['canceled'])
+    wait_until(lambda: server.statuses == {0: 'canceled'})
 
 
-def test_a_late_acceptance_is_canceled(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_a_late_acceptance_is_canceled(link: ActionServerLink, server: ScriptedActionServer) -> None:
     wait_until(link.is_ready)
-    server.delay_accept = threading.Event()
+    gate = threading.Event()
+    server.accept = lambda _goal: gate.wait(DEADLINE)
     done = Done()
     one = call(link, done, accept_timeout=0.1)
     outcome = done.wait()
     assert outcome.status is GoalStatus.TIMEOUT
-    server.delay_accept.set()
-    server.wait_until(lambda: server.statuses == ['canceled'])
+    gate.set()
+    wait_until(lambda: server.statuses == {0: 'canceled'})
     assert done.outcomes == [outcome] and one.outcome is outcome
 
 
 @pytest.mark.parametrize('delay_ms', [0, 1, 2, 4, 8, 16])
 def test_cancel_at_any_moment_leaves_no_goal_running(
-    link: ActionServerLink, server: ScriptedServer, delay_ms: int
+    link: ActionServerLink, server: ScriptedActionServer, delay_ms: int
 ) -> None:
     wait_until(link.is_ready)
     dones = []
@@ -183,12 +186,12 @@ def test_cancel_at_any_moment_leaves_no_goal_running(
     for done in dones:
         assert done.wait().status is GoalStatus.CANCELED
         assert len(done.outcomes) == 1
-    server.wait_until(lambda: len(server.statuses) == len(server.goals))
-    assert set(server.statuses) <= {'canceled'}
+    wait_until(lambda: len(server.statuses) == len(server.goals))
+    assert set(server.statuses.values()) <= {'canceled'}
 
 
-def test_a_cancel_that_is_refused_ends_at_its_deadline(link: ActionServerLink, server: ScriptedServer) -> None:
-    server.accept_cancel = False
+def test_a_cancel_that_is_refused_ends_at_its_deadline(link: ActionServerLink, server: ScriptedActionServer) -> None:
+    server.on_cancel = lambda _handle: CancelResponse.REJECT
     done, accepted = Done(), threading.Event()
     one = call(link, done, on_accepted=accepted.set)
     assert accepted.wait(DEADLINE)
@@ -236,17 +239,16 @@ def cancels_answered(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 @pytest.mark.parametrize('code', ['ERROR_UNKNOWN_GOAL_ID', 'ERROR_GOAL_TERMINATED'])
 def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
-    link: ActionServerLink, code: str, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
+    link: ActionServerLink, code: str, cancels_answered: list[Any]
 ) -> None:
-    monkeypatch.setattr('flexbt_testing.ros.scripted_servers.ActionServer', OvertakingServer)
     with NodeRuntime.open('server') as runtime:
-        server = ScriptedServer(runtime)
+        server = ScriptedActionServer(runtime, Wait, 'wait', server_class=OvertakingServer)
         server.server.cancel_code = getattr(CancelGoal.Response, code)
         done, accepted = Done(), threading.Event()
         one = call(link, done, on_accepted=accepted.set)
         assert accepted.wait(DEADLINE)
         server.end(0)
-        server.wait_until(lambda: server.statuses == ['succeed'])
+        wait_until(lambda: server.statuses == {0: 'succeed'})
         one.cancel(timeout=DEADLINE)
         wait_until(lambda: cancels_answered, 'the answer to the cancel')
         assert not one.done, one.outcome
@@ -263,12 +265,12 @@ def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
     monkeypatch.setattr('flexbt_common.calls.action_call._WATCH_PERIOD', 1000.0)  # only the cancel can tell
     done, accepted = Done(), threading.Event()
     with NodeRuntime.open('server') as first:
-        ScriptedServer(first)
+        ScriptedActionServer(first, Wait, 'wait')
         one = call(link, done, on_accepted=accepted.set)
         assert accepted.wait(DEADLINE)
     wait_until(lambda: not link.is_ready(), 'the end of the server')
     with NodeRuntime.open('server') as second:
-        ScriptedServer(second)
+        ScriptedActionServer(second, Wait, 'wait')
         wait_until(link.is_ready, 'the next server')
         one.cancel(timeout=DEADLINE)
         outcome = done.wait()
@@ -277,10 +279,10 @@ def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
     assert cancels_answered[-1].return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
 
 
-def test_a_cancel_by_somebody_else_stays_canceled(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_a_cancel_by_somebody_else_stays_canceled(link: ActionServerLink, server: ScriptedActionServer) -> None:
     done = Done()
     one = call(link, done)
-    server.wait_until(lambda: len(server.goals) == 1)
+    wait_until(lambda: len(server.goals) == 1)
     with NodeRuntime.open('stranger') as stranger:
         stranger_link = ActionLinks(stranger).link(Wait, 'wait')
         wait_until(stranger_link.is_ready)
@@ -293,7 +295,7 @@ def test_a_cancel_by_somebody_else_stays_canceled(link: ActionServerLink, server
 
 
 def test_a_callback_that_raises_does_not_stop_the_node(
-    link: ActionServerLink, server: ScriptedServer, client: NodeRuntime
+    link: ActionServerLink, server: ScriptedActionServer, client: NodeRuntime
 ) -> None:
     faults: list[BaseException] = []
     client.on_fault(faults.append)
@@ -311,7 +313,7 @@ def test_a_callback_that_raises_does_not_stop_the_node(
 
 
 def test_a_lost_result_is_asked_for_again(
-    link: ActionServerLink, server: ScriptedServer, monkeypatch: pytest.MonkeyPatch
+    link: ActionServerLink, server: ScriptedActionServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost: list[Any] = []
     arrived = ActionCall._result_arrived
@@ -331,7 +333,7 @@ def test_a_lost_result_is_asked_for_again(
 
 
 def test_an_acceptance_whose_answer_is_lost_counts(
-    link: ActionServerLink, server: ScriptedServer, monkeypatch: pytest.MonkeyPatch
+    link: ActionServerLink, server: ScriptedActionServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ActionCall, '_goal_answered', lambda self, future: None)
     done = Done()
@@ -347,7 +349,7 @@ def test_an_acceptance_whose_answer_is_lost_counts(
 
 def start_child() -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, '-m', 'flexbt_testing.ros.scripted_servers'],
+        [sys.executable, '-m', 'flexbt_testing.ros.scripted_action_server'],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {'FASTRTPS_DEFAULT_PROFILES_FILE': os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')},
@@ -402,7 +404,7 @@ def test_a_server_that_is_replaced_within_the_outage_time_does_not_know_the_goal
         child.stdout.close()
 
 
-def test_many_goals_at_once_all_end(link: ActionServerLink, server: ScriptedServer) -> None:
+def test_many_goals_at_once_all_end(link: ActionServerLink, server: ScriptedActionServer) -> None:
     dones = [Done() for _ in range(60)]
     for done in dones:
         call(link, done)

@@ -16,7 +16,8 @@ import flexbt_states
 from flexbt_flexbe.for_flexbe import hosted
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_testing.state_machines.state_bench import StateBench, ends
+from flexbt_testing.ros.scripted_action_server import ends
+from flexbt_testing.state_machines.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
@@ -113,7 +114,7 @@ def test_a_blocked_outcome_stays_and_the_goal_is_not_sent_again(bench: StateBenc
     server = bench.serve(BtExecute, 'bt_executor', ends(Result(code=Result.SUCCESS)))
     made = state(bench, told, flexbt_states.BtExecuteState, bt_file='Tree')
     made.tick({}, is_blocked=True)
-    wait_until(lambda: server.ended, 'the tree has ended')
+    wait_until(lambda: server.statuses, 'the tree has ended')
     for _ in range(5):
         assert made.tick({}, is_blocked=True) is None
     assert ticked(made, {}) == 'done'
@@ -142,10 +143,10 @@ def test_a_stop_cancels_the_tree_and_waits_although_flexbe_calls_on_stop_only(be
     server = bench.serve(BtExecute, 'bt_executor', lambda handle: script(handle), on_cancel=on_cancel)
     canceled = server.future()
     made = state(bench, told, flexbt_states.BtExecuteState, bt_file='Tree')
-    wait_until(lambda: made.tick({}) or server.active, 'the tree runs')
+    wait_until(lambda: made.tick({}) or len(server.running), 'the tree runs')
     begin = time.monotonic()
     made.on_stop()
-    assert (server.active, server.cancels) == (0, 1)
+    assert (len(server.running), server.cancels) == (0, 1)
     assert time.monotonic() - begin < 3.0
 
 

@@ -22,7 +22,8 @@ from flexbt_flexbe import (
 )
 from flexbt_flexbe.errors import ProxyError
 from flexbt_msgs.action import BtExecute
-from flexbt_testing.state_machines.state_bench import Run, StateBench, ends
+from flexbt_testing.ros.scripted_action_server import ends
+from flexbt_testing.state_machines.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
 Goal, Result = BtExecute.Goal, BtExecute.Result
@@ -446,7 +447,7 @@ class TestActions:
         assert steps.seen == [False, 'because']
 
     def test_differs_a_rejected_goal_is_a_fault_and_not_a_result(self, bench: StateBench) -> None:
-        bench.serve(BtExecute, 'work', ends(GOOD), accept=lambda: False)
+        bench.serve(BtExecute, 'work', ends(GOOD), accept=lambda _goal: False)
         going = run(bench, Sending())
         assert going.wait() == 'failed'
         assert 'rejected' in going.errors()
@@ -500,9 +501,9 @@ class TestActions:
         canceled = server.future()
         steps = Forgetful()
         going = run(bench, steps)
-        wait_until(lambda: server.active, 'goal accepted')
+        wait_until(lambda: server.running, 'goal accepted')
         assert going.stop() == 'preempted'
-        assert (server.active, server.cancels, going.message) == (0, 1, 'test')
+        assert (len(server.running), server.cancels, going.message) == (0, 1, 'test')
         assert steps.seen[-1] == 'exit'
 
     def test_differs_a_second_goal_while_one_is_active_is_refused(self, bench: StateBench) -> None:
@@ -523,11 +524,11 @@ class TestActions:
             server.resolve(released)
             return CancelResponse.ACCEPT
 
-        server._on_cancel = on_cancel
+        server.on_cancel = on_cancel
         going = run(bench, Greedy())
         assert going.wait() == 'failed'
         assert 'still active' in going.errors()
-        wait_until(lambda: not server.active, 'the goal has ended')
+        wait_until(lambda: not server.running, 'the goal has ended')
 
     @pytest.mark.parametrize(
         ('use', 'words'),

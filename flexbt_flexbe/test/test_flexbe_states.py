@@ -35,7 +35,8 @@ from flexbt_flexbe.states import (
 from flexbt_flexbe.states.bt_states import full_type
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import StateBench, ends
+from flexbt_testing.ros.scripted_action_server import ends
+from flexbt_testing.state_machines.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 Result = OperatorInput.Result
@@ -339,9 +340,9 @@ class TestAsking:
         server = bench.serve(OperatorInput, names.OPERATOR_INPUT, lambda handle: never(handle), on_cancel=on_cancel)
         withdrawn = server.future()
         run = bench.run_state(lambda: InputState(0, 'how many?'))
-        wait_until(lambda: server.active, 'the question')
+        wait_until(lambda: server.running, 'the question')
         assert run.stop() == 'preempted'
-        assert (server.active, server.cancels) == (0, 1)
+        assert (len(server.running), server.cancels) == (0, 1)
 
     def test_selection(self, bench: StateBench) -> None:
         server = bench.serve(OperatorInput, names.OPERATOR_INPUT, answering('string', '2'))

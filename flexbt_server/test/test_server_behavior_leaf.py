@@ -11,7 +11,8 @@ import pytest
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
-from flexbt_testing.ros.server_world import DEADLINE, ScriptedAction, World, open_world
+from flexbt_testing.ros.scripted_action_server import ScriptedActionServer
+from flexbt_testing.ros.server_world import DEADLINE, World, open_world
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
@@ -24,7 +25,9 @@ class Executive:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.answer: tuple[str, Any] | None = ('succeed', RESULT(code=RESULT.SUCCESS, outcome='finished'))
-        self.action = ScriptedAction(runtime, ExecuteBehavior, 'execute_behavior', lambda _number, _goal: self.answer)
+        self.action = ScriptedActionServer(
+            runtime, ExecuteBehavior, 'execute_behavior', answer=lambda _number, _goal: self.answer
+        )
 
 
 @pytest.fixture

@@ -78,7 +78,7 @@ def managed(**parameters: Any) -> Iterator[Managed]:
 
 
 def wait_for_leaf(world: Managed) -> None:
-    wait_until(lambda: world.wait.ends, 'goal of the leaf')
+    wait_until(lambda: world.wait.goals, 'goal of the leaf')
 
 
 def test_goals_are_refused_until_the_server_is_active_and_told_why() -> None:
@@ -108,7 +108,7 @@ def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
         world.wait.delay_cancel = 0.3  # it takes a moment until the robot stands
         world.client.load_tree(WAITING)
         runs = [world.client.execute(blackboard=name) for name in ('', 'a', 'b')]
-        wait_until(lambda: len(world.wait.ends) == 3, 'goals of the leaves')
+        wait_until(lambda: len(world.wait.goals) == 3, 'goals of the leaves')
         controlled = threading.Event()
         control = world.client.runtime.node.create_client(ControlTree, names.CONTROL_TREE)
         wait_until(control.service_is_ready)
@@ -124,7 +124,7 @@ def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
         assert controlled.wait(10.0)
         world.change('activate')
         again = world.client.execute()  # its trees are still loaded
-        wait_until(lambda: len(world.wait.ends) == 4)
+        wait_until(lambda: len(world.wait.goals) == 4)
         world.wait.end(3)
         assert again.result.code == Result.SUCCESS
 

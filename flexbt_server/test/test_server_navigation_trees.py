@@ -169,11 +169,11 @@ def test_from_the_result_of_a_leaf_to_the_next_goal_takes_little_time(world: Wor
     spin = world.navigation.actions[names.SPIN]
     times: list[float] = []
 
-    def script(number: int, goal: Any) -> Any:
+    def answer(number: int, goal: Any) -> Any:
         times.append(time.perf_counter())
         return 'succeed', Spin.Result()
 
-    spin.script = script
+    spin.answer = answer
     world.client.load_tree('<Sequence>' + '<Spin/>' * leaves + '</Sequence>')
     assert world.client.execute().result.code == Result.SUCCESS
     gaps = sorted(later - earlier for earlier, later in itertools.pairwise(times))

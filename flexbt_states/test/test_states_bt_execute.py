@@ -25,7 +25,8 @@ from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import DEADLINE, ScriptedServer, StateBench, ends
+from flexbt_testing.ros.scripted_action_server import ScriptedActionServer, ends
+from flexbt_testing.state_machines.state_bench import DEADLINE, StateBench
 from flexbt_testing.waiting import wait_until
 
 RESULT = BtExecute.Result
@@ -115,7 +116,7 @@ def test_a_server_that_begins_is_waited_for(bench: StateBench) -> None:
 
 
 def test_a_rejected_goal_is_failed(bench: StateBench) -> None:
-    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)), accept=lambda: False)
+    server = bench.serve(BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS)), accept=lambda _goal: False)
     run = bench.run_state(execute)
     assert run.wait() == 'failed'
     assert 'reject' in run.errors()
@@ -134,8 +135,8 @@ def test_a_script_that_raises_is_failed(bench: StateBench) -> None:
 def test_a_server_that_dies_is_noticed(bench: StateBench) -> None:
     server = hanging(bench)
     run = bench.run_state(execute)
-    wait_until(lambda: server.active, 'goal active')
-    server.close()
+    wait_until(lambda: server.running, 'goal active')
+    server.runtime.close()
     assert run.wait() == 'failed'
     assert 'bt_executor' in run.errors()
 
@@ -152,9 +153,9 @@ def test_a_value_that_does_not_fit_is_refused_before_anything_runs(bench: StateB
 def test_the_stop_of_the_run_cancels_the_tree_and_waits_for_it(bench: StateBench) -> None:
     server = hanging(bench)
     run = bench.run_state(execute)
-    wait_until(lambda: server.active, 'goal active')
+    wait_until(lambda: server.running, 'goal active')
     assert run.stop() == 'preempted'
-    assert (server.active, server.cancels) == (0, 1)
+    assert (len(server.running), server.cancels) == (0, 1)
 
 
 def test_a_stop_while_the_cancel_takes_long_waits_for_the_confirmation(bench: StateBench) -> None:
@@ -166,19 +167,19 @@ def test_a_stop_while_the_cancel_takes_long_waits_for_the_confirmation(bench: St
     server = bench.serve(BtExecute, 'bt_executor', script)
     released = server.future()
     run = bench.run_state(execute)
-    wait_until(lambda: server.active, 'goal active')
+    wait_until(lambda: server.running, 'goal active')
     run.behavior_run.stop('test')
     wait_until(lambda: server.cancels, 'cancel has arrived')
     assert run.outcome is None, 'the run has ended although the tree still runs'
     server.resolve(released)
     assert run.wait() == 'preempted'
-    assert server.active == 0
+    assert len(server.running) == 0
 
 
 def test_a_stop_before_the_goal_is_accepted_leaves_no_goal_active(bench: StateBench) -> None:
     asked, go = threading.Event(), threading.Event()
 
-    def accept() -> bool:
+    def accept(_goal: Any) -> bool:
         asked.set()
         return go.wait(DEADLINE)
 
@@ -188,17 +189,17 @@ def test_a_stop_before_the_goal_is_accepted_leaves_no_goal_active(bench: StateBe
     run.behavior_run.stop('test')
     go.set()
     assert run.wait() == 'preempted'
-    assert (len(server.goals), server.active) == (1, 0)
+    assert (len(server.goals), len(server.running)) == (1, 0)
 
 
 def test_a_goal_that_is_accepted_too_late_is_failed_and_canceled(bench: StateBench) -> None:
     go = threading.Event()
-    server = hanging(bench, accept=lambda: go.wait(DEADLINE))
+    server = hanging(bench, accept=lambda _goal: go.wait(DEADLINE))
     run = bench.run_state(execute)
     assert run.wait() == 'failed'
     assert 'bt_executor' in run.errors()
     go.set()
-    wait_until(lambda: server.goals and not server.active, 'the late goal is canceled')
+    wait_until(lambda: server.goals and not server.running, 'the late goal is canceled')
 
 
 def test_the_end_of_the_executive_leaves_no_goal_active(bench: StateBench) -> None:
@@ -217,10 +218,10 @@ def test_the_end_of_the_executive_leaves_no_goal_active(bench: StateBench) -> No
     runtime = NodeRuntime('onboard_executive', args=())
     executive = open_executive(runtime, ExecutiveParameters(peers=()), BehaviorLibrary([entry]))
     runtime.call(lambda: executive.start(RunRequest(entry, (), (), 3), lambda _: None))
-    wait_until(lambda: server.active, 'goal active')
+    wait_until(lambda: server.running, 'goal active')
     assert server.goals[0].owner == '/onboard_executive'
     runtime.close()
-    assert (server.active, server.cancels) == (0, 1)
+    assert (len(server.running), server.cancels) == (0, 1)
 
 
 def test_a_tree_that_takes_too_long_is_canceled_and_failed(bench: StateBench) -> None:
@@ -228,13 +229,13 @@ def test_a_tree_that_takes_too_long_is_canceled_and_failed(bench: StateBench) ->
     run = bench.run_state(lambda: execute(timeout=0.1))
     assert run.wait() == 'failed'
     assert '0.1 s' in run.errors()
-    assert (server.active, server.cancels) == (0, 1)
+    assert (len(server.running), server.cancels) == (0, 1)
 
 
 def test_a_server_that_refuses_to_cancel_does_not_hold_the_run_for_ever(bench: StateBench) -> None:
     server = hanging(bench, on_cancel=lambda _goal_handle: CancelResponse.REJECT)
     run = bench.run_state(execute)
-    wait_until(lambda: server.active, 'goal active')
+    wait_until(lambda: server.running, 'goal active')
     assert run.stop() == 'preempted'
     assert 'bt_executor' in run.errors() + run.message
 
@@ -360,7 +361,7 @@ def test_what_cannot_work_is_refused_when_the_state_is_made(make: Any, words: st
     assert words in str(refusal.value)
 
 
-def hanging(bench: StateBench, **options: Any) -> ScriptedServer:
+def hanging(bench: StateBench, **options: Any) -> ScriptedActionServer:
     """A server whose goals run until they are canceled."""
 
     async def script(goal_handle: Any) -> Any:

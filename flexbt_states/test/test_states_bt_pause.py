@@ -13,7 +13,8 @@ from flexbt_common import names
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState
-from flexbt_testing.state_machines.state_bench import Run, ScriptedServer, StateBench
+from flexbt_testing.ros.scripted_action_server import ScriptedActionServer
+from flexbt_testing.state_machines.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
 RESULT = BtExecute.Result
@@ -29,7 +30,7 @@ class TreeServer:
         self.commands: list[tuple[int, str]] = []
         self.handle: Any = None
         self._release: Any = None
-        self.actions: ScriptedServer = bench.serve(BtExecute, f'{prefix}{names.BT_EXECUTOR}', self._run)
+        self.actions: ScriptedActionServer = bench.serve(BtExecute, f'{prefix}{names.BT_EXECUTOR}', self._run)
         runtime = self.actions.runtime
         runtime.call(
             lambda: runtime.node.create_service(

@@ -11,7 +11,8 @@ from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import ExecuteBehavior
 from flexbt_states import ExecuteBehaviorState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import ScriptedServer, StateBench, ends
+from flexbt_testing.ros.scripted_action_server import ScriptedActionServer, ends
+from flexbt_testing.state_machines.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 RESULT = ExecuteBehavior.Result
@@ -62,7 +63,7 @@ def test_what_goes_wrong_is_an_outcome_with_its_reason(
 
 
 def test_leaving_the_state_stops_the_behavior_and_its_states_are_the_activity(bench: StateBench) -> None:
-    server: ScriptedServer
+    server: ScriptedActionServer
 
     async def script(handle: Any) -> Any:
         handle.publish_feedback(ExecuteBehavior.Feedback(active_states=['/Look']))
@@ -84,7 +85,7 @@ def test_leaving_the_state_stops_the_behavior_and_its_states_are_the_activity(be
     )
     run.behavior_run.stop('enough')
     assert run.wait() == 'preempted'
-    assert (server.cancels, server.active) == (1, 0)
+    assert (server.cancels, len(server.running)) == (1, 0)
 
 
 def test_without_an_executive_it_fails_soon_and_bad_parameters_are_refused(bench: StateBench) -> None:

@@ -19,7 +19,8 @@ from flexbt_onboard.commands.operator_questions import OperatorQuestions
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_states import OperatorInputState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import StateBench, ends
+from flexbt_testing.ros.scripted_action_server import ends
+from flexbt_testing.state_machines.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -183,8 +184,8 @@ def test_a_server_that_dies_is_noticed(bench: StateBench) -> None:
     server = bench.serve(OperatorInput, 'operator_input', script, on_cancel=lambda _goal: CancelResponse.REJECT)
     future = server.future()
     run = bench.run_state(ask, {'data': None})
-    wait_until(lambda: server.active, 'asked')
-    server.close()
+    wait_until(lambda: server.running, 'asked')
+    server.runtime.close()
     assert run.wait() == 'failed'
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,6 @@ from nav2_msgs.action import (
     Wait,
 )
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, SentGoal
@@ -30,7 +27,8 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_server.node.bt_server import BtServer
-from flexbt_testing.waiting import wait_until
+
+from .scripted_action_server import Answer, ScriptedActionServer
 
 DEADLINE = 20.0
 
@@ -44,81 +42,6 @@ def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
     return stamped
 
 
-class ScriptedAction:
-    """An action server. Goal number n ends by ``script(n, goal)``: a result and how ('succeed', 'abort'), or None to
-    hold it until :meth:`end`, a cancel, or a newer goal."""
-
-    def __init__(self, runtime: NodeRuntime, action: Any, name: str, script: Callable[[int, Any], Any]) -> None:
-        self.runtime = runtime
-        self.action = action
-        self.script = script
-        self.preempting = False
-        self.delay_accept = 0.0
-        self.delay_cancel = 0.0
-        self.goals: list[Any] = []
-        self.ends: list[Any] = []
-        self.statuses: dict[int, str] = {}
-        self.handles: list[Any] = []
-        self.server = runtime.call(
-            lambda: ActionServer(
-                runtime.node,
-                action,
-                name,
-                self._execute,
-                goal_callback=self._goal,
-                cancel_callback=self._cancel,
-                result_timeout=10,
-                **names.deep_action_services(),
-            )
-        )
-
-    @property
-    def running(self) -> list[int]:
-        """Numbers of the goals that have not ended."""
-        return [number for number in range(len(self.goals)) if number not in self.statuses]
-
-    def end(self, number: int, how: str = 'succeed', result: Any = None) -> None:
-        """End a goal that is held."""
-        wait_until(lambda: len(self.ends) > number, f'goal {number}')
-        self.runtime.post(lambda: self._end(number, how, result))
-
-    def _end(self, number: int, how: str, result: Any = None) -> None:
-        if not self.ends[number].done():
-            self.ends[number].set_result((how, result if result is not None else self.action.Result()))
-
-    def _goal(self, goal: Any) -> GoalResponse:
-        time.sleep(self.delay_accept)
-        return GoalResponse.ACCEPT
-
-    def _cancel(self, handle: Any) -> CancelResponse:
-        number = self.handles.index(handle) if handle in self.handles else -1
-        steady = self.runtime.steady
-        steady.call_at(
-            steady.now() + self.delay_cancel, lambda: self.runtime.post(lambda: self._end(number, 'canceled'))
-        )
-        return CancelResponse.ACCEPT
-
-    async def _execute(self, handle: Any) -> Any:
-        number = len(self.goals)
-        end: Any = Future(executor=self.runtime.node.executor)
-        self.ends.append(end)
-        self.handles.append(handle)
-        self.goals.append(handle.request)
-        if self.preempting:
-            for older in self.running[:-1]:
-                self._end(older, 'abort')
-        scripted = self.script(number, handle.request)
-        if scripted is None:
-            if handle.is_cancel_requested:
-                self._end(number, 'canceled')
-            how, result = await end
-        else:
-            how, result = scripted
-        getattr(handle, how)()
-        self.statuses[number] = how
-        return result
-
-
 class Navigation:
     """Stand-ins for the navigation servers, with counts; every one succeeds unless told to fail its first goals."""
 
@@ -129,7 +52,7 @@ class Navigation:
         self.cleared = {'global': 0, 'local': 0}
         self.path_valid = True
         self.actions = {
-            name: ScriptedAction(runtime, action, name, self._script(name, action))
+            name: ScriptedActionServer(runtime, action, name, answer=self._answer(name, action))
             for name, action in {
                 names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
                 names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
@@ -154,8 +77,8 @@ class Navigation:
         """Goals that a server has got."""
         return len(self.actions[name].goals)
 
-    def _script(self, name: str, action: Any) -> Callable[[int, Any], Any]:
-        def script(number: int, goal: Any) -> Any:
+    def _answer(self, name: str, action: Any) -> Answer:
+        def answer(number: int, goal: Any) -> Any:
             failures, code = self.fail.get(name, (0, 0))
             if number < failures:
                 return 'abort', action.Result(error_code=code, error_msg=f'scripted failure {number}')
@@ -168,7 +91,7 @@ class Navigation:
                 result.path.poses = [pose(0.0), target]
             return 'succeed', result
 
-        return script
+        return answer
 
     def _clear(self, which: str) -> Callable[[Any, Any], Any]:
         def clear(request: Any, response: Any) -> Any:

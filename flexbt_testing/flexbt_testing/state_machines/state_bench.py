@@ -3,14 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.task import Future
-
-from flexbt_common import names
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, MachineRun, OperatableStateMachine
@@ -21,85 +16,11 @@ from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.commands.command_answers import Decided
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.state_services import StateServices
+from flexbt_testing.ros.scripted_action_server import Script, ScriptedActionServer
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 10.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
-
-Script = Callable[[ServerGoalHandle], Awaitable[Any]]
-
-
-class ScriptedServer:
-    """An action server whose goals follow a script. In a process of its own as far as ROS can tell."""
-
-    def __init__(
-        self,
-        action_type: Any,
-        name: str,
-        script: Script,
-        *,
-        accept: Callable[[], bool] = lambda: True,
-        on_cancel: Callable[[ServerGoalHandle], CancelResponse] | None = None,
-    ) -> None:
-        self.runtime = NodeRuntime('scripted_server', args=())
-        self.goals: list[Any] = []
-        self.ended: list[int] = []
-        self.cancels = 0
-        self._script = script
-        self._on_cancel = on_cancel
-        self._release: dict[int, Future] = {}
-        self.server = self.runtime.call(
-            lambda: ActionServer(
-                self.runtime.node,
-                action_type,
-                name,
-                execute_callback=self._execute,
-                goal_callback=lambda _goal: GoalResponse.ACCEPT if accept() else GoalResponse.REJECT,
-                cancel_callback=self._cancel,
-                result_timeout=10,
-                **names.deep_action_services(),
-            )
-        )
-
-    @property
-    def active(self) -> int:
-        """Goals that were accepted and have not ended."""
-        return len(self.goals) - len(self.ended)
-
-    def future(self) -> Future:
-        """Something for a script to wait for."""
-        return self.runtime.call(Future)
-
-    def resolve(self, future: Future) -> None:
-        """Let a script go on."""
-        self.runtime.post(lambda: None if future.done() else future.set_result(None))
-
-    def close(self) -> None:
-        """The server goes away."""
-        self.runtime.close()
-
-    async def _execute(self, goal_handle: ServerGoalHandle) -> Any:
-        self.goals.append(goal_handle.request)
-        try:
-            return await self._script(goal_handle)
-        finally:
-            self.ended.append(goal_handle.status)
-
-    def _cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
-        self.cancels += 1
-        if self._on_cancel is not None:
-            return self._on_cancel(goal_handle)
-        return CancelResponse.ACCEPT
-
-
-def ends(result: Any, how: str = 'succeed') -> Script:
-    """A script that ends at once: succeed, abort."""
-
-    async def script(goal_handle: ServerGoalHandle) -> Any:
-        getattr(goal_handle, how)()
-        return result
-
-    return script
 
 
 class Run:
@@ -175,13 +96,14 @@ class StateBench:
         )
         self.closing: list[Callable[[], object]] = []
         """What else is to be closed at the end."""
-        self._servers: list[ScriptedServer] = []
+        self._servers: list[NodeRuntime] = []
         self._runs: list[Run] = []
 
-    def serve(self, action_type: Any, name: str, script: Script, **options: Any) -> ScriptedServer:
-        """Start an action server."""
-        server = ScriptedServer(action_type, name, script, **options)
-        self._servers.append(server)
+    def serve(self, action_type: Any, name: str, script: Script, **options: Any) -> ScriptedActionServer:
+        """Start an action server, in a process of its own as far as ROS can tell."""
+        runtime = NodeRuntime('scripted_server', args=())
+        self._servers.append(runtime)
+        server = ScriptedActionServer(runtime, action_type, name, script, **options)
         link = self.services.actions.link(action_type, name)
         wait_until(lambda: self.runtime.call(link.is_ready), f'{name} discovered')
         return server

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A real action server whose goals end as a test says; also a program, which serves ``wait``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any, Final
+
+from nav2_msgs.action import Wait
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.task import Future
+
+from flexbt_common.names import deep_action_services
+from flexbt_common.runtime import NodeRuntime, run_node
+
+from ..waiting import wait_until
+
+Script = Callable[[ServerGoalHandle], Awaitable[Any]]
+"""What happens to a goal: ends it by its handle, and gives the result. It may wait for :meth:`future`."""
+
+Answer = Callable[[int, Any], 'tuple[str, Any] | None']
+"""How goal number n ends: ``(how, result)`` with ``succeed`` or ``abort``; None holds it."""
+
+_HOW: Final = {4: 'succeed', 5: 'canceled', 6: 'abort'}  # action_msgs/GoalStatus
+
+
+def ends(result: Any, how: str = 'succeed') -> Script:
+    """A script that ends each goal at once: succeed, abort."""
+
+    async def script(handle: ServerGoalHandle) -> Any:
+        getattr(handle, how)()
+        return result
+
+    return script
+
+
+class ScriptedActionServer:
+    """An action server on a node. A goal goes by ``script`` or by ``answer``; without either it is held until
+    :meth:`end`, until it is canceled, or, if ``preempting``, until there is a newer one.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        action_type: Any,
+        name: str,
+        script: Script | None = None,
+        *,
+        answer: Answer = lambda _number, _goal: None,
+        accept: Callable[[Any], object] = lambda _goal: True,
+        on_cancel: Callable[[ServerGoalHandle], CancelResponse] | None = None,
+        server_class: Any = ActionServer,
+    ) -> None:
+        self.runtime = runtime
+        self.accept = accept
+        self.on_cancel = on_cancel
+        self.answer = answer
+        self.preempting = False
+        self.delay_accept = 0.0
+        """Seconds that acceptance takes; the server's executor is blocked meanwhile."""
+        self.delay_cancel = 0.0
+        """Seconds between a cancel and the end of a goal that is held."""
+        self.goals: list[Any] = []
+        """The requests, in the order of their acceptance."""
+        self.statuses: dict[int, str] = {}
+        """How each goal has ended, by its number: succeed, abort, canceled."""
+        self.cancels = 0
+        self._action_type = action_type
+        self._script = script
+        self._handles: list[ServerGoalHandle] = []
+        self._ends: list[Future] = []
+        self.server = runtime.call(
+            lambda: server_class(
+                runtime.node,
+                action_type,
+                name,
+                execute_callback=self._execute,
+                goal_callback=self._goal,
+                cancel_callback=self._cancel,
+                result_timeout=10,
+                **deep_action_services(),
+            )
+        )
+
+    @property
+    def running(self) -> list[int]:
+        """Numbers of the goals that have not ended."""
+        return [number for number in range(len(self.goals)) if number not in self.statuses]
+
+    def end(self, number: int, how: str = 'succeed', result: Any = None) -> None:
+        """End a goal that is held; waits until it is there."""
+        wait_until(lambda: len(self.goals) > number, f'goal {number}')
+        self.runtime.post(lambda: self._end(number, how, result))
+
+    def feedback(self, number: int, message: Any) -> None:
+        """Publish feedback of a goal."""
+        self.runtime.post(lambda: self._handles[number].publish_feedback(message))
+
+    def future(self) -> Future:
+        """Something for a script to wait for."""
+        return self.runtime.call(Future)
+
+    def resolve(self, future: Future) -> None:
+        """Let a script go on."""
+        self.runtime.post(lambda: None if future.done() else future.set_result(None))
+
+    def _end(self, number: int, how: str, result: Any = None) -> None:
+        if not self._ends[number].done():
+            self._ends[number].set_result((how, result if result is not None else self._action_type.Result()))
+
+    def _goal(self, goal: Any) -> GoalResponse:
+        time.sleep(self.delay_accept)
+        return GoalResponse.ACCEPT if self.accept(goal) else GoalResponse.REJECT
+
+    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        self.cancels += 1
+        if self.on_cancel is not None:
+            return self.on_cancel(handle)
+        if handle in self._handles:
+            number = self._handles.index(handle)
+            steady = self.runtime.steady
+            steady.call_at(
+                steady.now() + self.delay_cancel, lambda: self.runtime.post(lambda: self._end(number, 'canceled'))
+            )
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        number = len(self.goals)
+        self._ends.append(Future(executor=self.runtime.node.executor))
+        self._handles.append(handle)
+        self.goals.append(handle.request)  # last: who sees the goal may end it
+        try:
+            return await (self._script(handle) if self._script is not None else self._answered(number, handle))
+        finally:
+            self.statuses[number] = _HOW.get(handle.status, 'unknown')
+
+    async def _answered(self, number: int, handle: ServerGoalHandle) -> Any:
+        if self.preempting:
+            for older in self.running[:-1]:
+                self._end(older, 'abort')
+        answer = self.answer(number, handle.request)
+        if answer is None and handle.is_cancel_requested:  # before there was a goal to end
+            self._end(number, 'canceled')
+        how, result = answer if answer is not None else await self._ends[number]
+        getattr(handle, how)()
+        return result
+
+
+def main() -> int:
+    """Serve ``wait`` until the process is stopped."""
+
+    def setup(runtime: NodeRuntime) -> None:
+        server = ScriptedActionServer(runtime, Wait, 'wait')
+        runtime.on_close(server.server.destroy)
+        print('ready', flush=True)
+
+    return run_node('scripted', setup, [])
+
+
+if __name__ == '__main__':
+    sys.exit(main())
