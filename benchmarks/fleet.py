@@ -53,14 +53,14 @@ class Station:
         from rclpy.serialization import serialize_message
 
         from flexbt_common import names
-        from flexbt_console.commands.requests import Requests
-        from flexbt_console.link.operator_link import OperatorLink
+        from flexbt_console.commands import CommandBuilder
+        from flexbt_console.link import OperatorLink
         from flexbt_console.mirror import Mirror
         from flexbt_msgs.msg import ExecutiveLog, ExecutiveStatus
 
         self.mirror = Mirror(runtime.steady)
         self.link = OperatorLink(runtime, self.mirror)
-        self.requests = Requests('benchmark', {})
+        self.make = CommandBuilder('benchmark', {})
         self.bytes = 0
 
         def count(message: Any) -> None:
@@ -88,7 +88,7 @@ def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) 
     for station in stations:
         view = station.link.wait_for(lambda view: view if view.behaviors else None, DEADLINE)
         assert view is not None, 'no list of behaviors'
-        station.link.send(station.requests.start(view, 'Fleet probe'), DEADLINE)
+        station.link.send(station.make.start(view, 'Fleet probe'), DEADLINE)
     for station in stations:
         station.wait_state('/Here')
     cpu, before, begun = [cpu_seconds(one) for one in processes], [one.bytes for one in stations], time.monotonic()
@@ -105,7 +105,7 @@ def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) 
         sent = []
         for station in stations:
             sent.append(time.monotonic())
-            station.link.send(station.requests.force(station.mirror.view(), here, 'go'), DEADLINE)
+            station.link.send(station.make.force(station.mirror.view(), here, 'go'), DEADLINE)
         for station, since in zip(stations, sent, strict=True):
             station.wait_state(there)
             effects.append((time.monotonic() - since) * 1e3)

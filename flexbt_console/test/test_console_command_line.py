@@ -7,19 +7,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.commands import command_table
-from flexbt_console.commands.building import BUILDERS
-from flexbt_console.commands.command_line import autonomy_level, command_help, overview, parse
-from flexbt_console.commands.command_table import COMMANDS
+from flexbt_console.commands import (
+    COMMANDS,
+    NOTE_LENGTH,
+    Send,
+    autonomy_level,
+    check,
+    command_help,
+    find,
+    overview,
+    parse,
+)
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.mirror.records import AutonomyLevel
-from flexbt_console.ui.line.line_mode import SHOW, check
+from flexbt_console.mirror import AutonomyLevel, CommandKind
 
 
-def test_every_command_of_the_table_is_implemented_once() -> None:
+def test_every_command_has_a_name_of_its_own_and_every_kind_is_sent_by_one() -> None:
     names = [spec.name for spec in COMMANDS]
     assert len(names) == len(set(names))
-    assert sorted(names) == sorted([*BUILDERS, *SHOW, 'prompt'])
+    sent = {kind for spec in COMMANDS if isinstance(spec.action, Send) for kind in spec.action.kinds}
+    assert sent == set(CommandKind)
 
 
 def test_the_help_has_every_command_option_and_exit_code_in_80_columns() -> None:
@@ -61,6 +68,7 @@ def test_ros_arguments_are_set_aside() -> None:
         'statsu', 'start', 'confirm a b', 'autonomy', 'autonomy 4', 'autonomy 1 2 3', 'status --nope', 'force a b c',
         'status --timeout', 'status --timeout 0', 'status --timeout nan', 'status --timeout x', 'status --json=1',
         'start D x', 'start D =1', 'start D --autonomy most', 'input', 'log 0', 'log x', 'stop --json --json',
+        'note', 'note ' + 'x' * (NOTE_LENGTH + 1),
     ],
 )  # fmt: skip
 def test_wrong_usage_is_found_before_anything_is_started(words: str) -> None:
@@ -88,4 +96,4 @@ def test_any_words_are_parsed_or_refused(words: list[str]) -> None:
 
 def test_levels_by_name_and_number() -> None:
     assert [autonomy_level(text) for text in ('off', 'LOW', '2', 'Full')] == list(AutonomyLevel)
-    assert command_table.find('nothing') is None
+    assert find('nothing') is None

@@ -8,8 +8,16 @@ import random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.mirror import CommandState, Mirror, Transit
-from flexbt_console.mirror.records import AnswerCode, Command, CommandAnswer, CommandKind, Snapshot
+from flexbt_console.mirror import (
+    Command,
+    CommandKind,
+    CommandResult,
+    CommandState,
+    Mirror,
+    ResultCode,
+    Snapshot,
+    Transit,
+)
 from flexbt_core.clock import ManualClock
 
 
@@ -17,8 +25,8 @@ def command(id: str) -> Command:
     return Command(id, CommandKind.STOP, 'ann', executive_id='e')
 
 
-def answers(sequence: int, *codes: tuple[str, AnswerCode, str], executive: str = 'e') -> Snapshot:
-    return Snapshot(executive, sequence, results=tuple(CommandAnswer(*code) for code in codes))
+def answers(sequence: int, *codes: tuple[str, ResultCode, str], executive: str = 'e') -> Snapshot:
+    return Snapshot(executive, sequence, results=tuple(CommandResult(*code) for code in codes))
 
 
 def linked() -> tuple[ManualClock, Mirror]:
@@ -45,7 +53,7 @@ def test_it_is_sent_again_with_the_same_id_until_it_is_answered() -> None:
         clock.set(due)
     assert {entry.id for entry in sent} == {'a'}
     assert 4 <= len(sent) <= 6
-    mirror.receive_snapshot(answers(2, ('a', AnswerCode.APPLIED, '')))
+    mirror.receive_snapshot(answers(2, ('a', ResultCode.APPLIED, '')))
     assert state(mirror, 'a') is CommandState.APPLIED
     assert mirror.due_commands(True) == []
     assert mirror.next_command_time(True) is None
@@ -54,7 +62,7 @@ def test_it_is_sent_again_with_the_same_id_until_it_is_answered() -> None:
 def test_the_reason_of_a_refusal_is_kept() -> None:
     _, mirror = linked()
     mirror.give(command('a'), 5.0)
-    mirror.receive_snapshot(answers(2, ('a', AnswerCode.REFUSED, 'stale')))
+    mirror.receive_snapshot(answers(2, ('a', ResultCode.REFUSED, 'stale')))
     tracked = mirror.command('a')
     assert tracked is not None and (tracked.state, tracked.reason) == (CommandState.REFUSED, 'stale')
 
@@ -66,15 +74,15 @@ def test_a_late_answer_corrects_the_timeout() -> None:
     clock.advance(1.0)
     assert mirror.due_commands(True) == []
     assert state(mirror, 'a') is CommandState.TIMEOUT
-    mirror.receive_snapshot(answers(2, ('a', AnswerCode.APPLIED, '')))
+    mirror.receive_snapshot(answers(2, ('a', ResultCode.APPLIED, '')))
     assert state(mirror, 'a') is CommandState.APPLIED
 
 
 def test_an_answer_is_final() -> None:
     _, mirror = linked()
     mirror.give(command('a'), 1.0)
-    mirror.receive_snapshot(answers(2, ('a', AnswerCode.APPLIED, '')))
-    mirror.receive_snapshot(answers(3, ('a', AnswerCode.REFUSED, 'no')))
+    mirror.receive_snapshot(answers(2, ('a', ResultCode.APPLIED, '')))
+    mirror.receive_snapshot(answers(3, ('a', ResultCode.REFUSED, 'no')))
     assert state(mirror, 'a') is CommandState.APPLIED
 
 
@@ -106,7 +114,7 @@ def test_each_command_has_one_effect_and_an_answer_over_a_lossy_link(seed: int, 
     rng = random.Random(seed)
     clock, mirror = linked()
     effects: list[str] = []
-    results: list[CommandAnswer] = []
+    results: list[CommandResult] = []
     sequence = 1
     on_the_way: list[tuple[float, Command]] = []
     ids = [f'c{number}' for number in range(6)]
@@ -123,7 +131,7 @@ def test_each_command_has_one_effect_and_an_answer_over_a_lossy_link(seed: int, 
                 on_the_way.remove((arrival, entry))
                 if entry.id not in effects:
                     effects.append(entry.id)
-                    results.append(CommandAnswer(entry.id, AnswerCode.APPLIED))
+                    results.append(CommandResult(entry.id, ResultCode.APPLIED))
         sequence += 1
         if rng.random() >= loss:
             mirror.receive_snapshot(Snapshot('e', sequence, results=tuple(results)))

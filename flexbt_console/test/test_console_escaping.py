@@ -10,23 +10,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.mirror import LinkState, View
-from flexbt_console.mirror.records import (
+from flexbt_console.mirror import (
     ActiveState,
     Behavior,
     BehaviorParameter,
     Decision,
     DecisionKind,
     ExecutiveState,
+    LinkState,
     LogLine,
     Peer,
     Pose,
     Snapshot,
     StateStructure,
     Structure,
+    View,
 )
 from flexbt_console.present import json_form, rendering
-from flexbt_console.ui.prompt.toolbar import cut, toolbar
+from flexbt_console.ui.prompt import cut, toolbar
 from flexbt_core.values import lines, one_line
 
 HOSTILE = st.one_of(
@@ -86,7 +87,7 @@ def hostile_view(text: str) -> View:
         active_states=(ActiveState(text, 0.0, (text, text)),),
         decisions=decisions,
         peers=(Peer(text, False),),
-        robot_pose=Pose(text, float('nan'), float('inf'), 0.0),
+        robot_pose=Pose(float('nan'), float('inf'), 0.0, text),
         authority=text,
     )
     structure = Structure(

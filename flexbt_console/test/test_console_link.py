@@ -11,12 +11,10 @@ from typing import Any
 import pytest
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands.requests import Requests
+from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoLinkError
-from flexbt_console.link.interface_check import interface_problem
-from flexbt_console.link.operator_link import OperatorLink
-from flexbt_console.mirror import CommandState, LinkState, Mirror
-from flexbt_console.mirror.records import AutonomyLevel, Command
+from flexbt_console.link import OperatorLink, interface_problem
+from flexbt_console.mirror import AutonomyLevel, Command, CommandState, LinkState, Mirror
 from flexbt_testing.executive.scripted_executive import Faults, ScriptedExecutive
 
 DEADLINE = 20.0
@@ -28,7 +26,7 @@ class Station:
     def __init__(self, runtime: NodeRuntime) -> None:
         self.mirror = Mirror(runtime.steady)
         self.link = OperatorLink(runtime, self.mirror)
-        self.requests = Requests('ann', {})
+        self.requests = CommandBuilder('ann', {})
 
     def state_of(self, command: Command) -> CommandState:
         """Send a command, and wait for what becomes of it."""

@@ -8,8 +8,18 @@ import random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.mirror import Change, LinkState, Mirror, Transit
-from flexbt_console.mirror.records import ActiveState, Behavior, BehaviorList, LogLine, Snapshot, Structure
+from flexbt_console.mirror import (
+    ActiveState,
+    Behavior,
+    BehaviorList,
+    Change,
+    LinkState,
+    LogLine,
+    Mirror,
+    Snapshot,
+    Structure,
+    Transit,
+)
 from flexbt_core.clock import ManualClock
 
 

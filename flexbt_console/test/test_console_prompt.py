@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interactive prompt: what a line means, which question it answers, and what is drawn."""
+"""The interactive prompt: what a line means, which decision it answers, and what is drawn."""
 
 from __future__ import annotations
 
@@ -12,27 +12,26 @@ from prompt_toolkit.application import create_app_session
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 
-from flexbt_console.commands.operator_values import Place
-from flexbt_console.commands.requests import Requests
+from flexbt_console.commands import CommandBuilder, candidates
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import LinkState, Mirror, TrackedCommand, Transit, View
-from flexbt_console.mirror.records import (
+from flexbt_console.mirror import (
     ActiveState,
-    AnswerCode,
     Command,
-    CommandAnswer,
     CommandKind,
+    CommandResult,
     Decision,
     DecisionKind,
     ExecutiveState,
+    LinkState,
+    Mirror,
     Pose,
+    ResultCode,
     Snapshot,
+    TrackedCommand,
+    Transit,
+    View,
 )
-from flexbt_console.ui.prompt.completion import candidates
-from flexbt_console.ui.prompt.session import Prompt
-from flexbt_console.ui.prompt.short_form import Bound, Local, interpret
-from flexbt_console.ui.prompt.shown_question import ShownQuestion
-from flexbt_console.ui.prompt.toolbar import toolbar
+from flexbt_console.ui.prompt import Bound, Local, Prompt, ShownDecision, interpret, toolbar
 from flexbt_core.clock import ManualClock
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
@@ -40,7 +39,7 @@ ANOTHER = dataclasses.replace(TRANSITION, id='t2', path='/Other')
 INPUT = Decision('i1', DecisionKind.INPUT, '/Ask', input_type='geometry_msgs/msg/PoseStamped', prompt='Where to?')
 TEXT = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string')
 NUMBERS = Decision('i3', DecisionKind.INPUT, '/Ask', input_type='int32', input_choices=('20', '10', '1'))
-REQUESTS = Requests('ann', {'kitchen': Place(1.0, 2.0)})
+MAKE = CommandBuilder('ann', {'kitchen': Pose(1.0, 2.0)})
 
 
 def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
@@ -54,13 +53,13 @@ def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
         autonomy=2,
         active_states=active,
         decisions=decisions,
-        robot_pose=Pose('map', 1.0, 2.0, 0.5),
+        robot_pose=Pose(1.0, 2.0, 0.5),
     )
     return View(link, 0.4, '', snapshot)
 
 
 def command(text: str, now: View, bound: str | None) -> Command:
-    meaning = interpret(text, now, REQUESTS, Bound(bound))
+    meaning = interpret(text, now, MAKE, Bound(bound))
     assert meaning.command is not None
     return meaning.command
 
@@ -92,7 +91,7 @@ def test_a_number_picks_a_choice_unless_it_is_one() -> None:
         command('4', view(NUMBERS), 'i3')
 
 
-def test_a_mistyped_command_is_not_the_answer_to_a_question_for_text() -> None:
+def test_a_mistyped_command_is_not_the_answer_to_a_request_for_text() -> None:
     with pytest.raises(RefusedError, match='input'):
         command('stpo', view(TEXT), 'i2')
     assert command('input stpo', view(TEXT), 'i2').inputs[0].text == '"stpo"'
@@ -101,25 +100,25 @@ def test_a_mistyped_command_is_not_the_answer_to_a_question_for_text() -> None:
 
 @pytest.mark.parametrize('text', ['1', 'done', 'confirm', 'force failed', 'failed'])
 @pytest.mark.parametrize('bound', ['t1', None])
-def test_an_answer_never_reaches_another_question(text: str, bound: str | None) -> None:
+def test_an_answer_never_reaches_another_decision(text: str, bound: str | None) -> None:
     with pytest.raises(RefusedError, match='changed while you were typing'):
         command(text, view(ANOTHER), bound)
 
 
 @pytest.mark.parametrize('text', ['kitchen', 'input kitchen', 'decline', '1 2 0'])
-def test_a_value_never_reaches_another_question(text: str) -> None:
+def test_a_value_never_reaches_another_decision(text: str) -> None:
     with pytest.raises(RefusedError, match='changed while you were typing'):
         command(text, view(INPUT), 'i0')
 
 
-def test_the_question_that_was_shown_is_answered_also_when_it_is_not_the_first_any_more() -> None:
+def test_the_decision_that_was_shown_is_answered_also_when_it_is_not_the_first_any_more() -> None:
     assert command('done', view(ANOTHER, TRANSITION), 't1').decision_id == 't1'
 
 
 def test_a_hasty_key_is_not_taken() -> None:
     with pytest.raises(RefusedError, match='had just come up'):
-        interpret('1', view(TRANSITION), REQUESTS, Bound('t1', hasty=True))
-    assert interpret('stop', view(TRANSITION), REQUESTS, Bound('t1', hasty=True)).command is not None
+        interpret('1', view(TRANSITION), MAKE, Bound('t1', hasty=True))
+    assert interpret('stop', view(TRANSITION), MAKE, Bound('t1', hasty=True)).command is not None
 
 
 @pytest.mark.parametrize('link', [LinkState.STALE, LinkState.LOST])
@@ -135,18 +134,18 @@ def test_local_lines() -> None:
         ('', Local.NOTHING), ('  ', Local.NOTHING), ('quit', Local.QUIT), ('exit', Local.QUIT),
         ('help', Local.HELP), ('?', Local.HELP), ('help force', Local.HELP), ('status', Local.SHOW),
     ):  # fmt: skip
-        assert interpret(text, view(), REQUESTS, Bound(None)).local is local
+        assert interpret(text, view(), MAKE, Bound(None)).local is local
     with pytest.raises(UsageError, match="did you mean 'stop'"):
-        interpret('stpo', view(), REQUESTS, Bound(None))
+        interpret('stpo', view(), MAKE, Bound(None))
     with pytest.raises(UsageError, match='means nothing at the prompt'):
-        interpret('stop --wait', view(), REQUESTS, Bound(None))
+        interpret('stop --wait', view(), MAKE, Bound(None))
     with pytest.raises(RefusedError, match='nothing waits'):
-        interpret('1', view(), REQUESTS, Bound(None))
+        interpret('1', view(), MAKE, Bound(None))
 
 
-def test_the_question_is_bound_at_the_first_key() -> None:
+def test_the_decision_is_bound_at_the_first_key() -> None:
     clock = ManualClock()
-    shown = ShownQuestion(clock)
+    shown = ShownDecision(clock)
     shown.drawn('a')
     shown.typed('d')
     shown.drawn('b')
@@ -158,7 +157,7 @@ def test_the_question_is_bound_at_the_first_key() -> None:
     shown.typed('')
     shown.typed('y')
     assert shown.take() == ('b', False)
-    # A key right after the question was replaced by another.
+    # A key right after the decision was replaced by another.
     shown.drawn('c')
     clock.advance(0.3)
     shown.typed('1')
@@ -166,7 +165,7 @@ def test_the_question_is_bound_at_the_first_key() -> None:
     clock.advance(0.2)
     shown.typed('1')
     assert shown.take() == ('c', False)
-    # The first question after a quiet time may be answered at once.
+    # The first decision after a quiet time may be answered at once.
     shown.drawn(None)
     shown.drawn('d')
     shown.typed('1')
@@ -177,7 +176,7 @@ def text_of(now: View, width: int = 80, height: int = 12) -> str:
     return '\n'.join(line for _, line in toolbar(now, width, height))
 
 
-def test_the_toolbar_shows_state_nodes_pose_and_question() -> None:
+def test_the_toolbar_shows_state_nodes_pose_and_decision() -> None:
     text = text_of(view(TRANSITION))
     for part in ('LIVE 0.4 s', 'Patrol', '2 High', '> /Plan', 'FollowPath', 'x 1.00', '/Plan wants done', '1 done*'):
         assert part in text
@@ -187,20 +186,23 @@ def test_the_toolbar_shows_state_nodes_pose_and_question() -> None:
     assert text_of(View(LinkState.LOST, None)) == 'NO EXECUTIVE'
 
 
-def test_the_question_stays_in_a_small_terminal() -> None:
+def test_the_decision_stays_in_a_small_terminal() -> None:
     small = text_of(view(TRANSITION), 40, 4)
     assert 'LIVE' in small and 'wants done' in small and 'FollowPath' not in small
 
 
 def test_completion() -> None:
     def complete(text: str, now: View) -> list[str]:
-        return candidates(text, now, REQUESTS.places)
+        return candidates(text, now, MAKE.places)
 
     assert complete('k', view(INPUT)) == ['kitchen']
     assert complete('f', view(TRANSITION)) == ['failed', 'force']
     assert complete('autonomy h', view()) == ['high']
     assert complete('force c', view(TRANSITION)) == ['canceled']
     assert complete('confirm ', view(TRANSITION)) == ['t1']
+    assert complete('confirm --r', view(TRANSITION)) == ['--reason']
+    assert complete('start D --autonomy h', view()) == ['high']
+    assert complete('input ', view(INPUT)) == ['kitchen', 'i1']
     hostile = dataclasses.replace(TRANSITION, outcomes=('a\rstop', 'a\x1b'))
     assert complete('a', view(hostile)) == ['autonomy', 'abort']
 
@@ -213,8 +215,8 @@ class Loopback:
         self._mirror = mirror
         self._answer = answer
 
-    def send(self, command: Command, timeout: float) -> TrackedCommand:
-        tracked = self._mirror.give(command, timeout)
+    def send(self, command: Command, timeout: float, label: str) -> TrackedCommand:
+        tracked = self._mirror.give(command, timeout, label)
         self.sent.append(command)
         self._mirror.receive_snapshot(self._answer(command), Transit(0.0, 0.0))
         return tracked
@@ -225,7 +227,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
     mirror = Mirror(clock)
     sequence = 1
 
-    def snapshot(*decisions: Decision, results: tuple[CommandAnswer, ...] = ()) -> Snapshot:
+    def snapshot(*decisions: Decision, results: tuple[CommandResult, ...] = ()) -> Snapshot:
         shown = view(*decisions).snapshot
         assert shown is not None
         return dataclasses.replace(shown, sequence=sequence, results=results)
@@ -233,7 +235,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
     def answer(command: Command) -> Snapshot:
         nonlocal sequence
         sequence += 1
-        result = CommandAnswer(command.id, AnswerCode.APPLIED)
+        result = CommandResult(command.id, ResultCode.APPLIED)
         return snapshot(*([TRANSITION] if command.kind is CommandKind.ANSWER else []), results=(result,))
 
     mirror.receive_snapshot(snapshot(INPUT), Transit(0.0, 0.0))
@@ -241,7 +243,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
 
     async def operate() -> None:
         with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
-            prompt = Prompt(mirror, link.send, REQUESTS, 5.0, clock, input=keys, output=DummyOutput())
+            prompt = Prompt(mirror, link.send, MAKE, 5.0, clock, input=keys, output=DummyOutput())
             running = asyncio.create_task(prompt.run())
 
             async def until(count: int) -> None:
@@ -249,13 +251,13 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
                     await asyncio.sleep(0.01)
 
             await asyncio.sleep(0)
-            while prompt.shown_question is None:
+            while prompt.shown_decision is None:
                 await asyncio.sleep(0.01)
             keys.send_text('kitchen\r')
             await until(1)
-            while prompt.shown_question != 't1':
+            while prompt.shown_decision != 't1':
                 await asyncio.sleep(0.01)
-            keys.send_text('done\r')  # too soon after the question took the place of the other
+            keys.send_text('done\r')  # too soon after the decision took the place of the other
             await asyncio.sleep(0.2)
             assert len(link.sent) == 1
             clock.advance(1.0)
@@ -281,7 +283,7 @@ def test_quitting_sends_nothing(keys_to_quit: str) -> None:
             prompt = Prompt(
                 mirror,
                 link.send,
-                REQUESTS,
+                MAKE,
                 5.0,
                 ManualClock(),
                 input=keys,

@@ -22,8 +22,7 @@ def modules_after(statement: str) -> set[str]:
     'statement',
     [
         'import flexbt_console.mirror',
-        'import flexbt_console.commands.requests, flexbt_console.present.rendering, flexbt_console.present.json_form',
-        'from flexbt_console.ui.prompt import completion, short_form, toolbar',
+        'import flexbt_console.commands, flexbt_console.present',
         'from flexbt_console.ui.console import main; main(["--help"])',
         'from flexbt_console.ui.console import main; main(["start"])',
     ],

@@ -18,11 +18,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands.requests import Requests
+from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import ExitCode
-from flexbt_console.link.operator_link import OperatorLink
+from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
-from flexbt_console.present.rendering import behavior_line
+from flexbt_console.present import behavior_line
 from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.run_file import Recorded, read_run
@@ -37,7 +37,7 @@ class Station:
     def __init__(self, runtime: NodeRuntime) -> None:
         self.mirror = Mirror(runtime.steady)
         self.link = OperatorLink(runtime, self.mirror)
-        self.requests = Requests('ann', {})
+        self.requests = CommandBuilder('ann', {})
 
     def wait(self, condition: Any) -> Any:
         view = self.link.wait_for(lambda view: view if condition(view) else None, DEADLINE)

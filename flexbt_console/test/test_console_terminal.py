@@ -15,7 +15,7 @@ import termios
 import time
 from typing import Any
 
-from flexbt_console.ui.prompt.shown_question import REACTION_SECONDS
+from flexbt_console.ui.prompt import REACTION_SECONDS
 from flexbt_testing.executive.scripted_executive import ScriptedExecutive
 
 DEADLINE = 20.0

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from flexbt_console.mirror.records import AutonomyLevel, Decision, DecisionKind
+from flexbt_console.mirror import AutonomyLevel, Decision, DecisionKind
 
 from .report import DemoError, DemoReport
 from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator

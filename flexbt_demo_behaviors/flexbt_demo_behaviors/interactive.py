@@ -9,7 +9,7 @@ import sys
 import termios
 from collections.abc import Iterator
 
-from flexbt_console.mirror.records import AutonomyLevel
+from flexbt_console.mirror import AutonomyLevel
 
 from .demonstrations import Demonstration
 from .processes import DemoSettings, console_command

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
-from flexbt_console.commands.operator_values import load_places
+from flexbt_console.commands import load_places
 from flexbt_console.errors import UsageError
 
 ParameterValue = bool | int | float | str | tuple[float, ...]

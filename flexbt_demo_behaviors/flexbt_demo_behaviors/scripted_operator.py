@@ -8,13 +8,23 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
-from flexbt_console.commands.requests import Requests
-from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
-from flexbt_console.mirror.mirror import Change, Mirror
-from flexbt_console.mirror.records import AutonomyLevel, Command, Decision, DecisionKind, ExecutiveState
-from flexbt_console.mirror.view import View
+from flexbt_console.commands import CommandBuilder
+from flexbt_console.mirror import (
+    AutonomyLevel,
+    Change,
+    Command,
+    CommandKind,
+    CommandState,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Mirror,
+    TrackedCommand,
+    View,
+)
 
 from .report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
 from .robot_record import Pose, RobotRecord
@@ -42,13 +52,13 @@ class ScriptedOperator:
         mirror: Mirror,
         record: RobotRecord,
         send: Callable[[Command, float], TrackedCommand],
-        requests: Requests,
+        make: CommandBuilder,
         timeline: Timeline,
     ) -> None:
         self.record = record
         self._mirror = mirror
         self._send = send
-        self._requests = requests
+        self._make = make
         self._timeline = timeline
         self._changed = threading.Condition()
         self._problem = ''
@@ -74,7 +84,7 @@ class ScriptedOperator:
 
         Raises DemoError when the places file has too few of them.
         """
-        known = self._requests.places
+        known = self._make.places
         if all(label in known for label in preferred):
             return preferred
         here = self.record.pose
@@ -180,7 +190,7 @@ class ScriptedOperator:
     def start(self, behavior: str, autonomy: AutonomyLevel) -> None:
         """Start a behavior."""
         self._tell('starts', f'{behavior!r} at autonomy {autonomy.name.title()}')
-        self._give(self._requests.start(self._mirror.view(), behavior, autonomy=autonomy))
+        self._give(self._make.start(self._mirror.view(), behavior, autonomy=autonomy))
         self.wait(lambda view: view.running, f'start of {behavior}', ANSWER_TIMEOUT_S)
 
     def give_goal(self, label: str, state: str = '/AskGoal') -> None:
@@ -190,29 +200,30 @@ class ScriptedOperator:
         self._goal_label = label
         self._goal_time = self.record.time
         self._goal_length = self.record.length
-        self._give(self._requests.answer(self._mirror.view(), question.id, label))
+        self._give(self._make.answer(self._mirror.view(), question.id, label))
 
     def decline(self, state: str = '/AskGoal') -> None:
         """Decline the question for a goal."""
         question = self.wait_question(DecisionKind.INPUT, state, ANSWER_TIMEOUT_S)
         self._tell('declines', f'"{question.prompt}"')
-        self._give(self._requests.decline(self._mirror.view(), question.id))
+        self._give(self._make.decline(self._mirror.view(), question.id))
 
     def choose(self, question: Decision, outcome: str) -> None:
         """Answer the question of a state that waits: by the outcome that it wants, or by another one."""
         verb = 'confirms' if outcome == question.outcome else 'overrules'
         self._tell(verb, f'{question.path}: {outcome}')
-        self._give(self._requests.choose(self._mirror.view(), question, outcome))
+        self._give(self._make.choose(self._mirror.view(), question, outcome))
 
     def force(self, path: str, outcome: str) -> None:
         """Leave an active state, unasked."""
         self._tell('forces', f'{path}: {outcome}')
-        self._give(self._requests.force(self._mirror.view(), path, outcome))
+        self._give(self._make.force(self._mirror.view(), path, outcome))
 
     def stop(self) -> None:
         """Stop the behavior."""
         self._tell('stops', 'the behavior')
-        self._give(self._requests.stop(self._mirror.view(), 'to show that the robot stops'))
+        command = self._make.command(self._mirror.view(), CommandKind.STOP)
+        self._give(replace(command, reason='to show that the robot stops'))
 
     def close_goal(self, ending: str, must_reach: bool) -> GoalResult:
         """What became of the goal that was given last.
@@ -250,7 +261,7 @@ class ScriptedOperator:
             raise DemoError(f'the command {name} was not applied ({tracked.state.value}): {tracked.reason}')
 
     def _place(self, label: str) -> Pose:
-        place = self._requests.places[label]
+        place = self._make.places[label]
         return Pose(place.x, place.y, place.yaw)
 
     def _on_change(self, _change: Change) -> None:

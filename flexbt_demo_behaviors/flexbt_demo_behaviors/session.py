@@ -12,11 +12,9 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands.operator_values import load_places
-from flexbt_console.commands.requests import Requests
-from flexbt_console.link.operator_link import OperatorLink
-from flexbt_console.mirror import Change, Mirror
-from flexbt_console.mirror.records import ExecutiveState, LogLine, Severity, Snapshot
+from flexbt_console.commands import CommandBuilder, load_places
+from flexbt_console.link import OperatorLink
+from flexbt_console.mirror import Change, ExecutiveState, LogLine, Mirror, Severity, Snapshot
 
 from .processes import DemoSettings, demo_processes
 from .report import Timeline
@@ -59,8 +57,8 @@ def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, tim
         record = RobotRecord()
         mirror = Mirror(runtime.steady)
         link = OperatorLink(runtime, mirror)
-        requests = Requests(operator, load_places(Path(settings.places)))
-        scripted = ScriptedOperator(mirror, record, link.send, requests, timeline)
+        make = CommandBuilder(operator, load_places(Path(settings.places)))
+        scripted = ScriptedOperator(mirror, record, link.send, make, timeline)
         record.on_change = scripted.notify
         group.watch(lambda ended: scripted.abandon(ended.report()))
         mirror.add_listener(Narrator(mirror, timeline))

@@ -8,23 +8,23 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from flexbt_console.commands.operator_values import Place
-from flexbt_console.commands.requests import Requests
-from flexbt_console.mirror import Mirror
-from flexbt_console.mirror.command_tracker import TrackedCommand
-from flexbt_console.mirror.records import (
+from flexbt_console.commands import CommandBuilder
+from flexbt_console.mirror import (
     ActiveState,
-    AnswerCode,
     AutonomyLevel,
     Command,
-    CommandAnswer,
     CommandKind,
+    CommandResult,
     Decision,
     DecisionKind,
     ExecutiveState,
+    Mirror,
     Peer,
+    ResultCode,
     Snapshot,
+    TrackedCommand,
 )
+from flexbt_console.mirror import Pose as Place
 from flexbt_core.clock import ManualClock
 from flexbt_demo_behaviors.report import DemoError, Timeline
 from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
@@ -41,7 +41,7 @@ class Link:
 
     mirror: Mirror
     answer: Callable[[Command], Snapshot] = lambda _command: RUNNING
-    code: AnswerCode = AnswerCode.APPLIED
+    code: ResultCode = ResultCode.APPLIED
     given: list[Command] = field(default_factory=list)
     sequence: int = 0
 
@@ -52,7 +52,7 @@ class Link:
     def send(self, command: Command, timeout: float) -> TrackedCommand:
         self.given.append(command)
         tracked = self.mirror.give(command, timeout)
-        result = CommandAnswer(command.id, self.code, 'not now')
+        result = CommandResult(command.id, self.code, 'not now')
         self.show(replace(self.answer(command), results=(result,)))
         return tracked
 
@@ -71,8 +71,8 @@ def record() -> RobotRecord:
 
 @pytest.fixture
 def operator(link: Link, record: RobotRecord) -> ScriptedOperator:
-    requests = Requests('script', {'kitchen': Place(3.0, 4.0, 0.0), 'office': Place(1.0, 0.0, 0.0)})
-    operator = ScriptedOperator(link.mirror, record, link.send, requests, Timeline(io.StringIO()))
+    make = CommandBuilder('script', {'kitchen': Place(3.0, 4.0), 'office': Place(1.0, 0.0)})
+    operator = ScriptedOperator(link.mirror, record, link.send, make, Timeline(io.StringIO()))
     record.on_change = operator.notify
     return operator
 
@@ -121,7 +121,7 @@ def test_the_wanted_outcome_is_confirmed_and_another_one_forced(operator: Script
 
 
 def test_a_refused_command_is_an_error_with_its_reason(operator: ScriptedOperator, link: Link) -> None:
-    link.code = AnswerCode.REFUSED
+    link.code = ResultCode.REFUSED
     link.show(replace(RUNNING, decisions=(PLAN,)))
     with pytest.raises(DemoError, match='not now'):
         operator.choose(PLAN, 'done')

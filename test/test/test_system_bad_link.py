@@ -19,11 +19,18 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands.requests import Requests
-from flexbt_console.link.operator_link import OperatorLink
-from flexbt_console.mirror import CommandState, LinkState, Mirror, TrackedCommand, View
-from flexbt_console.mirror.freshness import LIVE_PERIODS
-from flexbt_console.mirror.records import AutonomyLevel, Command
+from flexbt_console.commands import CommandBuilder
+from flexbt_console.link import OperatorLink
+from flexbt_console.mirror import (
+    LIVE_PERIODS,
+    AutonomyLevel,
+    Command,
+    CommandState,
+    LinkState,
+    Mirror,
+    TrackedCommand,
+    View,
+)
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.node.executive import open_executive
@@ -105,7 +112,7 @@ class Scene:
         self.nemesis = nemesis
         self.mirror = Mirror(console.steady)
         self.link = BadLink(console, self.mirror, nemesis)
-        self.requests = Requests('ann', {})
+        self.make = CommandBuilder('ann', {})
         self.commands: list[Command] = []
         self.wrong: list[str] = []
         self.mirror.add_listener(lambda _: self.check())
@@ -164,15 +171,15 @@ def scene(seed: int, loss: float, delay: float) -> Iterator[Scene]:
 def test_each_command_has_one_effect_or_is_refused(loss: float, delay: float, count: int) -> None:
     with scene(1, loss, delay) as at:
         view = at.wait(lambda view: view.live and view.behaviors)
-        at.send(at.requests.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
+        at.send(at.make.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
         doubled = 0
         for _ in range(count):
             view = at.wait(lambda view: view.decision)
             assert view.decision is not None
-            at.send(at.requests.confirm(view, view.decision.id))
+            at.send(at.make.confirm(view, view.decision.id))
             if doubled < 5:  # a second operator of the same opinion: one of the two is too late
                 doubled += 1
-                at.send(Requests('bob', {}).confirm(view, view.decision.id))
+                at.send(CommandBuilder('bob', {}).confirm(view, view.decision.id))
             at.wait(lambda view, seen=view.decision.id: view.decision is None or view.decision.id != seen, 5.0)  # type: ignore[misc]
         states = at.settle()
         assert states[CommandState.TIMEOUT] == states[CommandState.PENDING] == 0
@@ -185,7 +192,7 @@ def test_each_command_has_one_effect_or_is_refused(loss: float, delay: float, co
 def test_a_partition_is_shown_and_heals() -> None:
     with scene(2, 0.3, 0.2) as at:
         view = at.wait(lambda view: view.live and view.behaviors)
-        at.send(at.requests.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
+        at.send(at.make.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
         at.wait(lambda view: view.decision)
         at.nemesis.cut = True
         at.wait(lambda view: view.link is LinkState.LOST, 5.0)
@@ -194,7 +201,7 @@ def test_a_partition_is_shown_and_heals() -> None:
         healed = time.monotonic()
         view = at.wait(at.is_true)
         assert time.monotonic() - healed < HEALING_S
-        at.send(at.requests.confirm(view))
+        at.send(at.make.confirm(view))
         assert at.settle() == {CommandState.APPLIED: 2}
         assert sum(Gate.exits.values()) == 1
 
@@ -202,10 +209,10 @@ def test_a_partition_is_shown_and_heals() -> None:
 def test_a_command_that_is_said_during_a_partition_arrives_once_after_it() -> None:
     with scene(3, 0.0, 0.0) as at:
         view = at.wait(lambda view: view.live and view.behaviors)
-        at.send(at.requests.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
+        at.send(at.make.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
         view = at.wait(lambda view: view.live and view.decision)
         at.nemesis.cut = True
-        command = at.requests.confirm(view)
+        command = at.make.confirm(view)
         at.send(command)
         pause = threading.Event()
         until = time.monotonic() + 1.0

@@ -16,9 +16,15 @@ from typing import Any, TypeVar
 import pytest
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_console.mirror import CommandState, LinkState, TrackedCommand
-from flexbt_console.mirror.freshness import LIVE_PERIODS
-from flexbt_console.mirror.records import AutonomyLevel, ExecutiveState, Snapshot
+from flexbt_console.mirror import (
+    LIVE_PERIODS,
+    AutonomyLevel,
+    CommandState,
+    ExecutiveState,
+    LinkState,
+    Snapshot,
+    TrackedCommand,
+)
 from flexbt_system_tests.gates import GATES, offer_gates
 from flexbt_testing.network import network_namespace
 from flexbt_testing.network.lossy_link import FAIR, LossyLink, Weather
@@ -81,9 +87,9 @@ class Scene:
         end = time.monotonic() + seconds
         return lambda: time.monotonic() > end
 
-    def send(self, console: Console, request: str, *arguments: Any, timeout: float = DEADLINE_S) -> str:
+    def send(self, console: Console, *words: str, timeout: float = DEADLINE_S) -> str:
         """A command from a console, see :meth:`Console.send`."""
-        command_id = console.send(request, *arguments, timeout=timeout)
+        command_id = console.send(*words, timeout=timeout)
         self._sent.append((console, command_id))
         return command_id
 
@@ -99,9 +105,9 @@ class Scene:
         assert settled is not None
         return settled
 
-    def apply(self, console: Console, request: str, *arguments: Any) -> None:
+    def apply(self, console: Console, *words: str) -> None:
         """A command that must be applied."""
-        settled = self.settled(console, self.send(console, request, *arguments))
+        settled = self.settled(console, self.send(console, *words))
         assert settled.state is CommandState.APPLIED, settled
 
     def is_right(self, console: Console) -> bool:
@@ -169,7 +175,7 @@ def at(tmp_path: Path) -> Iterator[Scene]:
 
 def test_operators_at_a_bad_link_are_told_the_truth_and_command_once(at: Scene) -> None:
     ann = at.console('ann')
-    at.apply(ann, 'start', 'Gates', (), AutonomyLevel.LOW)
+    at.apply(ann, 'start', 'Gates', '--autonomy', 'low')
     at.apply(ann, 'claim_authority')
 
     at.link.weather = BAD
@@ -195,7 +201,7 @@ def test_operators_at_a_bad_link_are_told_the_truth_and_command_once(at: Scene) 
     at.send(ann, 'confirm', decision)  # which may arrive or not
     is_over = at.cut(PARTITION_S)
     at.wait(lambda: ann.view().link is LinkState.LOST, 'link shown as lost', LIVE_S + 2 * HEARTBEAT_S)
-    at.send(ann, 'autonomy', AutonomyLevel.OFF)
+    at.send(ann, 'autonomy', 'off')
     at.wait(is_over, 'end of the partition')
     at.wait(lambda: (now := at.observer.latest()) is not None and not now.authority, 'authority lost', 1.0)
     at.link.weather = FAIR

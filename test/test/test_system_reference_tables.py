@@ -18,12 +18,10 @@ import flexbt_server.node.parameters
 import flexbt_sim.nodes.navigation_parameters
 import flexbt_sim.nodes.simulator_parameters
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands.command_table import COMMANDS, EXIT_CODES
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / 'docs' / 'reference'
 EXECUTABLES = (REFERENCE / 'executables.md').read_text(encoding='utf-8')
-CONSOLE = (REFERENCE / 'console.md').read_text(encoding='utf-8')
 
 LONG_LIST = 4
 """Of a default with more entries than this the page gives the number."""
@@ -107,10 +105,3 @@ def shown(parameter: Parameter) -> str:
     if len(values) > LONG_LIST:
         return f'{len(values)} keys'
     return f'`[{", ".join(values)}]`' if values else '–'
-
-
-def test_commands_and_exit_codes_of_the_console() -> None:
-    assert [codes(row[0])[0].split()[0] for row in table(CONSOLE, '# Console')] == [
-        command.name for command in COMMANDS
-    ]
-    assert [tuple(row) for row in table(CONSOLE, 'Every command has')] == list(EXIT_CODES)

@@ -1,2 +1,62 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of the console: how they are written, completed and built."""
+"""The commands of the console: their registry, and what is derived from it. Without ROS."""
+
+from .command_builder import CommandBuilder
+from .command_line import COMMON_OPTIONS, check, parse
+from .completion import candidates
+from .help import EXIT_CODES, command_help, overview, prompt_help
+from .operator_values import autonomy_level, full_namespace, load_places, start_input, value_text
+from .registry import COMMANDS, NOTE_LENGTH, build, find
+from .spec import (
+    DECISION,
+    Answers,
+    Argument,
+    Ask,
+    CommandLine,
+    CommandSpec,
+    Known,
+    LinkNeed,
+    Mode,
+    Option,
+    Send,
+    Show,
+    Shown,
+    Typed,
+    UserdataSource,
+)
+
+__all__ = [
+    'COMMANDS',
+    'COMMON_OPTIONS',
+    'DECISION',
+    'EXIT_CODES',
+    'NOTE_LENGTH',
+    'Answers',
+    'Argument',
+    'Ask',
+    'CommandBuilder',
+    'CommandLine',
+    'CommandSpec',
+    'Known',
+    'LinkNeed',
+    'Mode',
+    'Option',
+    'Send',
+    'Show',
+    'Shown',
+    'Typed',
+    'UserdataSource',
+    'autonomy_level',
+    'build',
+    'candidates',
+    'check',
+    'command_help',
+    'find',
+    'full_namespace',
+    'load_places',
+    'overview',
+    'parse',
+    'prompt_help',
+    'start_input',
+    'value_text',
+]

@@ -1,66 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command lines: words to a parsed command, and the help, both from the table of commands."""
+"""Command lines: words to a parsed command, checked against the registry."""
 
 from __future__ import annotations
 
 import difflib
 import math
 import re
-import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Final
 
 from flexbt_console.errors import UsageError
-from flexbt_console.mirror.records import AutonomyLevel
 
-from . import command_table
-from .command_table import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, Option
+from .registry import COMMANDS, find
+from .spec import CommandLine, CommandSpec, Option, Read, seconds
 
-WIDTH: Final = 79
-"""Columns of a help text."""
+COMMON_OPTIONS: Final = (
+    Option('--json', 'print JSON for programs: one object, or one a line for watch'),
+    Option('--timeout', 'how long to wait for the executive and its answer (default 5)', 'SECONDS', read=seconds),
+    Option('--operator', 'who gives the command (default: FLEXBT_OPERATOR, or user@host)', 'NAME'),
+    Option('--namespace', 'namespace of the robot, as --ros-args -r __ns:=NAME', 'NAME'),
+    Option(
+        '--places',
+        'YAML file of named places (default: FLEXBT_PLACES, or the parameter "places" of the node)',
+        'FILE',
+    ),
+    Option('--help', 'show this help'),
+)
+"""Options of every command."""
 
 _NUMBER = re.compile(r'-(\d|\.\d|inf|nan)', re.IGNORECASE)
-
-
-@dataclass(frozen=True, slots=True)
-class CommandLine:
-    """A command with its words. ``ros_arguments`` are those for ROS, ``--ros-args`` included."""
-
-    spec: CommandSpec | None
-    words: tuple[str, ...] = ()
-    options: dict[str, list[str]] = field(default_factory=dict)
-    ros_arguments: tuple[str, ...] = ()
-
-    def has(self, name: str) -> bool:
-        """Whether the option was given."""
-        return name in self.options
-
-    def value(self, name: str) -> str | None:
-        """The value of an option, the last one when it was given again; None when it was not given."""
-        values = self.options.get(name)
-        return values[-1] if values else None
-
-    def values(self, name: str) -> list[str]:
-        """All values of a repeated option."""
-        return self.options.get(name, [])
-
-    def seconds(self, name: str) -> float | None:
-        """The value of an option in seconds.
-
-        Raises:
-            UsageError: it is not a number above 0.
-        """
-        text = self.value(name)
-        if text is None:
-            return None
-        try:
-            seconds = float(text)
-        except ValueError:
-            seconds = math.nan
-        if not 0.0 < seconds < math.inf:
-            raise UsageError(f'{name} {text}: expected a number of seconds above 0')
-        return seconds
 
 
 def parse(words: Sequence[str]) -> CommandLine:
@@ -88,54 +56,30 @@ def parse(words: Sequence[str]) -> CommandLine:
         else:
             positional.append(word)
     line = CommandLine(spec, tuple(positional), options, ros_arguments)
-    _check(line)
+    if spec is not None and not line.has('--help'):
+        least = sum(argument.required for argument in spec.arguments)
+        most = math.inf if any(argument.repeated for argument in spec.arguments) else len(spec.arguments)
+        if not least <= len(line.words) <= most:
+            raise UsageError(f'usage: {spec.usage}')
     return line
 
 
-def overview() -> str:
-    """The help of the whole console."""
-    lines = [
-        'usage: console [COMMAND] [ARGUMENT ...] [OPTION ...] [--ros-args ...]',
-        '',
-        "The operator's console of a FlexBT executive.",
-        'Without a command, in a terminal: the interactive prompt.',
-        '',
-        'commands:',
-    ]
-    lines += _table([(spec.name, spec.summary) for spec in COMMANDS])
-    lines += ['', 'options of every command:']
-    lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
-    lines += ['', 'exit codes:']
-    lines += _table(list(EXIT_CODES))
-    lines += ['', 'console COMMAND --help tells more of a command.']
-    return '\n'.join(lines)
-
-
-def command_help(spec: CommandSpec) -> str:
-    """The help of one command."""
-    lines = textwrap.wrap(f'usage: console {spec.usage}', WIDTH, subsequent_indent=' ' * 8)
-    lines += ['', *textwrap.wrap(spec.summary, WIDTH)]
-    for paragraph in spec.details:
-        lines += ['', *textwrap.wrap(paragraph, WIDTH)]
-    if spec.options:
-        lines += ['', 'options:', *_table([(option.usage, option.help) for option in spec.options])]
-    lines += ['', 'options of every command:']
-    lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
-    return '\n'.join(lines)
-
-
-def autonomy_level(text: str) -> AutonomyLevel:
-    """Read a level of autonomy: its name or its number.
+def check(line: CommandLine) -> None:
+    """Read the words and values of a line of a command, before anything is started for it.
 
     Raises:
-        UsageError: it is neither.
+        UsageError: one is not written as it has to be.
     """
-    names = {level.name.lower(): level for level in AutonomyLevel}
-    numbers = {str(level.value): level for level in AutonomyLevel}
-    level = names.get(text.lower(), numbers.get(text))
-    if level is None:
-        raise UsageError(f'{text!r} is no level of autonomy; expected off, low, high, full or 0 to 3')
-    return level
+    assert line.spec is not None
+    for option in COMMON_OPTIONS + line.spec.options:
+        for value in line.values(option.name) if option.read is not None else ():
+            _read(option.read, value, f'{option.name} ')
+    for index, word in enumerate(line.words):
+        argument, *others = line.spec.arguments_at(index)
+        if not others:
+            _read(argument.read, word)
+    if line.spec.check is not None:
+        line.spec.check(line)
 
 
 def _split_ros_arguments(words: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
@@ -154,7 +98,7 @@ def _split_ros_arguments(words: Sequence[str]) -> tuple[list[str], tuple[str, ..
 
 
 def _find(name: str) -> CommandSpec:
-    spec = command_table.find(name)
+    spec = find(name)
     if spec is None:
         near = difflib.get_close_matches(name, [spec.name for spec in COMMANDS], n=1)
         hint = f'did you mean {near[0]!r}?' if near else 'see console --help'
@@ -185,25 +129,9 @@ def _take_option(word: str, rest: list[str], spec: CommandSpec | None, options: 
     options.setdefault(name, []).append(value)
 
 
-def _check(line: CommandLine) -> None:
-    spec = line.spec
-    if spec is None or line.has('--help'):
-        return
-    least = sum(argument.required for argument in spec.arguments)
-    most = math.inf if any(a.repeated for a in spec.arguments) else len(spec.arguments)
-    if not least <= len(line.words) <= most:
-        raise UsageError(f'usage: {spec.usage}')
-
-
-def _table(rows: list[tuple[str, str]]) -> list[str]:
-    width = min(24, max(len(left) for left, _ in rows))
-    lines = []
-    for left, right in rows:
-        first, *more = textwrap.wrap(right, WIDTH - width - 4) or ['']
-        if len(left) > width:
-            lines.append(f'  {left}')
-            lines.append(f'  {"":{width}}  {first}')
-        else:
-            lines.append(f'  {left:{width}}  {first}')
-        lines += [f'  {"":{width}}  {line}' for line in more]
-    return lines
+def _read(read: Read | None, word: str, what: str = '') -> None:
+    try:
+        if read is not None:
+            read(word)
+    except UsageError as error:
+        raise UsageError(f'{what}{error}') from None

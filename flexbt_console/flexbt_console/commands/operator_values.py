@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an operator writes for a value: a named place, ``x y yaw``, or the text of any type."""
+"""What an operator writes for a value: a level, a namespace, a named place, ``x y yaw``, or the text of any type."""
 
 from __future__ import annotations
 
@@ -8,28 +8,51 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror.records import Decision, InputValue
-
-FRAME: Final = 'map'
-"""Frame of a pose that the operator gives without one."""
+from flexbt_console.mirror import AutonomyLevel, Decision, InputValue, Pose, plain_type
 
 _NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
 _NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A pose with a name: metres and radians in ``frame``."""
+def autonomy_level(text: str) -> AutonomyLevel:
+    """Read a level of autonomy: its name or its number.
 
-    x: float
-    y: float
-    yaw: float = 0.0
-    frame: str = FRAME
+    Raises:
+        UsageError: it is neither.
+    """
+    names = {level.name.lower(): level for level in AutonomyLevel}
+    numbers = {str(level.value): level for level in AutonomyLevel}
+    level = names.get(text.lower(), numbers.get(text))
+    if level is None:
+        raise UsageError(f'{text!r} is no level of autonomy; expected off, low, high, full or 0 to 3')
+    return level
+
+
+def assignment(text: str) -> tuple[str, str]:
+    """Read ``PARAMETER=VALUE``.
+
+    Raises:
+        UsageError: it is not written so.
+    """
+    key, equals, value = text.partition('=')
+    if not equals or not key:
+        raise UsageError(f'{text!r}: expected PARAMETER=VALUE')
+    return key, value
+
+
+def line_count(text: str) -> int:
+    """Read a number of lines.
+
+    Raises:
+        UsageError: it is no number above 0.
+    """
+    if not text.isascii() or not text.isdigit() or int(text) == 0:
+        raise UsageError(f'{text!r}: expected a number of lines above 0')
+    return int(text)
 
 
 def full_namespace(text: str) -> str:
@@ -46,7 +69,7 @@ def full_namespace(text: str) -> str:
     return full
 
 
-def load_places(file: Path) -> dict[str, Place]:
+def load_places(file: Path) -> dict[str, Pose]:
     """Read a YAML file ``{name: {x: 1.0, y: 2.0, yaw: 0.0}}``; yaw (radians) and frame may be left out.
 
     Raises:
@@ -66,7 +89,7 @@ def load_places(file: Path) -> dict[str, Place]:
     return {str(name): _place(file, str(name), entry) for name, entry in content.items()}
 
 
-def _place(file: Path, name: str, entry: Any) -> Place:
+def _place(file: Path, name: str, entry: Any) -> Pose:
     where = f'places file {file}, place {name!r}'
     if _NO_WORD.search(name) or not name:
         raise UsageError(f'{where}: a name is one word that begins with a letter')
@@ -78,10 +101,11 @@ def _place(file: Path, name: str, entry: Any) -> Place:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise UsageError(f'{where}: {key} is {value!r}, not a number')
         numbers[key] = float(value)
-    return Place(**numbers, frame=str(entry.get('frame', FRAME)))
+    frame = {'frame': str(entry['frame'])} if 'frame' in entry else {}
+    return Pose(**numbers, **frame)
 
 
-def value_text(text: str, type: str, places: Mapping[str, Place]) -> str:
+def value_text(text: str, type: str, places: Mapping[str, Pose]) -> str:
     """The text of a value of ``type`` (as in BlackboardEntry), from what the operator wrote; checked.
 
     A message type that is not installed here is left to the executive to check.
@@ -89,7 +113,7 @@ def value_text(text: str, type: str, places: Mapping[str, Place]) -> str:
     Raises:
         RefusedError: it is no value of the type.
     """
-    short = type.replace('/msg/', '/')
+    short = plain_type(type)
     if short in ('string', 'str'):
         return json.dumps(text)
     is_array = short.endswith('[]')
@@ -102,8 +126,8 @@ def value_text(text: str, type: str, places: Mapping[str, Place]) -> str:
     return _checked_text(text, type)
 
 
-def answer(decision: Decision, text: str, places: Mapping[str, Place]) -> InputValue:
-    """The value that answers a question for input.
+def answer(decision: Decision, text: str, places: Mapping[str, Pose]) -> InputValue:
+    """The value that answers an input request.
 
     Raises:
         RefusedError: it is no value of the wanted type, or none of the allowed ones.
@@ -116,7 +140,7 @@ def answer(decision: Decision, text: str, places: Mapping[str, Place]) -> InputV
     return InputValue('', decision.input_type, value_text(text, decision.input_type, places))
 
 
-def start_input(text: str, places: Mapping[str, Place]) -> InputValue:
+def start_input(text: str, places: Mapping[str, Pose]) -> InputValue:
     """Read ``key=type:value`` of the input userdata of a start.
 
     Raises:
@@ -130,7 +154,7 @@ def start_input(text: str, places: Mapping[str, Place]) -> InputValue:
     return InputValue(key, type, value_text(value, type, places))
 
 
-def _pose(text: str, places: Mapping[str, Place]) -> Place:
+def _pose(text: str, places: Mapping[str, Pose]) -> Pose:
     words = text.split()
     if len(words) == 1 and words[0] in places:
         return places[words[0]]
@@ -144,17 +168,17 @@ def _pose(text: str, places: Mapping[str, Place]) -> Place:
         raise RefusedError(f'{text.strip()!r} is no place and not "x y yaw" (metres, radians); {hint}') from None
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
         raise RefusedError(f'{text.strip()!r}: a pose has finite numbers')
-    return Place(x, y, yaw)
+    return Pose(x, y, yaw)
 
 
-def _pose_plain(place: Place) -> dict[str, Any]:
+def _pose_plain(place: Pose) -> dict[str, Any]:
     return {
         'position': {'x': place.x, 'y': place.y},
         'orientation': {'z': math.sin(place.yaw / 2.0), 'w': math.cos(place.yaw / 2.0)},
     }
 
 
-_POSE_FORMS: Final[Mapping[str, Callable[[Place], dict[str, Any]]]] = {
+_POSE_FORMS: Final[Mapping[str, Callable[[Pose], dict[str, Any]]]] = {
     'geometry_msgs/PoseStamped': lambda place: {
         'header': {'frame_id': place.frame},
         'pose': _pose_plain(place),
@@ -162,12 +186,7 @@ _POSE_FORMS: Final[Mapping[str, Callable[[Place], dict[str, Any]]]] = {
     'geometry_msgs/Pose': _pose_plain,
     'geometry_msgs/Pose2D': lambda place: {'x': place.x, 'y': place.y, 'theta': place.yaw},
 }
-"""How a place becomes plain data of each type of pose."""
-
-
-def is_pose(type: str) -> bool:
-    """Whether a place or ``x y yaw`` may be given for that type."""
-    return type.replace('/msg/', '/').removesuffix('[]') in _POSE_FORMS
+"""How a pose becomes plain data of each of :data:`flexbt_console.mirror.POSE_TYPES`."""
 
 
 def _checked_text(text: str, type: str) -> str:

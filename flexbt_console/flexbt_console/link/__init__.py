@@ -1,2 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The console's side of the operator link."""
+"""The console's side of the operator link: messages of ROS to the records of the mirror, and commands to messages.
+
+A room of four files, as it is the one place of the console where ROS is spoken.
+"""
+
+from . import messages
+from .operator_link import OperatorLink
+
+__all__ = ['OperatorLink', 'messages']

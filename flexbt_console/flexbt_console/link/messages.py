@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Time
 
-from flexbt_console.mirror import records
+from flexbt_console import mirror as records
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import (
     BehaviorArgument,
@@ -42,7 +42,7 @@ def snapshot(message: ExecutiveStatus) -> records.Snapshot:
         ),
         decisions=tuple(_decision(decision) for decision in message.decisions),
         results=tuple(
-            records.CommandAnswer(result.command_id, _known(records.AnswerCode, result.code), result.reason)
+            records.CommandResult(result.command_id, _known(records.ResultCode, result.code), result.reason)
             for result in message.results
         ),
         peers=tuple(records.Peer(peer.name, peer.alive, _seconds(peer.since), peer.ready) for peer in message.peers),
@@ -136,6 +136,7 @@ def command(record: records.Command, now: float) -> ExecutiveCommand:
             for value in record.inputs
         ],
         grantee=sendable(record.grantee),
+        text=sendable(record.text),
         reason=sendable(record.reason),
     )
 
@@ -160,7 +161,7 @@ def _pose(message: Any) -> records.Pose | None:
         return None
     position, q = message.pose.position, message.pose.orientation
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    return records.Pose(message.header.frame_id, position.x, position.y, yaw)
+    return records.Pose(position.x, position.y, yaw, message.header.frame_id)
 
 
 def _known(constants: type[E], value: int) -> E:

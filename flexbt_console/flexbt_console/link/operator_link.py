@@ -7,7 +7,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
@@ -18,9 +18,17 @@ from flexbt_common import names
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.errors import NoLinkError
-from flexbt_console.mirror import Change, Mirror, TrackedCommand, Transit, View
-from flexbt_console.mirror.command_tracker import LONGEST_RESEND
-from flexbt_console.mirror.records import Command, UserdataScope
+from flexbt_console.mirror import (
+    LONGEST_RESEND,
+    Change,
+    Command,
+    CommandState,
+    Mirror,
+    TrackedCommand,
+    Transit,
+    UserdataScope,
+    View,
+)
 from flexbt_core.clock import Timer
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 
@@ -28,8 +36,6 @@ from . import messages
 from .interface_check import interface_problem, senders_problem
 
 T = TypeVar('T')
-
-SETTLED_COMMANDS: Final = frozenset({'applied', 'refused', 'timeout'})
 
 
 class OperatorLink:
@@ -54,16 +60,18 @@ class OperatorLink:
         # The executive sees by this whether anybody watches, and whether the holder of the authority does.
         PresenceToken(runtime, operator)
 
-    def send(self, command: Command, timeout: float) -> TrackedCommand:
-        """Give a command to the executive; its fate is followed by the mirror. From any thread."""
-        tracked = self._mirror.give(command, timeout)
+    def send(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
+        """Give a command, called ``label``, to the executive; its fate is followed by the mirror. From any thread."""
+        tracked = self._mirror.give(command, timeout, label)
         self._runtime.post(self._send_due)
         return tracked
 
-    def wait_for(self, look: Callable[[View], T | None], timeout: float | None, every: float | None = None) -> T | None:
-        """Wait until ``look`` sees something in the view, and give it; None after ``timeout`` seconds.
+    def wait_for(
+        self, inspect: Callable[[View], T | None], timeout: float | None, every: float | None = None
+    ) -> T | None:
+        """Wait until ``inspect`` finds something in the view, and give it; None after ``timeout`` seconds.
 
-        ``look`` is called after each change, also when the picture gets stale, and at least ``every`` seconds if
+        It is called after each change, also when the picture gets stale, and at least every ``every`` seconds if
         that is given. Not on the executor thread.
         """
         clock = self._runtime.steady
@@ -71,7 +79,7 @@ class OperatorLink:
         while True:
             with self._changed:
                 changes = self._changes
-            found = look(self._mirror.view())
+            found = inspect(self._mirror.view())
             if found is not None:
                 return found
             now = clock.now()
@@ -97,11 +105,11 @@ class OperatorLink:
     def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
         """Wait for the answer of a command, or its timeout."""
 
-        def look(_: View) -> TrackedCommand | None:
+        def settled(_: View) -> TrackedCommand | None:
             tracked = self._mirror.command(command_id)
-            return tracked if tracked is not None and tracked.state.value in SETTLED_COMMANDS else None
+            return None if tracked is None or tracked.state is CommandState.PENDING else tracked
 
-        return self.wait_for(look, timeout)
+        return self.wait_for(settled, timeout)
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
         """The userdata of the run, see :func:`flexbt_console.link.userdata_query.userdata`. Raises what that raises."""
@@ -151,14 +159,14 @@ class OperatorLink:
         if self._executives == 0:
             self._mirror.sender_gone()
             return
-        self._look_for_problems()
+        self._find_problems()
 
     def _on_command_matched(self, status: Any) -> None:
         self._reachable = status.current_count > 0
-        self._look_for_problems()
+        self._find_problems()
         self._send_due()
 
-    def _look_for_problems(self) -> None:
+    def _find_problems(self) -> None:
         node = self._runtime.node
         self._mirror.set_problem(
             interface_problem(node, names.EXECUTIVE_STATUS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The question for the userdata of the run: a goal of the action ``get_userdata``."""
+"""Asking for the userdata of the run: a goal of the action ``get_userdata``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.errors import NoAnswerError, RefusedError
-from flexbt_console.mirror.records import InputValue, UserdataScope
+from flexbt_console.mirror import InputValue, UserdataScope
 from flexbt_msgs.action import GetUserdata
 
 

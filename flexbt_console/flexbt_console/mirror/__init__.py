@@ -1,20 +1,72 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The mirror of an executive: a plain model without ROS and without a user interface, which serves them all."""
 
-from .command_tracker import CommandState, CommandTracker, TrackedCommand
-from .freshness import Freshness, LinkState
+from .command_tracker import LONGEST_RESEND, CommandState, CommandTracker, TrackedCommand
+from .freshness import LIVE_PERIODS, LOST_PERIODS, Freshness, LinkState
 from .mirror import Change, Mirror, Transit
-from .view import View, choices
+from .records import (
+    POSE_TYPES,
+    ActiveState,
+    AutonomyLevel,
+    Behavior,
+    BehaviorList,
+    BehaviorParameter,
+    Command,
+    CommandKind,
+    CommandResult,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    InputValue,
+    LogLine,
+    Peer,
+    Pose,
+    ResultCode,
+    Severity,
+    Snapshot,
+    StateKind,
+    StateStructure,
+    Structure,
+    UserdataScope,
+    plain_type,
+)
+from .view import View
 
 __all__ = [
+    'LIVE_PERIODS',
+    'LONGEST_RESEND',
+    'LOST_PERIODS',
+    'POSE_TYPES',
+    'ActiveState',
+    'AutonomyLevel',
+    'Behavior',
+    'BehaviorList',
+    'BehaviorParameter',
     'Change',
+    'Command',
+    'CommandKind',
+    'CommandResult',
     'CommandState',
     'CommandTracker',
+    'Decision',
+    'DecisionKind',
+    'ExecutiveState',
     'Freshness',
+    'InputValue',
     'LinkState',
+    'LogLine',
     'Mirror',
+    'Peer',
+    'Pose',
+    'ResultCode',
+    'Severity',
+    'Snapshot',
+    'StateKind',
+    'StateStructure',
+    'Structure',
     'TrackedCommand',
     'Transit',
+    'UserdataScope',
     'View',
-    'choices',
+    'plain_type',
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from .records import AnswerCode, Command, Snapshot
+from .records import Command, ResultCode, Snapshot
 
 FIRST_RESEND: Final = 0.15
 """Seconds until an unanswered command is sent again; doubled each time."""
@@ -28,9 +28,10 @@ class CommandState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TrackedCommand:
-    """A command and its fate; times in seconds on the tracker's clock."""
+    """A command and its fate; ``label`` is what the operator calls it, times are in seconds on the tracker's clock."""
 
     command: Command
+    label: str
     given: float
     deadline: float
     state: CommandState = CommandState.PENDING
@@ -52,9 +53,10 @@ class CommandTracker:
         self._remembered = remembered
         self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
 
-    def give(self, command: Command, now: float, timeout: float) -> TrackedCommand:
-        """Take a command to be sent; :meth:`due` hands it out."""
-        tracked = TrackedCommand(command, now, now + timeout, next_send=now)
+    def give(self, command: Command, now: float, timeout: float, label: str = '') -> TrackedCommand:
+        """Take a command to be sent; :meth:`due` hands it out. Without a label it is called by its kind."""
+        label = label or command.kind.name.lower()
+        tracked = TrackedCommand(command, label, now, now + timeout, next_send=now)
         self._commands[command.id] = tracked
         while len(self._commands) > self._remembered:
             self._commands.popitem(last=False)
@@ -104,9 +106,9 @@ class CommandTracker:
             tracked = self._commands.get(answer.command_id)
             if tracked is None or tracked.state not in (CommandState.PENDING, CommandState.TIMEOUT):
                 continue
-            if answer.code is AnswerCode.APPLIED:
+            if answer.code is ResultCode.APPLIED:
                 settled.append(self._settle(tracked, CommandState.APPLIED, '', now))
-            elif answer.code is AnswerCode.REFUSED:
+            elif answer.code is ResultCode.REFUSED:
                 reason = answer.reason or 'no reason was given'
                 settled.append(self._settle(tracked, CommandState.REFUSED, reason, now))
         for tracked in self.pending():

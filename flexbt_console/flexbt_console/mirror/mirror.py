@@ -156,10 +156,10 @@ class Mirror:
 
     # Commands
 
-    def give(self, command: Command, timeout: float) -> TrackedCommand:
-        """Take a command to be sent."""
+    def give(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
+        """Take a command to be sent, which the operator calls ``label``."""
         with self._lock:
-            tracked = self._commands.give(command, self._clock.now(), timeout)
+            tracked = self._commands.give(command, self._clock.now(), timeout, label)
         self._tell(Change.COMMAND)
         return tracked
 

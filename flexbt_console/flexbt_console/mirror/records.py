@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 
 class ExecutiveState(IntEnum):
@@ -32,7 +33,7 @@ class DecisionKind(IntEnum):
     INPUT = 3
 
 
-class AnswerCode(IntEnum):
+class ResultCode(IntEnum):
     """CommandResult.code."""
 
     UNKNOWN = 0
@@ -84,6 +85,16 @@ class CommandKind(IntEnum):
     RESUME_RUN = 18
     ABORT_RUN = 19
     HAND_OVER_AUTHORITY = 20
+    NOTE = 21
+
+
+POSE_TYPES: Final = frozenset({'geometry_msgs/PoseStamped', 'geometry_msgs/Pose', 'geometry_msgs/Pose2D'})
+"""Types of a value for which an operator may write a place or ``x y yaw``."""
+
+
+def plain_type(type: str) -> str:
+    """The name of a type without ``/msg``."""
+    return type.replace('/msg/', '/')
 
 
 class AutonomyLevel(IntEnum):
@@ -120,13 +131,28 @@ class Decision:
     input_choices: tuple[str, ...] = ()
     since: float = 0.0
 
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """What may be chosen: the outcomes, or the allowed texts of an input request."""
+        return self.input_choices if self.kind is DecisionKind.INPUT else self.outcomes
+
+    @property
+    def wants_text(self) -> bool:
+        """Whether it is an input request for a text, which any line may be."""
+        return self.kind is DecisionKind.INPUT and self.input_type in ('string', 'str')
+
+    @property
+    def wants_pose(self) -> bool:
+        """Whether it is an input request for one or several poses."""
+        return self.kind is DecisionKind.INPUT and plain_type(self.input_type).removesuffix('[]') in POSE_TYPES
+
 
 @dataclass(frozen=True, slots=True)
-class CommandAnswer:
+class CommandResult:
     """What the executive says of one command."""
 
     command_id: str
-    code: AnswerCode
+    code: ResultCode
     reason: str = ''
 
 
@@ -144,10 +170,10 @@ class Peer:
 class Pose:
     """A pose in the plane: metres and radians in ``frame``."""
 
-    frame: str
     x: float
     y: float
-    yaw: float
+    yaw: float = 0.0
+    frame: str = 'map'
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +191,7 @@ class Snapshot:
     autonomy: int = 0
     active_states: tuple[ActiveState, ...] = ()
     decisions: tuple[Decision, ...] = ()
-    results: tuple[CommandAnswer, ...] = ()
+    results: tuple[CommandResult, ...] = ()
     peers: tuple[Peer, ...] = ()
     robot_pose: Pose | None = None
     locked: tuple[str, ...] = ()
@@ -174,10 +200,6 @@ class Snapshot:
     authority: str = ''
     authority_requests: tuple[str, ...] = ()
     stamp: float = 0.0
-
-    def decision(self, decision_id: str) -> Decision | None:
-        """The pending decision of that identifier."""
-        return next((decision for decision in self.decisions if decision.id == decision_id), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,4 +306,5 @@ class Command:
     arguments: tuple[tuple[str, str], ...] = ()
     inputs: tuple[InputValue, ...] = ()
     grantee: str = ''
+    text: str = ''
     reason: str = ''

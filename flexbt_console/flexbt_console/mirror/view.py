@@ -10,7 +10,6 @@ from .freshness import LinkState
 from .records import (
     Behavior,
     Decision,
-    DecisionKind,
     ExecutiveState,
     Snapshot,
     StateStructure,
@@ -57,6 +56,10 @@ class View:
         """The decision to answer first: the oldest."""
         return self.decisions[0] if self.decisions else None
 
+    def pending(self, decision_id: str) -> Decision | None:
+        """The pending decision of that identifier."""
+        return next((decision for decision in self.decisions if decision.id == decision_id), None)
+
     @property
     def active_paths(self) -> tuple[str, ...]:
         """Paths of the active leaves."""
@@ -85,8 +88,3 @@ class View:
         if state is not None:
             return state.outcomes
         return next((d.outcomes for d in self.decisions if d.path == path and d.outcomes), ())
-
-
-def choices(decision: Decision) -> tuple[str, ...]:
-    """What may be chosen: the outcomes of a decision, or the allowed texts of an input."""
-    return decision.input_choices if decision.kind is DecisionKind.INPUT else decision.outcomes

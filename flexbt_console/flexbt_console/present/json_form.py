@@ -6,12 +6,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Mapping
 from enum import Enum
 from typing import Any
 
 from flexbt_console.errors import ExitCode
-from flexbt_console.mirror import CommandState, TrackedCommand, View
-from flexbt_console.mirror.records import Structure
+from flexbt_console.mirror import CommandState, Structure, TrackedCommand, View
 
 
 def encode(value: Any) -> str:
@@ -21,12 +21,9 @@ def encode(value: Any) -> str:
 
 def status(view: View) -> dict[str, Any]:
     """The picture and how old it is. ``link`` is live, stale or lost; everything else is only as good as that."""
-    known = (
-        {field.name: getattr(view.snapshot, field.name) for field in dataclasses.fields(view.snapshot)}
-        if (view.snapshot is not None)
-        else {}
-    )
-    known.pop('results', None)
+    snapshot = view.snapshot
+    shown = (field.name for field in dataclasses.fields(snapshot) if field.name != 'results') if snapshot else ()
+    known = {name: getattr(snapshot, name) for name in shown}
     return {'link': view.link.value, 'age': view.age, 'problem': view.problem, **known}
 
 
@@ -76,7 +73,7 @@ def _plain(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
-from flexbt_console.commands.operator_values import Place, is_pose
-from flexbt_console.mirror import CommandState, TrackedCommand, View
-from flexbt_console.mirror.records import (
+from flexbt_console.mirror import (
     AutonomyLevel,
     Behavior,
+    CommandState,
     Decision,
     DecisionKind,
     ExecutiveState,
@@ -21,9 +20,14 @@ from flexbt_console.mirror.records import (
     Snapshot,
     StateKind,
     Structure,
+    TrackedCommand,
     UserdataScope,
+    View,
 )
 from flexbt_core.values import lines, one_line
+
+LABEL_LENGTH: Final = 40
+"""How many characters are shown of what a command is called."""
 
 VALUE_LENGTH: Final = 200
 """How many characters of a value of userdata are shown."""
@@ -95,11 +99,11 @@ def authority(snapshot: Snapshot) -> str:
 
 
 def decision(pending: Decision, snapshot: Snapshot) -> str:
-    """A question of a snapshot in one line."""
+    """A pending decision of a snapshot in one line."""
     where = one_line(pending.path)
     prompt = f': {one_line(pending.prompt)}' if pending.prompt else ''
     if pending.kind is DecisionKind.INPUT:
-        form = 'place or x y yaw' if is_pose(pending.input_type) else one_line(pending.input_type)
+        form = 'place or x y yaw' if pending.wants_pose else one_line(pending.input_type)
         return f'[{one_line(pending.id)}] {where} asks for a value ({form}){prompt}'
     if pending.kind is DecisionKind.TRANSITION:
         has_breakpoint = pending.path in snapshot.breakpoints
@@ -114,10 +118,11 @@ def _required(level: int) -> str:
     return f'requires more than {autonomy(level)}' if level >= 0 else 'your decision'
 
 
-def choice_lines(options: Sequence[str], wanted: str = '') -> str:
-    """What may be chosen, numbered; the wanted one is marked."""
+def choice_lines(pending: Decision) -> str:
+    """What may be chosen, numbered; the outcome that is wanted is marked."""
     return '  '.join(
-        f'{number} {one_line(option)}{"*" if option == wanted else ""}' for number, option in enumerate(options, 1)
+        f'{number} {one_line(choice)}{"*" if choice == pending.outcome else ""}'
+        for number, choice in enumerate(pending.choices, 1)
     )
 
 
@@ -142,9 +147,8 @@ def status(view: View) -> list[str]:
         shown += [f'            {one_line(line)}' for line in state.activity]
     for pending in snapshot.decisions:
         shown.append(f'waiting   {decision(pending, snapshot)}')
-        options = pending.input_choices or pending.outcomes
-        if options:
-            shown.append(f'            {choice_lines(options, pending.outcome)}')
+        if pending.choices:
+            shown.append(f'            {choice_lines(pending)}')
     shown.append(f'robot     {pose(snapshot.robot_pose)}')
     if snapshot.peers:
         shown.append(f'nodes     {peers(snapshot.peers)}')
@@ -191,9 +195,9 @@ def log_line(line: LogLine) -> list[str]:
     return [f'{severity}{where}{first}', *(f'    {text}' for text in more)]
 
 
-def command_result(name: str, tracked: TrackedCommand) -> list[str]:
+def command_result(tracked: TrackedCommand) -> list[str]:
     """What became of a command; continuation lines of the reason are indented."""
-    duration = tracked.duration
+    name, duration = one_line(tracked.label, LABEL_LENGTH), tracked.duration
     if tracked.state is CommandState.APPLIED:
         return [f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)']
     if tracked.state is CommandState.PENDING:
@@ -216,7 +220,7 @@ def userdata(scopes: tuple[UserdataScope, ...]) -> list[str]:
     return shown or ['the machines have no userdata']
 
 
-def places(known: dict[str, Place]) -> list[str]:
+def places(known: Mapping[str, Pose]) -> list[str]:
     """The named places."""
     shown = [
         f'{one_line(name)}  x {place.x:.2f}  y {place.y:.2f}  yaw {place.yaw:.2f}  ({one_line(place.frame)})'

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_common.cli import make_streams_safe
-from flexbt_console.commands.operator_values import full_namespace
+from flexbt_console.commands import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
 
 DISCOVERY_SECONDS: Final = 1.0

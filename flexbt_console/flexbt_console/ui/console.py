@@ -12,30 +12,39 @@ import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from flexbt_common.cli import abandon_stdout, make_streams_safe
-from flexbt_console.commands import command_table
-from flexbt_console.commands.command_line import CommandLine, command_help, overview, parse
-from flexbt_console.commands.operator_values import Place, full_namespace, load_places
+from flexbt_console.commands import (
+    CommandBuilder,
+    CommandLine,
+    Mode,
+    check,
+    command_help,
+    find,
+    full_namespace,
+    load_places,
+    overview,
+    parse,
+)
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
+from flexbt_console.mirror import Mirror, Pose
 from flexbt_console.present import json_form
 from flexbt_core.values import lines
 
 if TYPE_CHECKING:
     from flexbt_common.runtime import NodeRuntime
-    from flexbt_console.commands.requests import Requests
-    from flexbt_console.link.operator_link import OperatorLink
-    from flexbt_console.mirror import Mirror
+    from flexbt_console.link import OperatorLink
 
 NODE_NAME = 'console'
 PLACES_PARAMETER = 'places'
+DEFAULT_TIMEOUT = 5.0
+"""Seconds to wait for the executive, and for its answer, when no --timeout is given."""
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-
 _CLOSE_SECONDS = 10.0
 
 
@@ -61,12 +70,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not sys.stdin.isatty():
                 print(overview(), file=sys.stderr)
                 return ExitCode.USAGE
-            line = CommandLine(command_table.find('prompt'), (), line.options, line.ros_arguments)
+            line = replace(line, spec=find('prompt'))
+        check(line)
         return _run(line)
     except ConsoleError as error:
         return _report(words, line, error.exit_code, str(error))
     except _Interrupted:
-        endless = line is not None and line.spec is not None and line.spec.name in ('watch', 'prompt')
+        endless = line is not None and line.spec is not None and isinstance(line.spec.action, Mode)
         return ExitCode.OK if endless else ExitCode.INTERRUPTED
     except BrokenPipeError:
         abandon_stdout()
@@ -74,24 +84,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(line: CommandLine) -> ExitCode:
-    from .line import line_mode
-
-    assert line.spec is not None
-    line_mode.check(line)
-    if line.spec.name == 'prompt':
+    if line.spec is not None and line.spec.action is Mode.PROMPT:
         return _run_prompt(line)
+    from .line import Session, run
+
     with _open_runtime(line) as runtime:
-        mirror, link, requests = _parts(line, runtime)
-        return line_mode.run(line_mode.Session(mirror, link, requests, line))
+        mirror, link, make = _parts(line, runtime)
+        return run(Session(mirror, link, make, line, line.seconds('--timeout') or DEFAULT_TIMEOUT))
 
 
 def _run_prompt(line: CommandLine) -> ExitCode:
-    from .line import line_mode
-
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError('the interactive prompt needs a terminal; use a command, see console --help')
     try:
-        from flexbt_console.ui.prompt.session import run_prompt
+        from .prompt import run_prompt
     except ModuleNotFoundError as error:
         if error.name is None or not error.name.startswith('prompt_toolkit'):
             raise
@@ -100,19 +106,16 @@ def _run_prompt(line: CommandLine) -> ExitCode:
             '(console --help)'
         ) from None
     with _open_runtime(line) as runtime:
-        mirror, link, requests = _parts(line, runtime)
-        timeout = line.seconds('--timeout') or line_mode.DEFAULT_TIMEOUT
-        run_prompt(mirror, link.send, requests, timeout, runtime.steady)
+        mirror, link, make = _parts(line, runtime)
+        run_prompt(mirror, link.send, make, line.seconds('--timeout') or DEFAULT_TIMEOUT, runtime.steady)
         return ExitCode.OK
 
 
-def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, Requests]:
-    from flexbt_console.commands.requests import Requests
-    from flexbt_console.link.operator_link import OperatorLink
-    from flexbt_console.mirror import Mirror
+def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:
+    from flexbt_console.link import OperatorLink
 
     mirror, operator = Mirror(runtime.steady), operator_name(line)
-    return mirror, OperatorLink(runtime, mirror, operator), Requests(operator, _places(line, runtime))
+    return mirror, OperatorLink(runtime, mirror, operator), CommandBuilder(operator, _places(line, runtime))
 
 
 @contextlib.contextmanager
@@ -141,7 +144,7 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
         faulthandler.cancel_dump_traceback_later()
 
 
-def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Place]:
+def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Pose]:
     """The named places, from the first that is given: option, environment, parameter of the node."""
     file = line.value('--places') or os.environ.get('FLEXBT_PLACES', '')
     if not file:

@@ -17,11 +17,9 @@ from rclpy.serialization import serialize_message
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands.requests import Requests
-from flexbt_console.link import messages
-from flexbt_console.link.operator_link import OperatorLink
-from flexbt_console.mirror import Mirror, TrackedCommand, View
-from flexbt_console.mirror.records import Snapshot
+from flexbt_console.commands import CommandBuilder, build, parse
+from flexbt_console.link import OperatorLink, messages
+from flexbt_console.mirror import Mirror, Snapshot, TrackedCommand, View
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
 
 from .network_namespace import NetworkNamespace, enter
@@ -46,7 +44,7 @@ class Console:
         self._runtime = NodeRuntime('console', args=())
         self._mirror = Mirror(self._runtime.steady)
         self._link = OperatorLink(self._runtime, self._mirror, operator)
-        self._requests = Requests(operator, {})
+        self._make = CommandBuilder(operator, {})
         self._shown: list[Shown] = []
         self._end = threading.Event()
         self._eye = threading.Thread(target=self._watch, daemon=True)
@@ -66,9 +64,9 @@ class Console:
         """All that was shown."""
         return list(self._shown)
 
-    def send(self, request: str, *arguments: Any, timeout: float = 30.0) -> str:
-        """Make a command by that method of ``Requests``, from what is shown now; gives its identifier."""
-        command = getattr(self._requests, request)(self._mirror.view(), *arguments)
+    def send(self, *words: str, timeout: float = 30.0) -> str:
+        """Give a command, written as on the command line, bound to what is shown now; gives its identifier."""
+        command = build(parse(words), self._mirror.view(), self._make)
         return self._link.send(command, timeout).command.id
 
     def tracked(self, command_id: str) -> TrackedCommand | None:

@@ -1,2 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interactive prompt: a line to type on, the present state below it, events above it."""
+"""The interactive prompt: a line to type on, the present state below it, events above it. Needs prompt_toolkit."""
+
+from .session import Prompt, run_prompt
+from .short_form import Bound, Local, Meaning, interpret
+from .shown_decision import ShownDecision
+from .toolbar import cut, toolbar
+
+__all__ = ['Bound', 'Local', 'Meaning', 'Prompt', 'ShownDecision', 'cut', 'interpret', 'run_prompt', 'toolbar']

@@ -7,8 +7,8 @@ import asyncio
 import contextlib
 import os
 import signal
-import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from prompt_toolkit import PromptSession
@@ -21,25 +21,19 @@ from prompt_toolkit.output import ColorDepth, Output
 from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
-from flexbt_console.commands.command_line import command_help
-from flexbt_console.commands.command_table import COMMANDS
-from flexbt_console.commands.requests import Requests
+from flexbt_console.commands import CommandBuilder, Show, candidates, command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import CommandState, Mirror, View
-from flexbt_console.mirror.records import Command
-from flexbt_console.present import rendering
-from flexbt_console.ui.line.line_mode import log_count
-from flexbt_console.ui.line.watch import Follower
+from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, Pose, View
+from flexbt_console.present import Follower, rendering
 from flexbt_core.clock import Clock
-from flexbt_core.values import lines, one_line
+from flexbt_core.values import lines
 
-from .completion import candidates
 from .short_form import Bound, Local, Meaning, interpret
-from .shown_question import ShownQuestion
+from .shown_decision import ShownDecision
 from .toolbar import toolbar
 
-Send = Callable[[Command, float], object]
-"""Sends a command that is to be answered within so many seconds; the mirror follows its fate."""
+Send = Callable[[Command, float, str], object]
+"""Sends a command that is to be answered within so many seconds, with its label; the mirror follows its fate."""
 
 AGE_SECONDS: Final = 0.5
 """How often the age of the picture is drawn anew while nothing else happens."""
@@ -55,7 +49,7 @@ STYLE: Final = Style.from_dict(
         'live': 'bold ansigreen',
         'stale': 'bold ansiyellow',
         'lost': 'bold ansired',
-        'question': 'bold ansicyan',
+        'decision': 'bold ansicyan',
         'dim': 'ansibrightblack',
     }
 )
@@ -63,9 +57,9 @@ STYLE: Final = Style.from_dict(
 GREETING: Final = '"help" lists the commands. "stop" stops the robot; "quit" leaves it going on.'
 
 
-def run_prompt(mirror: Mirror, send: Send, requests: Requests, timeout: float, clock: Clock) -> None:
+def run_prompt(mirror: Mirror, send: Send, make: CommandBuilder, timeout: float, clock: Clock) -> None:
     """Run the prompt in this terminal until the operator quits, or SIGINT, SIGTERM or SIGHUP comes."""
-    asyncio.run(Prompt(mirror, send, requests, timeout, clock).run())
+    asyncio.run(Prompt(mirror, send, make, timeout, clock).run())
 
 
 class Prompt:
@@ -75,7 +69,7 @@ class Prompt:
         self,
         mirror: Mirror,
         send: Send,
-        requests: Requests,
+        make: CommandBuilder,
         timeout: float,
         clock: Clock,
         *,
@@ -84,17 +78,17 @@ class Prompt:
     ) -> None:
         self._mirror = mirror
         self._send = send
-        self._requests = requests
+        self._make = make
         self._timeout = timeout
-        self._shown = ShownQuestion(clock)
+        self._shown = ShownDecision(clock)
         self._follower = Follower(mirror)
-        self._pending: dict[str, str] = {}
+        self._pending: list[str] = []
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
         self._refresh_planned = False
         self._ended = False
         self._session: PromptSession[str] = PromptSession(
             '> ',
-            completer=_PromptCompleter(mirror, requests),
+            completer=_PromptCompleter(mirror, make.places),
             complete_while_typing=False,
             complete_style=CompleteStyle.READLINE_LIKE,
             reserve_space_for_menu=0,
@@ -109,8 +103,8 @@ class Prompt:
         self._session.default_buffer.on_text_changed += lambda buffer: self._shown.typed(buffer.text)
 
     @property
-    def shown_question(self) -> str | None:
-        """Identifier of the question that is on the screen."""
+    def shown_decision(self) -> str | None:
+        """Identifier of the decision that is on the screen."""
         return self._shown.shown
 
     async def run(self) -> None:
@@ -141,36 +135,20 @@ class Prompt:
         """Do what a line says; False to quit."""
         view = self._mirror.view()
         try:
-            meaning = interpret(text, view, self._requests, bound)
+            meaning = interpret(text, view, self._make, bound)
             if meaning.local is Local.QUIT:
                 return False
             if meaning.local is Local.HELP:
                 self._print(_help(meaning))
             elif meaning.local is Local.SHOW:
-                self._print(self._show(meaning, view))
+                self._print(_show(meaning, view, _Known(self._mirror, self._make.places)))
         except ConsoleError as error:
             self._print(lines(str(error)))
             return True
         if meaning.command is not None:
-            self._pending[meaning.command.id] = meaning.label
-            self._send(meaning.command, self._timeout)
+            self._pending.append(meaning.command.id)
+            self._send(meaning.command, self._timeout, meaning.label)
         return True
-
-    def _show(self, meaning: Meaning, view: View) -> list[str]:
-        assert meaning.line is not None and meaning.line.spec is not None
-        name = meaning.line.spec.name
-        if name == 'behaviors':
-            known = view.behaviors
-            return rendering.behaviors(known) if known is not None else ['the list has not arrived']
-        if name == 'structure':
-            machine = view.structure
-            return rendering.structure(machine, view) if machine else ['there is no state machine to show']
-        if name == 'log':
-            entries = self._mirror.log(log_count(meaning.line))
-            return [text for entry in entries for text in rendering.log_line(entry)] or ['the log is empty']
-        if name == 'places':
-            return rendering.places(dict(self._requests.places))
-        return rendering.status(view)
 
     def _toolbar(self) -> StyleAndTextTuples:
         view = self._mirror.view()
@@ -192,13 +170,13 @@ class Prompt:
     def _refresh(self) -> None:
         self._refresh_planned = False
         view = self._mirror.view()
-        for _, _, text in self._follower.new(view):
-            self._print(text, view)
-        for command_id, label in list(self._pending.items()):
+        for event in self._follower.events(view):
+            self._print(event.text, view)
+        for command_id in list(self._pending):
             tracked = self._mirror.command(command_id)
             if tracked is not None and tracked.state is not CommandState.PENDING:
-                del self._pending[command_id]
-                self._print(rendering.command_result(one_line(label), tracked))
+                self._pending.remove(command_id)
+                self._print(rendering.command_result(tracked))
         self._session.app.invalidate()
 
     def _quit(self) -> None:
@@ -226,32 +204,34 @@ class Prompt:
             self._shown.drawn(decision_id)
 
 
+@dataclass(frozen=True)
+class _Known:
+    _mirror: Mirror
+    places: Mapping[str, Pose]
+
+    def log(self, count: int) -> tuple[LogLine, ...]:
+        return self._mirror.log(count)
+
+
 class _PromptCompleter(Completer):
-    def __init__(self, mirror: Mirror, requests: Requests) -> None:
+    def __init__(self, mirror: Mirror, places: Mapping[str, Pose]) -> None:
         self._mirror = mirror
-        self._requests = requests
+        self._places = places
 
     def get_completions(self, document: Document, complete_event: CompleteEvent) -> Iterable[Completion]:
         text = document.text_before_cursor
         last = text.rpartition(' ')[2]
-        for word in candidates(text, self._mirror.view(), self._requests.places):
+        for word in candidates(text, self._mirror.view(), self._places):
             yield Completion(word, start_position=-len(last))
+
+
+def _show(meaning: Meaning, view: View, known: _Known) -> list[str]:
+    assert meaning.line is not None and meaning.line.spec is not None
+    action = meaning.line.spec.action
+    assert isinstance(action, Show)
+    return action.show(meaning.line, view, known).text
 
 
 def _help(meaning: Meaning) -> list[str]:
     spec = meaning.line.spec if meaning.line else None
-    if spec is not None:
-        return command_help(spec).splitlines()
-    shown = [
-        text
-        for spec in COMMANDS
-        if spec.in_prompt
-        for text in textwrap.wrap(spec.prompt_usage, 76, initial_indent='  ', subsequent_indent='      ')
-    ]
-    return [
-        'While a question is shown, in short: a number or name chooses an outcome;',
-        'a place, "x y yaw" or a value answers a question for a value.',
-        *shown,
-        '  help [COMMAND]',
-        '  quit (or Ctrl-D; the robot goes on)        Tab completes',
-    ]
+    return prompt_help() if spec is None else command_help(spec).splitlines()

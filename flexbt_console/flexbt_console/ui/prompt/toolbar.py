@@ -6,8 +6,7 @@ from __future__ import annotations
 import unicodedata
 from typing import Final
 
-from flexbt_console.mirror import CommandState, LinkState, View, choices
-from flexbt_console.mirror.records import DecisionKind
+from flexbt_console.mirror import CommandState, DecisionKind, LinkState, View
 from flexbt_console.present import rendering
 from flexbt_core.values import one_line
 
@@ -25,15 +24,15 @@ LINK_STYLES: Final = {
 
 
 def toolbar(view: View, width: int, height: int) -> list[Line]:
-    """The lines, at most ``height`` of at most ``width`` cells. The question to answer is always among them.
+    """The lines, at most ``height`` of at most ``width`` cells. The decision to make is always among them.
 
-    What matters most stays when there is little room: link and behavior, then the question, then the rest.
+    What matters most stays when there is little room: link and behavior, then the decision, then the rest.
     """
     head = _head(view)
-    question = _question(view)
+    decision = _decision(view)
     rest = _rest(view)
-    room = max(0, height - len(head) - len(question))
-    shown = [*head, *rest[:room], *question]
+    room = max(0, height - len(head) - len(decision))
+    shown = [*head, *rest[:room], *decision]
     return [(style, cut(text, width)) for style, text in shown[: max(1, height)]]
 
 
@@ -71,16 +70,15 @@ def _head(view: View) -> list[Line]:
     return head
 
 
-def _question(view: View) -> list[Line]:
+def _decision(view: View) -> list[Line]:
     decision, snapshot = view.decision, view.snapshot
     if decision is None or snapshot is None:
         return []
     others = len(view.decisions) - 1
     more = f'  (+{others} more: status)' if others else ''
-    lines = [('class:question', f'? {rendering.decision(decision, snapshot)}{more}')]
-    options = choices(decision)
-    if options:
-        lines.append(('class:question', f'  {rendering.choice_lines(options, decision.outcome)}'))
+    lines = [('class:decision', f'? {rendering.decision(decision, snapshot)}{more}')]
+    if decision.choices:
+        lines.append(('class:decision', f'  {rendering.choice_lines(decision)}'))
     if decision.kind is DecisionKind.TRANSITION:
         lines.append(('', '  number or name chooses; "confirm" takes the one marked *'))
     return lines
@@ -107,5 +105,5 @@ def _rest(view: View) -> list[Line]:
         lines.insert(0, ('class:lost', f'nodes  {rendering.peers(missed)}'))
     command = view.last_command
     if command is not None and command.state is CommandState.PENDING:
-        lines.insert(0, ('class:stale', f'{command.command.kind.name.lower()}: sent, no answer yet'))
+        lines.insert(0, ('class:stale', rendering.command_result(command)[0]))
     return lines

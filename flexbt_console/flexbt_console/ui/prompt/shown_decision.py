@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which question the operator was looking at when the typing began, so that no answer reaches another one."""
+"""Which decision the operator was looking at when the typing began, so that no answer reaches another one."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Final
 from flexbt_core.clock import Clock
 
 REACTION_SECONDS: Final = 0.4
-"""A key that is pressed sooner than this after a question took the place of another was meant for the other."""
+"""A key that is pressed sooner than this after a decision took the place of another was meant for the other."""
 
 
-class ShownQuestion:
-    """Binds each typed line to the question that was on the screen at its first key."""
+class ShownDecision:
+    """Binds each typed line to the decision that was on the screen at its first key."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -24,11 +24,11 @@ class ShownQuestion:
 
     @property
     def shown(self) -> str | None:
-        """Identifier of the question on the screen."""
+        """Identifier of the decision on the screen."""
         return self._shown
 
     def drawn(self, decision_id: str | None) -> None:
-        """The screen shows this question now."""
+        """The screen shows this decision now."""
         if decision_id == self._shown:
             return
         self._replaced_at = self._clock.now() if self._shown is not None and decision_id is not None else None
@@ -45,7 +45,7 @@ class ShownQuestion:
             self._hasty = since is not None and since < REACTION_SECONDS
 
     def take(self) -> tuple[str | None, bool]:
-        """The question that the finished line is bound to, and whether its typing began too soon to be meant."""
+        """The decision that the finished line is bound to, and whether its typing began too soon to be meant."""
         bound, hasty = (self._bound, self._hasty) if self._typing else (self._shown, False)
         self._typing = False
         return bound, hasty

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Commands for the executive, made from what the operator wants and what the operator sees.
 
-A command is bound to the picture that it was made from: to the run, and to the question that it answers. What
+A command is bound to the picture that it was made from: to the run, and to the decision that it answers. What
 cannot work is refused here, with what would work; the executive checks everything again.
 """
 
@@ -10,9 +10,10 @@ from __future__ import annotations
 import difflib
 import uuid
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from flexbt_console.errors import RefusedError
-from flexbt_console.mirror.records import (
+from flexbt_console.mirror import (
     AutonomyLevel,
     Behavior,
     Command,
@@ -21,19 +22,31 @@ from flexbt_console.mirror.records import (
     DecisionKind,
     ExecutiveState,
     InputValue,
+    Pose,
     StateKind,
+    View,
 )
-from flexbt_console.mirror.view import View
 
-from .operator_values import Place, answer
+from .operator_values import answer
 
 
-class Requests:
-    """Makes the commands of one operator."""
+class CommandBuilder:
+    """Makes the commands of one operator. ``places`` are the named places that may be written for poses."""
 
-    def __init__(self, operator: str, places: Mapping[str, Place]) -> None:
+    def __init__(self, operator: str, places: Mapping[str, Pose]) -> None:
         self.operator = operator
         self.places = places
+
+    def command(self, view: View, kind: CommandKind) -> Command:
+        """A new command for the run that is shown, with nothing filled in that only some kinds have."""
+        snapshot = view.snapshot
+        return Command(
+            id=uuid.uuid4().hex,
+            kind=kind,
+            operator=self.operator,
+            executive_id=snapshot.executive_id if snapshot else '',
+            run_id=snapshot.run_id if snapshot else '',
+        )
 
     def start(
         self,
@@ -48,20 +61,24 @@ class Requests:
         Raises:
             RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
         """
-        if view.behaviors is not None:
-            _check_start(view.behaviors, name, arguments)
-        return self._command(
-            view,
-            CommandKind.START,
+        _check_behavior(view, name, arguments)
+        return replace(
+            self.command(view, CommandKind.START),
+            run_id='',
             behavior=name,
             arguments=tuple(arguments),
             autonomy=int(autonomy),
             inputs=tuple(inputs),
         )
 
-    def stop(self, view: View, reason: str = '') -> Command:
-        """Stop the run."""
-        return self._command(view, CommandKind.STOP, run_id=_run(view), reason=reason)
+    def switch(self, view: View, name: str, arguments: Sequence[tuple[str, str]] = ()) -> Command:
+        """Go on with another behavior, keeping the active states.
+
+        Raises:
+            RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
+        """
+        _check_behavior(view, name, arguments)
+        return replace(self.command(view, CommandKind.SWITCH), behavior=name, arguments=tuple(arguments))
 
     def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> Command:
         """Set the level of autonomy, of the run, of a sub-tree of it, or for the next run.
@@ -69,64 +86,45 @@ class Requests:
         Raises:
             RefusedError: there is no such state.
         """
-        run_id = _run(view) if view.running else ''
-        path = _known_path(view, path) if path else ''
-        return self._command(view, CommandKind.AUTONOMY, run_id=run_id, autonomy=int(level), path=path)
+        command = self.command(view, CommandKind.AUTONOMY)
+        return replace(
+            command,
+            run_id=command.run_id if view.running else '',
+            autonomy=int(level),
+            path=_known_path(view, path) if path else '',
+        )
 
-    def pause(self, view: View, reason: str = '') -> Command:
-        """Let the run stand still."""
-        return self._command(view, CommandKind.PAUSE, run_id=_run(view), reason=reason)
-
-    def resume(self, view: View, reason: str = '') -> Command:
+    def resume(self, view: View) -> Command:
         """Go on with a paused run, or with one that the end of the executive interrupted."""
         is_interrupted = view.snapshot is not None and view.snapshot.state is ExecutiveState.INTERRUPTED
-        kind = CommandKind.RESUME_RUN if is_interrupted else CommandKind.RESUME
-        return self._command(view, kind, run_id=_run(view), reason=reason)
+        return self.command(view, CommandKind.RESUME_RUN if is_interrupted else CommandKind.RESUME)
 
-    def abort(self, view: View, reason: str = '') -> Command:
-        """Give up a run that the end of the executive interrupted."""
-        return self._command(view, CommandKind.ABORT_RUN, run_id=_run(view), reason=reason)
-
-    def repeat(self, view: View, path: str = '', reason: str = '') -> Command:
+    def repeat(self, view: View, path: str = '') -> Command:
         """Leave a state and enter it again. Without a path: the state that waits, or the only active one.
 
         Raises:
             RefusedError: which state is meant is not clear, or it is not active.
         """
         path = _active_path(view, path) if path else _waiting_path(view)
-        return self._command(view, CommandKind.REPEAT, run_id=_run(view), path=path, reason=reason)
+        return replace(self.command(view, CommandKind.REPEAT), path=path)
 
-    def mark(self, kind: CommandKind, view: View, path: str, reason: str = '') -> Command:
-        """Lock or unlock a state, set or clear a breakpoint.
+    def at_path(self, kind: CommandKind, view: View, path: str) -> Command:
+        """A command for a state or container, active or not: lock or unlock it, set or clear a breakpoint.
 
         Raises:
             RefusedError: there is no such state.
         """
-        return self._command(view, kind, run_id=_run(view), path=_known_path(view, path), reason=reason)
+        return replace(self.command(view, kind), path=_known_path(view, path))
 
-    def switch(self, view: View, name: str, arguments: Sequence[tuple[str, str]] = (), reason: str = '') -> Command:
-        """Go on with another behavior, keeping the active states.
-
-        Raises:
-            RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
-        """
-        if view.behaviors is not None:
-            _check_start(view.behaviors, name, arguments)
-        return self._command(
-            view, CommandKind.SWITCH, run_id=_run(view), behavior=name, arguments=tuple(arguments), reason=reason
-        )
-
-    def confirm(self, view: View, decision_id: str = '', reason: str = '') -> Command:
-        """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only question.
+    def confirm(self, view: View, decision_id: str = '') -> Command:
+        """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only decision.
 
         An identifier that is not pending here is sent all the same: the executive says what became of it.
 
         Raises:
             RefusedError: nothing or too much is pending, or it cannot be confirmed.
         """
-        decision = view.snapshot.decision(decision_id) if view.snapshot and decision_id else None
-        if not decision_id:
-            decision = _only(view.decisions, 'question')
+        decision = view.pending(decision_id) if decision_id else _only(view.decisions, 'decision')
         if decision is not None:
             if decision.kind is DecisionKind.INPUT:
                 raise RefusedError(f'{decision.id} asks for a value ({decision.input_type}); use "input VALUE"')
@@ -135,30 +133,25 @@ class Requests:
                     f'{decision.id} suggests no outcome; choose by "force OUTCOME": {", ".join(decision.outcomes)}'
                 )
             decision_id = decision.id
-        return self._command(view, CommandKind.CONFIRM, run_id=_run(view), decision_id=decision_id, reason=reason)
+        return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision_id)
 
     def choose(self, view: View, decision: Decision, outcome: str) -> Command:
-        """Answer a question by one of its outcomes: confirm the one that is wanted, force another.
+        """Answer a decision by one of its outcomes: confirm the one that is wanted, force another.
 
         Raises:
-            RefusedError: the question has no such outcome.
+            RefusedError: the decision has no such outcome.
         """
         if outcome not in decision.outcomes:
             raise RefusedError(
                 f'{decision.path} has no outcome {outcome!r}; choose one of {", ".join(decision.outcomes)}'
             )
         if outcome == decision.outcome:
-            return self._command(view, CommandKind.CONFIRM, run_id=_run(view), decision_id=decision.id)
-        return self._command(
-            view,
-            CommandKind.FORCE,
-            run_id=_run(view),
-            decision_id=decision.id,
-            path=decision.path,
-            outcome=outcome,
+            return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision.id)
+        return replace(
+            self.command(view, CommandKind.FORCE), decision_id=decision.id, path=decision.path, outcome=outcome
         )
 
-    def force(self, view: View, path: str, outcome: str, decision_id: str = '', reason: str = '') -> Command:
+    def force(self, view: View, path: str, outcome: str, decision_id: str = '') -> Command:
         """Leave a state by an outcome. Without a path: the state that waits, or the only active one.
 
         Raises:
@@ -174,55 +167,36 @@ class Requests:
         if outcomes and outcome not in outcomes:
             raise RefusedError(f'{path} has no outcome {outcome!r}; choose one of {", ".join(outcomes)}')
         if not decision_id:
-            # The question that the operator overrides: should another one have come up meanwhile, the
+            # The decision that the operator overrides: should another one have come up meanwhile, the
             # executive refuses instead of leaving a state that the operator has not seen.
             decision_id = next(
                 (d.id for d in view.decisions if d.path == path and d.kind is not DecisionKind.INPUT), ''
             )
-        return self._command(
-            view,
-            CommandKind.FORCE,
-            run_id=_run(view),
-            path=path,
-            outcome=outcome,
-            decision_id=decision_id,
-            reason=reason,
-        )
+        return replace(self.command(view, CommandKind.FORCE), path=path, outcome=outcome, decision_id=decision_id)
 
-    def answer(self, view: View, decision_id: str, text: str, reason: str = '') -> Command:
-        """Answer a question for a value; without an identifier, the only one.
+    def answer(self, view: View, decision_id: str, text: str) -> Command:
+        """Answer an input request by a value; without an identifier, the only one.
 
         Raises:
-            RefusedError: no such question, or the text is no value of the wanted type.
+            RefusedError: no such request, or the text is no value of the wanted type.
         """
-        decision = _input(view, decision_id)
-        return self._command(
-            view,
-            CommandKind.ANSWER,
-            run_id=_run(view),
+        decision = _input_request(view, decision_id)
+        return replace(
+            self.command(view, CommandKind.ANSWER),
             decision_id=decision.id,
             inputs=(answer(decision, text, self.places),),
-            reason=reason,
         )
 
-    def decline(self, view: View, decision_id: str = '', reason: str = '') -> Command:
-        """Decline to answer a question for a value; without an identifier, the only one.
+    def decline(self, view: View, decision_id: str = '') -> Command:
+        """Decline an input request; without an identifier, the only one.
 
         Raises:
-            RefusedError: no such question.
+            RefusedError: no such request.
         """
-        decision = _input(view, decision_id)
-        return self._command(view, CommandKind.DECLINE, run_id=_run(view), decision_id=decision.id, reason=reason)
+        decision = _input_request(view, decision_id)
+        return replace(self.command(view, CommandKind.DECLINE), decision_id=decision.id)
 
-    def claim_authority(self, view: View, reason: str = '') -> Command:
-        """Claim the authority to command, or ask its holder for it."""
-        return self._command(view, CommandKind.CLAIM_AUTHORITY, run_id=_run(view), reason=reason)
-
-    def release_authority(self, view: View, reason: str = '') -> Command:
-        """Give the authority back, or do not ask for it any more."""
-        return self._command(view, CommandKind.RELEASE_AUTHORITY, run_id=_run(view), reason=reason)
-
-    def hand_over_authority(self, view: View, grantee: str = '', reason: str = '') -> Command:
+    def hand_over_authority(self, view: View, grantee: str = '') -> Command:
         """Give the authority to another operator; without a name, to the one who asks for it.
 
         Raises:
@@ -232,46 +206,7 @@ class Requests:
         if not grantee and len(asking) != 1:
             who = f'these ask for it: {", ".join(asking)}' if asking else 'nobody asks for it'
             raise RefusedError(f'name the operator who gets the authority; {who}')
-        return self._command(
-            view, CommandKind.HAND_OVER_AUTHORITY, run_id=_run(view), grantee=grantee or asking[0], reason=reason
-        )
-
-    def _command(
-        self,
-        view: View,
-        kind: CommandKind,
-        *,
-        run_id: str = '',
-        decision_id: str = '',
-        path: str = '',
-        outcome: str = '',
-        autonomy: int = 0,
-        behavior: str = '',
-        arguments: tuple[tuple[str, str], ...] = (),
-        inputs: tuple[InputValue, ...] = (),
-        grantee: str = '',
-        reason: str = '',
-    ) -> Command:
-        return Command(
-            id=uuid.uuid4().hex,
-            kind=kind,
-            operator=self.operator,
-            executive_id=view.snapshot.executive_id if view.snapshot else '',
-            run_id=run_id,
-            decision_id=decision_id,
-            path=path,
-            outcome=outcome,
-            autonomy=autonomy,
-            behavior=behavior,
-            arguments=arguments,
-            inputs=inputs,
-            grantee=grantee,
-            reason=reason,
-        )
-
-
-def _run(view: View) -> str:
-    return view.snapshot.run_id if view.snapshot else ''
+        return replace(self.command(view, CommandKind.HAND_OVER_AUTHORITY), grantee=grantee or asking[0])
 
 
 def _describe(decision: Decision) -> str:
@@ -284,32 +219,32 @@ def _only(decisions: Sequence[Decision], what: str) -> Decision:
         raise RefusedError(f'no {what} is pending')
     if len(decisions) > 1:
         listed = ', '.join(_describe(decision) for decision in decisions)
-        raise RefusedError(f'several questions are pending; name one of them: {listed}')
+        raise RefusedError(f'several decisions are pending; name one of them: {listed}')
     return decisions[0]
 
 
 def _pending(view: View, decision_id: str) -> Decision:
-    decision = view.snapshot.decision(decision_id) if view.snapshot else None
+    decision = view.pending(decision_id)
     if decision is None:
         listed = ', '.join(_describe(decision) for decision in view.decisions) or 'none'
-        raise RefusedError(f'question {decision_id!r} is not pending (any more); pending: {listed}')
+        raise RefusedError(f'decision {decision_id!r} is not pending (any more); pending: {listed}')
     return decision
 
 
-def _input(view: View, decision_id: str) -> Decision:
+def _input_request(view: View, decision_id: str) -> Decision:
     if not decision_id:
         inputs = [decision for decision in view.decisions if decision.kind is DecisionKind.INPUT]
-        return _only(inputs, 'question for a value')
+        return _only(inputs, 'input request')
     decision = _pending(view, decision_id)
     if decision.kind is not DecisionKind.INPUT:
-        raise RefusedError(f'{decision_id} does not ask for a value; use "confirm" or "force"')
+        raise RefusedError(f'{decision_id} is no input request; use "confirm" or "force"')
     return decision
 
 
 def _waiting_path(view: View) -> str:
     waiting = [decision for decision in view.decisions if decision.kind is not DecisionKind.INPUT]
     if waiting:
-        return _only(waiting, 'question').path
+        return _only(waiting, 'decision').path
     active = view.active_paths
     if len(active) != 1:
         states = f'the active states are {", ".join(active)}' if active else 'no state is active'
@@ -351,7 +286,10 @@ def _known_path(view: View, text: str) -> str:
     raise RefusedError(f'there is no state {text!r}{hint}')
 
 
-def _check_start(behaviors: Sequence[Behavior], name: str, arguments: Sequence[tuple[str, str]]) -> None:
+def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]]) -> None:
+    behaviors: Sequence[Behavior] | None = view.behaviors
+    if behaviors is None:
+        return
     behavior = next((behavior for behavior in behaviors if behavior.name == name), None)
     if behavior is None:
         near = difflib.get_close_matches(name, [behavior.name for behavior in behaviors], n=1)

@@ -15,11 +15,9 @@ from hypothesis import strategies as st
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
-from flexbt_console.commands.operator_values import Place, full_namespace, load_places, start_input, value_text
-from flexbt_console.commands.requests import Requests
+from flexbt_console.commands import CommandBuilder, full_namespace, load_places, start_input, value_text
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import LinkState, View
-from flexbt_console.mirror.records import (
+from flexbt_console.mirror import (
     ActiveState,
     AutonomyLevel,
     Behavior,
@@ -28,10 +26,13 @@ from flexbt_console.mirror.records import (
     Decision,
     DecisionKind,
     ExecutiveState,
+    LinkState,
+    Pose,
     Snapshot,
     StateKind,
     StateStructure,
     Structure,
+    View,
 )
 from flexbt_console.present import rendering
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
@@ -62,80 +63,80 @@ def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',)) -> View
 
 
 @pytest.fixture
-def requests() -> Requests:
-    return Requests('ann', {'kitchen': Place(1.0, 2.0, 0.5), 'hall': Place(3.0, 4.0)})
+def make() -> CommandBuilder:
+    return CommandBuilder('ann', {'kitchen': Pose(1.0, 2.0, 0.5), 'hall': Pose(3.0, 4.0)})
 
 
-def test_every_command_names_operator_run_and_a_new_id(requests: Requests) -> None:
+def test_every_command_names_operator_run_and_a_new_id(make: CommandBuilder) -> None:
     commands = [
-        requests.stop(view()),
-        requests.confirm(view(TRANSITION)),
-        requests.force(view(), '', 'failed'),
-        requests.answer(view(INPUT), '', 'kitchen'),
-        requests.decline(view(INPUT)),
-        requests.autonomy(view(), AutonomyLevel.FULL),
+        make.command(view(), CommandKind.STOP),
+        make.confirm(view(TRANSITION)),
+        make.force(view(), '', 'failed'),
+        make.answer(view(INPUT), '', 'kitchen'),
+        make.decline(view(INPUT)),
+        make.autonomy(view(), AutonomyLevel.FULL),
     ]
     assert {(command.operator, command.run_id) for command in commands} == {('ann', 'r1')}
     assert len({command.id for command in commands}) == len(commands)
 
 
-def test_confirm_takes_the_only_question_and_lists_several(requests: Requests) -> None:
-    assert requests.confirm(view(TRANSITION)).decision_id == 't1'
+def test_confirm_takes_the_only_decision_and_lists_several(make: CommandBuilder) -> None:
+    assert make.confirm(view(TRANSITION)).decision_id == 't1'
     with pytest.raises(RefusedError, match=r't1 \(/Nav/Plan: done\), c1'):
-        requests.confirm(view(TRANSITION, CHOICE))
-    with pytest.raises(RefusedError, match='no question is pending'):
-        requests.confirm(view())
+        make.confirm(view(TRANSITION, CHOICE))
+    with pytest.raises(RefusedError, match='no decision is pending'):
+        make.confirm(view())
     with pytest.raises(RefusedError, match='input VALUE'):
-        requests.confirm(view(INPUT))
+        make.confirm(view(INPUT))
     with pytest.raises(RefusedError, match='left, right'):
-        requests.confirm(view(CHOICE))
+        make.confirm(view(CHOICE))
     # One that is not known here is for the executive to refuse.
-    assert requests.confirm(view(TRANSITION), 'old').decision_id == 'old'
+    assert make.confirm(view(TRANSITION), 'old').decision_id == 'old'
 
 
-def test_choosing_the_wanted_outcome_confirms_and_another_forces(requests: Requests) -> None:
-    confirmed = requests.choose(view(TRANSITION), TRANSITION, 'done')
+def test_choosing_the_wanted_outcome_confirms_and_another_forces(make: CommandBuilder) -> None:
+    confirmed = make.choose(view(TRANSITION), TRANSITION, 'done')
     assert (confirmed.kind, confirmed.decision_id) == (CommandKind.CONFIRM, 't1')
-    forced = requests.choose(view(TRANSITION), TRANSITION, 'failed')
+    forced = make.choose(view(TRANSITION), TRANSITION, 'failed')
     assert (forced.kind, forced.path, forced.outcome, forced.decision_id) == (
         CommandKind.FORCE, '/Nav/Plan', 'failed', 't1',
     )  # fmt: skip
     with pytest.raises(RefusedError, match='done, failed'):
-        requests.choose(view(TRANSITION), TRANSITION, 'x')
+        make.choose(view(TRANSITION), TRANSITION, 'x')
 
 
-def test_a_container_may_be_left_though_all_in_it_has_ended(requests: Requests) -> None:
+def test_a_container_may_be_left_though_all_in_it_has_ended(make: CommandBuilder) -> None:
     """It may wait for the operator, or be locked; only the executive knows the latter."""
     waiting = Decision('t2', DecisionKind.TRANSITION, '/Nav', 'done', ('done', 'failed'), 3)
-    command = requests.force(view(waiting, active=()), 'Nav', 'failed')
+    command = make.force(view(waiting, active=()), 'Nav', 'failed')
     assert (command.path, command.decision_id) == ('/Nav', 't2')
-    assert requests.repeat(view(waiting, active=()), '/Nav').path == '/Nav'
-    assert requests.force(view(active=()), '/Nav', 'failed').path == '/Nav'
+    assert make.repeat(view(waiting, active=()), '/Nav').path == '/Nav'
+    assert make.force(view(active=()), '/Nav', 'failed').path == '/Nav'
     assert any(line.startswith('>   Nav') for line in rendering.structure(STRUCTURE, view(waiting, active=())))
 
 
-def test_force_finds_the_state(requests: Requests) -> None:
-    assert requests.force(view(), '', 'done').path == '/Nav/Plan'
-    assert requests.force(view(), 'Plan', 'done').path == '/Nav/Plan'
-    assert requests.force(view(), 'Nav', 'done').path == '/Nav'
-    assert requests.force(view(TRANSITION), '', 'failed').decision_id == 't1'
-    assert requests.force(view(TRANSITION), '/Nav', 'failed').decision_id == ''
+def test_force_finds_the_state(make: CommandBuilder) -> None:
+    assert make.force(view(), '', 'done').path == '/Nav/Plan'
+    assert make.force(view(), 'Plan', 'done').path == '/Nav/Plan'
+    assert make.force(view(), 'Nav', 'done').path == '/Nav'
+    assert make.force(view(TRANSITION), '', 'failed').decision_id == 't1'
+    assert make.force(view(TRANSITION), '/Nav', 'failed').decision_id == ''
     with pytest.raises(RefusedError, match='no state'):
-        requests.force(view(), '/Other', 'done')
+        make.force(view(), '/Other', 'done')
     with pytest.raises(RefusedError, match='not active; active: none'):
-        requests.force(view(active=()), '/Nav/Plan', 'done')
+        make.force(view(active=()), '/Nav/Plan', 'done')
     with pytest.raises(RefusedError, match="no outcome 'gone'; choose one of done, failed"):
-        requests.force(view(), '', 'gone')
+        make.force(view(), '', 'gone')
     with pytest.raises(RefusedError, match='/A, /B'):
-        requests.force(view(active=('/A', '/B')), '', 'done')
+        make.force(view(active=('/A', '/B')), '', 'done')
     with pytest.raises(RefusedError, match='not unique'):
-        requests.force(view(active=('/A/X', '/B/X')), 'X', 'done')
+        make.force(view(active=('/A/X', '/B/X')), 'X', 'done')
     with pytest.raises(RefusedError, match='not pending'):
-        requests.force(view(), '', 'done', 'old')
+        make.force(view(), '', 'done', 'old')
 
 
-def test_start_is_checked_against_the_list_of_behaviors(requests: Requests) -> None:
-    command = requests.start(view(), 'Drive', [('speed', 'slow')], AutonomyLevel.HIGH)
+def test_start_is_checked_against_the_list_of_behaviors(make: CommandBuilder) -> None:
+    command = make.start(view(), 'Drive', [('speed', 'slow')], AutonomyLevel.HIGH)
     assert (command.behavior, command.arguments, command.autonomy) == ('Drive', (('speed', 'slow'),), 2)
     for name, arguments, message in (
         ('Driv', [], "did you mean 'Drive'"),
@@ -144,29 +145,29 @@ def test_start_is_checked_against_the_list_of_behaviors(requests: Requests) -> N
         ('Drive', [('speed', 'mad')], 'slow, fast'),
     ):
         with pytest.raises(RefusedError, match=message):
-            requests.start(view(), name, arguments)
+            make.start(view(), name, arguments)
 
 
-def test_parameters_of_embedded_behaviors_are_the_executives_to_judge(requests: Requests) -> None:
-    command = requests.start(view(), 'Drive', [('/Inner/speed', 'any')])
+def test_parameters_of_embedded_behaviors_are_the_executives_to_judge(make: CommandBuilder) -> None:
+    command = make.start(view(), 'Drive', [('/Inner/speed', 'any')])
     assert list(command.arguments) == [('/Inner/speed', 'any')]
 
 
-def test_answers(requests: Requests) -> None:
-    value = requests.answer(view(INPUT), '', 'kitchen').inputs[0]
+def test_answers(make: CommandBuilder) -> None:
+    value = make.answer(view(INPUT), '', 'kitchen').inputs[0]
     assert value.type == POSE
     assert json.loads(value.text)['pose']['position'] == {'x': 1.0, 'y': 2.0}
     for text in ('cellar', '1', '1 2 3 4', '1 2 nan', '1 x', '', '1 2; 3 4'):
         with pytest.raises(RefusedError):
-            requests.answer(view(INPUT), '', text)
+            make.answer(view(INPUT), '', text)
     with pytest.raises(RefusedError, match='not pending'):
-        requests.answer(view(INPUT), 'old', 'kitchen')
-    with pytest.raises(RefusedError, match='does not ask for a value'):
-        requests.answer(view(TRANSITION), 't1', 'kitchen')
+        make.answer(view(INPUT), 'old', 'kitchen')
+    with pytest.raises(RefusedError, match='is no input request'):
+        make.answer(view(TRANSITION), 't1', 'kitchen')
     limited = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string', input_choices=('a b', 'c'))
-    assert requests.answer(view(limited), '', 'a b').inputs[0].text == '"a b"'
+    assert make.answer(view(limited), '', 'a b').inputs[0].text == '"a b"'
     with pytest.raises(RefusedError, match='a b, c'):
-        requests.answer(view(limited), '', 'd')
+        make.answer(view(limited), '', 'd')
 
 
 @given(*[st.floats(-1e6, 1e6, allow_nan=False)] * 2, st.floats(-math.pi, math.pi))
@@ -181,7 +182,7 @@ def test_a_pose_arrives_as_it_was_written(x: float, y: float, yaw: float) -> Non
 
 
 def test_values_of_other_types() -> None:
-    places = {'kitchen': Place(1.0, 2.0)}
+    places = {'kitchen': Pose(1.0, 2.0)}
     assert len(json.loads(value_text('kitchen; 3 4', POSE + '[]', places))) == 2
     assert json.loads(value_text('[]', 'geometry_msgs/PoseStamped[]', places)) == []
     assert json.loads(value_text('kitchen', 'geometry_msgs/Pose2D', places)) == {'x': 1.0, 'y': 2.0, 'theta': 0.0}
@@ -205,7 +206,7 @@ def test_inputs_of_a_start() -> None:
 def test_places_file(tmp_path: Path) -> None:
     file = tmp_path / 'places.yaml'
     file.write_text('kitchen: {x: 1, y: 2.5, yaw: 0.1}\nhall: {x: 0, y: 0, frame: odom}\n')
-    assert load_places(file) == {'kitchen': Place(1.0, 2.5, 0.1), 'hall': Place(0.0, 0.0, 0.0, 'odom')}
+    assert load_places(file) == {'kitchen': Pose(1.0, 2.5, 0.1), 'hall': Pose(0.0, 0.0, 0.0, 'odom')}
     for text, message in (
         ('a: [1, 2]', "place 'a'"),
         ('a: {x: 1}', "place 'a'"),
@@ -235,25 +236,25 @@ def test_a_places_file_that_is_meant_to_do_harm_is_refused_in_time(tmp_path: Pat
 
 
 def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_state(
-    requests: Requests,
+    make: CommandBuilder,
 ) -> None:
     states = tuple(StateStructure(path) for path in ('/', '/Do', '/Do/Plan', '/Else', '/Else/Plan'))
     paused = Snapshot('e', 1, state=ExecutiveState.PAUSED, run_id='r1')
     running = View(LinkState.LIVE, 0.1, '', paused, Structure('r1', 'B', states))
-    assert requests.mark(CommandKind.LOCK, running, 'Do/Plan').path == '/Do/Plan'
-    assert requests.autonomy(running, AutonomyLevel.HIGH, 'Else').path == '/Else'
+    assert make.at_path(CommandKind.LOCK, running, 'Do/Plan').path == '/Do/Plan'
+    assert make.autonomy(running, AutonomyLevel.HIGH, 'Else').path == '/Else'
     with pytest.raises(RefusedError, match='not unique'):
-        requests.mark(CommandKind.BREAKPOINT, running, 'Plan')
+        make.at_path(CommandKind.BREAKPOINT, running, 'Plan')
     with pytest.raises(RefusedError, match="did you mean '/Do/Plan'"):
-        requests.mark(CommandKind.UNLOCK, running, 'Do/Plam')
-    assert requests.resume(running).kind is CommandKind.RESUME
+        make.at_path(CommandKind.UNLOCK, running, 'Do/Plam')
+    assert make.resume(running).kind is CommandKind.RESUME
     interrupted = View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, state=ExecutiveState.INTERRUPTED, run_id='r1'))
-    assert requests.resume(interrupted).kind is CommandKind.RESUME_RUN
-    assert requests.abort(interrupted).run_id == 'r1'
+    assert make.resume(interrupted).kind is CommandKind.RESUME_RUN
+    assert make.command(interrupted, CommandKind.ABORT_RUN).run_id == 'r1'
     assert '"resume" goes on' in '\n'.join(rendering.status(interrupted))
 
 
-def test_a_question_says_why_it_is_asked() -> None:
+def test_a_decision_says_why_it_is_asked() -> None:
     """By the autonomy that is required, or by a breakpoint, whatever is required."""
     low = dataclasses.replace(TRANSITION, required_autonomy=0)
     shown = '\n'.join(rendering.status(view(low)))
@@ -264,16 +265,16 @@ def test_a_question_says_why_it_is_asked() -> None:
     assert '/Nav/Plan wants done (breakpoint)' in rendering.decision(low, stopped)
 
 
-def test_the_authority_is_handed_to_the_one_who_asks(requests: Requests) -> None:
+def test_the_authority_is_handed_to_the_one_who_asks(make: CommandBuilder) -> None:
     def asked_by(*operators: str) -> View:
         return View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, authority='ann', authority_requests=operators))
 
-    assert requests.hand_over_authority(asked_by('bob')).grantee == 'bob'
-    assert requests.hand_over_authority(asked_by('bob', 'eve'), 'zoe').grantee == 'zoe'
+    assert make.hand_over_authority(asked_by('bob')).grantee == 'bob'
+    assert make.hand_over_authority(asked_by('bob', 'eve'), 'zoe').grantee == 'zoe'
     with pytest.raises(RefusedError, match='bob, eve'):
-        requests.hand_over_authority(asked_by('bob', 'eve'))
+        make.hand_over_authority(asked_by('bob', 'eve'))
     with pytest.raises(RefusedError, match='nobody asks'):
-        requests.hand_over_authority(asked_by())
+        make.hand_over_authority(asked_by())
 
 
 @given(st.text('ab_19/ é-', max_size=6))

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes docs/reference/console.md, the reference of the console, from its registry of commands.
+
+Usage: make_console.py [FILE]     in a shell with the environment of the workspace
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, LinkNeed, Send
+
+PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
+HEAD: Final = """\
+# Console
+
+Every command of the operator's console, on the command line and at the interactive prompt. The text comes from the
+registry of commands (`docs/tools/make_console.py` writes this page); `console COMMAND --help` shows the same.
+
+| command | what it does |
+|---|---|"""
+OPTIONS: Final = """\
+
+Every command has these options on the command line:
+
+| option | meaning |
+|---|---|"""
+CODES: Final = """\
+
+A script acts on the exit code:
+
+| exit code | meaning |
+|---|---|"""
+
+
+def page() -> str:
+    """The whole page."""
+    lines = [HEAD]
+    lines += [f'| {_code(spec.usage)} | {_cell(spec.summary)} |' for spec in COMMANDS]
+    lines += [OPTIONS, *(f'| {_code(option.usage)} | {_cell(option.help)} |' for option in COMMON_OPTIONS)]
+    lines += [CODES, *(f'| {code.value} | {_cell(meaning)} |' for code, meaning in EXIT_CODES.items()), '']
+    for spec in COMMANDS:
+        lines += section(spec)
+    return '\n'.join(lines).rstrip('\n') + '\n'
+
+
+def section(spec: CommandSpec) -> Iterator[str]:
+    """What the page says of one command."""
+    yield f'## {spec.name}'
+    yield ''
+    yield _code(spec.usage)
+    yield ''
+    yield f'{spec.summary[0].upper()}{spec.summary[1:]}.'
+    for paragraph in spec.details:
+        yield ''
+        yield paragraph
+    if spec.options:
+        yield ''
+        yield '| option | meaning |'
+        yield '|---|---|'
+        yield from (f'| {_code(option.usage)} | {_cell(option.help)} |' for option in spec.options)
+    yield ''
+    yield ' '.join(_needs(spec))
+    yield ''
+
+
+def _needs(spec: CommandSpec) -> Iterator[str]:
+    if isinstance(spec.action, Send):
+        kinds = ' or '.join(f'`{kind.name}`' for kind in spec.action.kinds)
+        yield f'Sends {kinds} of `flexbt_msgs/msg/ExecutiveCommand`.'
+        if spec.action.answers is not None:
+            decisions = ' or '.join(sorted(kind.name for kind in spec.action.answers.kinds))
+            yield f'Answers a pending decision ({decisions}).'
+        if spec.link is LinkNeed.HEARD:
+            yield 'At the prompt it is sent without a live link, too.'
+    yield 'On the command line and at the prompt.' if spec.in_prompt else 'On the command line only.'
+
+
+def _code(text: str) -> str:
+    return f'`{_cell(text)}`'
+
+
+def _cell(text: str) -> str:
+    return text.replace('|', r'\|')
+
+
+def main() -> int:
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
+    file.write_text(page(), encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What may come next on the line that is being typed, from the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from flexbt_console.mirror import Pose, View
+
+from .registry import COMMANDS, find, short_answers
+from .spec import CommandSpec, Typed
+
+BUILT_IN = ('help', 'quit')
+"""Commands of the prompt itself."""
+
+
+def candidates(text: str, view: View, places: Mapping[str, Pose]) -> list[str]:
+    """Words that complete the last word of ``text`` (the line up to the cursor), the likely ones first.
+
+    Only plain printable words: what the robot sends must not be typed for the operator otherwise.
+    """
+    *before, last = text.split(' ')
+    before = [word for word in before if word]
+    fitting = [word for word in dict.fromkeys(_words(before, last, view, places)) if word.startswith(last)]
+    return [word for word in fitting if word.isprintable() and ' ' not in word]
+
+
+def _words(before: list[str], last: str, view: View, places: Mapping[str, Pose]) -> Iterable[str]:
+    names = [spec.name for spec in COMMANDS if spec.in_prompt]
+    if not before:
+        return [*short_answers(Typed((), view, places)), *names, *BUILT_IN]
+    if before[0] == 'help':
+        return names
+    spec = find(before[0])
+    return _after(spec, before[1:], last, view, places) if spec is not None and spec.in_prompt else ()
+
+
+def _after(spec: CommandSpec, given: list[str], last: str, view: View, places: Mapping[str, Pose]) -> Iterable[str]:
+    options = {option.name: option for option in spec.options if option.in_prompt}
+    words: list[str] = []
+    expecting = None
+    for word in given:
+        if expecting is not None:
+            expecting = None
+        elif word in options:
+            expecting = options[word] if options[word].value is not None else None
+        else:
+            words.append(word)
+    typed = Typed(tuple(words), view, places)
+    if expecting is not None:
+        return expecting.values(typed) if expecting.values is not None else ()
+    known = [argument.values for argument in spec.arguments_at(len(words)) if argument.values is not None]
+    found = [word for values in known for word in values(typed)]
+    return [*found, *options] if last.startswith('-') else found

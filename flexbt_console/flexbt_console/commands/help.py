@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The help of the console and of each command, and what the exit codes mean."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Final
+
+from flexbt_console.errors import ExitCode
+
+from .command_line import COMMON_OPTIONS
+from .registry import COMMANDS
+from .spec import CommandSpec
+
+WIDTH: Final = 79
+"""Columns of a help text."""
+
+EXIT_CODES: Final = {
+    ExitCode.OK: 'applied, or shown',
+    ExitCode.FAULT: 'a fault of the console itself',
+    ExitCode.USAGE: 'wrong usage; nothing was sent',
+    ExitCode.REFUSED: 'refused, by the executive or before it was sent; the reason is printed',
+    ExitCode.TIMEOUT: 'no answer in time; whether it had an effect is not known',
+    ExitCode.NO_LINK: 'no link: no executive is heard',
+    ExitCode.INTERRUPTED: 'interrupted while waiting (watch and the prompt end with 0)',
+}
+
+
+def overview() -> str:
+    """The help of the whole console."""
+    lines = [
+        'usage: console [COMMAND] [ARGUMENT ...] [OPTION ...] [--ros-args ...]',
+        '',
+        "The operator's console of a FlexBT executive.",
+        'Without a command, in a terminal: the interactive prompt.',
+        '',
+        'commands:',
+    ]
+    lines += _table([(spec.name, spec.summary) for spec in COMMANDS])
+    lines += ['', 'options of every command:']
+    lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
+    lines += ['', 'exit codes:']
+    lines += _table([(str(code.value), meaning) for code, meaning in EXIT_CODES.items()])
+    lines += ['', 'console COMMAND --help tells more of a command.']
+    return '\n'.join(lines)
+
+
+def command_help(spec: CommandSpec) -> str:
+    """The help of one command."""
+    lines = textwrap.wrap(f'usage: console {spec.usage}', WIDTH, subsequent_indent=' ' * 8)
+    lines += ['', *textwrap.wrap(spec.summary, WIDTH)]
+    for paragraph in spec.details:
+        lines += ['', *textwrap.wrap(paragraph, WIDTH)]
+    if spec.options:
+        lines += ['', 'options:', *_table([(option.usage, option.help) for option in spec.options])]
+    lines += ['', 'options of every command:']
+    lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
+    return '\n'.join(lines)
+
+
+def prompt_help() -> list[str]:
+    """The help of the interactive prompt."""
+    shown = [
+        text
+        for spec in COMMANDS
+        if spec.in_prompt
+        for text in textwrap.wrap(spec.prompt_usage, 76, initial_indent='  ', subsequent_indent='      ')
+    ]
+    return [
+        'While a decision is shown, in short: a number or name chooses an outcome;',
+        'a place, "x y yaw" or a value answers an input request.',
+        *shown,
+        '  help [COMMAND]',
+        '  quit (or Ctrl-D; the robot goes on)        Tab completes',
+    ]
+
+
+def _table(rows: list[tuple[str, str]]) -> list[str]:
+    width = min(24, max(len(left) for left, _ in rows))
+    lines = []
+    for left, right in rows:
+        first, *more = textwrap.wrap(right, WIDTH - width - 4) or ['']
+        if len(left) > width:
+            lines.append(f'  {left}')
+            lines.append(f'  {"":{width}}  {first}')
+        else:
+            lines.append(f'  {left:{width}}  {first}')
+        lines += [f'  {"":{width}}  {line}' for line in more]
+    return lines

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is said of a command in the registry, and a line in which it is written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any, Final, Protocol
+
+from flexbt_console.errors import UsageError
+from flexbt_console.mirror import Command, CommandKind, DecisionKind, LogLine, Pose, UserdataScope, View
+
+from .command_builder import CommandBuilder
+
+
+@dataclass(frozen=True, slots=True)
+class Typed:
+    """What completion goes by: the words that come before, those of options left out, and what is known."""
+
+    words: tuple[str, ...]
+    view: View
+    places: Mapping[str, Pose]
+
+
+Values = Callable[[Typed], Iterable[str]]
+"""The words that may stand for an argument or for the value of an option, the likely ones first."""
+
+Read = Callable[[str], object]
+"""Reads a word; raises UsageError when it is not written as it has to be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """A positional argument; a ``repeated`` one takes any number of words, at least one when ``required``."""
+
+    name: str
+    required: bool = True
+    repeated: bool = False
+    values: Values | None = None
+    read: Read | None = None
+
+    @property
+    def usage(self) -> str:
+        """As written in a usage line."""
+        text = f'{self.name} ...' if self.repeated else self.name
+        return text if self.required else f'[{text}]'
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """An option; ``value`` is what follows it, None for a switch. A ``repeated`` one may be given again.
+
+    ``in_prompt`` tells whether it means something at the interactive prompt.
+    """
+
+    name: str
+    help: str
+    value: str | None = None
+    repeated: bool = False
+    in_prompt: bool = True
+    values: Values | None = None
+    read: Read | None = None
+
+    @property
+    def usage(self) -> str:
+        """As written in a usage line."""
+        return self.name if self.value is None else f'{self.name} {self.value}'
+
+
+class LinkNeed(Enum):
+    """What a command needs of the link to the executive.
+
+    NONE: it works without one. HEARD: an old picture will do: it is shown as such, and at the prompt the command is
+    sent all the same. LIVE: the picture has to be the present.
+    """
+
+    NONE = 'none'
+    HEARD = 'heard'
+    LIVE = 'live'
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """That a command answers a decision, of one of the ``kinds``.
+
+    ``names_its_own`` tells whether a line names the decision or state itself; any other is meant for the decision on
+    the screen. With ``also_alone`` the command also works while no such decision is pending.
+    """
+
+    kinds: frozenset[DecisionKind]
+    names_its_own: Callable[[CommandLine, View], bool]
+    also_alone: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """The command is sent to the executive: ``build`` makes it, bound to what the view shows; raises ConsoleError."""
+
+    kinds: tuple[CommandKind, ...]
+    build: Callable[[CommandLine, View, CommandBuilder], Command]
+    answers: Answers | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """The answer of a command: the value for programs (JSON), and lines for people."""
+
+    value: Any
+    text: list[str]
+
+
+class Known(Protocol):
+    """What the console knows beside the view."""
+
+    @property
+    def places(self) -> Mapping[str, Pose]:
+        """The named places."""
+        ...
+
+    def log(self, count: int) -> tuple[LogLine, ...]:
+        """The latest lines of the log."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Show:
+    """The command shows what the console knows; raises ConsoleError when that has not arrived."""
+
+    show: Callable[[CommandLine, View, Known], Shown]
+
+
+class UserdataSource(Protocol):
+    """Where the userdata of the run is asked for."""
+
+    def userdata(self, path: str, keys: list[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """The userdata of the run; '' is the path of every active machine, and no keys are all."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """The command asks the executive, and waits for what it says at most so many seconds. In line mode only."""
+
+    ask: Callable[[CommandLine, UserdataSource, float], Shown]
+
+
+class Mode(Enum):
+    """The command is a mode of the console, which goes on until it is interrupted. In line mode only."""
+
+    WATCH = 'watch'
+    PROMPT = 'prompt'
+
+
+@dataclass(frozen=True, slots=True)
+class CommandSpec:
+    """All that the console knows of a command.
+
+    How it is written: ``name``, ``arguments``, ``options``, and ``check``, which finds what is wrong with a line beyond
+    its single words (UsageError). What it does: ``action``. ``details`` are paragraphs of help. ``link`` is what it
+    needs of the link, and ``has_arrived`` tells whether what it is checked against, or shows, is part of the view.
+    """
+
+    name: str
+    summary: str
+    action: Send | Show | Ask | Mode
+    arguments: tuple[Argument, ...] = ()
+    options: tuple[Option, ...] = ()
+    details: tuple[str, ...] = ()
+    link: LinkNeed = LinkNeed.LIVE
+    has_arrived: Callable[[View], bool] | None = None
+    check: Callable[[CommandLine], None] | None = None
+
+    @property
+    def in_prompt(self) -> bool:
+        """Whether the interactive prompt has it too."""
+        return isinstance(self.action, Send | Show)
+
+    @property
+    def usage(self) -> str:
+        """How it is written, without the options that every command has."""
+        return self._usage(self.options)
+
+    @property
+    def prompt_usage(self) -> str:
+        """How it is written at the interactive prompt."""
+        return self._usage(tuple(option for option in self.options if option.in_prompt))
+
+    def _usage(self, options: tuple[Option, ...]) -> str:
+        shown = [f'[{option.usage}]{"..." if option.repeated else ""}' for option in options]
+        return ' '.join([self.name, *(argument.usage for argument in self.arguments), *shown])
+
+    def arguments_at(self, index: int) -> list[Argument]:
+        """The arguments that the word of that index may be, the last of them first."""
+        found = []
+        required = 0
+        for place, argument in enumerate(self.arguments):
+            if required <= index and (index <= place or argument.repeated):
+                found.insert(0, argument)
+            required += argument.required
+        return found
+
+
+DECISION: Final = '--decision'
+"""The option by which a line names the decision that it answers."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandLine:
+    """A command with its words. ``ros_arguments`` are those for ROS, ``--ros-args`` included."""
+
+    spec: CommandSpec | None
+    words: tuple[str, ...] = ()
+    options: dict[str, list[str]] = field(default_factory=dict)
+    ros_arguments: tuple[str, ...] = ()
+
+    def has(self, name: str) -> bool:
+        """Whether the option was given."""
+        return name in self.options
+
+    def value(self, name: str) -> str:
+        """The value of an option, the last one when it was given again; empty when it was not given."""
+        values = self.options.get(name)
+        return values[-1] if values else ''
+
+    def values(self, name: str) -> list[str]:
+        """All values of a repeated option."""
+        return self.options.get(name, [])
+
+    def seconds(self, name: str) -> float | None:
+        """The value of an option in seconds; None when it was not given. Raises UsageError as :func:`seconds`."""
+        return seconds(self.value(name)) if self.has(name) else None
+
+    @property
+    def first_word(self) -> str:
+        """The first word after the command; empty when there is none."""
+        return self.words[0] if self.words else ''
+
+    @property
+    def text(self) -> str:
+        """The words after the command as one text."""
+        return ' '.join(self.words)
+
+    def bound_to(self, decision_id: str) -> CommandLine:
+        """The line with the decision named that it answers."""
+        return replace(self, options={**self.options, DECISION: [decision_id]})
+
+
+def seconds(text: str) -> float:
+    """Read a number of seconds.
+
+    Raises:
+        UsageError: it is not a number above 0.
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise UsageError(f'{text!r}: expected a number of seconds above 0')
+    return number

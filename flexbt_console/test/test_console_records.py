@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The records of the mirror against the messages that they mirror: nothing of a message is forgotten."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from enum import IntEnum
+from typing import Any, Final
+
+import pytest
+
+from flexbt_console import mirror
+from flexbt_console.link import messages
+from flexbt_msgs import msg
+
+NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
+    msg.BlackboardEntry: {'data': 'the operator reads and writes text; the executive turns it into data'},
+    msg.ExecutiveCommand: {'stamp': 'it is the time of sending: a command that is sent again gets another'},
+}
+"""Fields of messages that no record has, and why."""
+
+RENAMED: Final[dict[Any, dict[str, str]]] = {
+    msg.BehaviorParameter: {'default_value': 'default'},
+    msg.ExecutiveCommand: {'operator_id': 'operator'},
+    msg.UserdataScope: {'entries': 'values'},
+}
+"""Fields of messages by other names in the record."""
+
+RECORDS: Final[dict[Any, Any]] = {
+    msg.ActiveState: mirror.ActiveState,
+    msg.BehaviorList: mirror.BehaviorList,
+    msg.BehaviorManifest: mirror.Behavior,
+    msg.BehaviorParameter: mirror.BehaviorParameter,
+    msg.BehaviorStructure: mirror.Structure,
+    msg.BlackboardEntry: mirror.InputValue,
+    msg.CommandResult: mirror.CommandResult,
+    msg.ExecutiveCommand: mirror.Command,
+    msg.ExecutiveLog: mirror.LogLine,
+    msg.ExecutiveStatus: mirror.Snapshot,
+    msg.PeerStatus: mirror.Peer,
+    msg.PendingDecision: mirror.Decision,
+    msg.StateStructure: mirror.StateStructure,
+    msg.UserdataScope: mirror.UserdataScope,
+}
+
+CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
+    msg.CommandResult: mirror.ResultCode,
+    msg.ExecutiveCommand: mirror.CommandKind,
+    msg.ExecutiveLog: mirror.Severity,
+    msg.ExecutiveStatus: mirror.ExecutiveState,
+    msg.PendingDecision: mirror.DecisionKind,
+    msg.StateStructure: mirror.StateKind,
+}
+"""The constants of a message as an enumeration. No console sends a command of kind UNKNOWN."""
+
+
+@pytest.mark.parametrize('message', RECORDS, ids=lambda message: message.__name__)
+def test_each_field_of_a_message_is_mirrored_or_left_out_for_a_reason(message: Any) -> None:
+    renamed, left_out = RENAMED.get(message, {}), NOT_MIRRORED.get(message, {})
+    fields = message.get_fields_and_field_types()
+    assert {*renamed, *left_out} <= fields.keys()
+    expected = {renamed.get(name, name) for name in fields if name not in left_out}
+    assert {field.name for field in dataclasses.fields(RECORDS[message])} == expected
+
+
+@pytest.mark.parametrize('message', CONSTANTS, ids=lambda message: message.__name__)
+def test_the_constants_of_a_message_are_those_of_the_record(message: Any) -> None:
+    constants = {
+        name: value
+        for name in dir(type(message))
+        if name.isupper() and isinstance(value := getattr(message, name), int) and not name.startswith('_')
+    }
+    if message is msg.ExecutiveCommand:
+        del constants['UNKNOWN']
+    assert {one.name: one.value for one in CONSTANTS[message]} == constants
+
+
+def filled(message: Any, numbers: Any) -> Any:
+    """The message with every field other than its default, in all that it consists of."""
+    for name, type in message.get_fields_and_field_types().items():
+        value = getattr(message, name)
+        if hasattr(value, 'get_fields_and_field_types'):
+            filled(value, numbers)
+        elif type.startswith('sequence<'):
+            setattr(message, name, [element(type.removeprefix('sequence<').removesuffix('>'), numbers)])
+        else:
+            setattr(message, name, element(type, numbers))
+    return message
+
+
+def element(type: str, numbers: Any) -> Any:
+    """A value of a type."""
+    if type.startswith('string'):
+        return f'text {next(numbers)}'
+    if type == 'boolean':
+        return True
+    if '/' in type:
+        package, name = type.split('/')
+        assert package == 'flexbt_msgs', type
+        return filled(getattr(msg, name)(), numbers)
+    return 1.5 if type in ('float', 'double') else next(numbers)
+
+
+def values(record: Any) -> list[tuple[str, Any]]:
+    """The fields of a record, and of the records in it, by their names."""
+    found = []
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        found.append((f'{type(record).__name__}.{field.name}', value))
+        for part in value if isinstance(value, tuple) else (value,):
+            found += values(part) if dataclasses.is_dataclass(part) else []
+    return found
+
+
+@pytest.mark.parametrize(
+    ('message', 'convert'),
+    [
+        (msg.ExecutiveStatus, messages.snapshot),
+        (msg.BehaviorStructure, messages.structure),
+        (msg.BehaviorList, messages.behaviors),
+        (msg.ExecutiveLog, messages.log_line),
+    ],
+)
+def test_what_a_message_says_reaches_the_record(message: Any, convert: Any) -> None:
+    """No number is a constant of the messages twice: one that is not known is taken for UNKNOWN, and so is set here."""
+    full = filled(message(), itertools.cycle((2, 3)))
+    empty = (None, '', (), 0, False)
+    forgotten = [name for name, value in values(convert(full)) if value in empty]
+    assert forgotten == []
+
+
+def test_what_a_command_says_reaches_the_message() -> None:
+    fields: dict[str, Any] = {field.name: field.name for field in dataclasses.fields(mirror.Command)}
+    fields |= {'kind': mirror.CommandKind.NOTE, 'autonomy': 3, 'arguments': (('a', 'b'),)}
+    fields['inputs'] = (mirror.InputValue('k', 't', 'x'),)
+    sent = messages.command(mirror.Command(**fields), 12.5)
+    for name in sent.get_fields_and_field_types():
+        assert getattr(sent, name) != getattr(msg.ExecutiveCommand(), name), name
