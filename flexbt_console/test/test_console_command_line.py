@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from flexbt_console.commands import (
     COMMANDS,
-    NOTE_LENGTH,
     Send,
     autonomy_level,
     check,
@@ -19,7 +18,7 @@ from flexbt_console.commands import (
     parse,
 )
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.mirror import AutonomyLevel, CommandKind
+from flexbt_console.mirror import NOTE_LENGTH, AutonomyLevel, CommandKind
 
 
 def test_every_command_has_a_name_of_its_own_and_every_kind_is_sent_by_one() -> None:

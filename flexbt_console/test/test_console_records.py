@@ -73,6 +73,7 @@ def test_the_constants_of_a_message_are_those_of_the_record(message: Any) -> Non
     }
     if message is msg.ExecutiveCommand:
         del constants['UNKNOWN']
+        assert constants.pop('NOTE_LENGTH') == mirror.NOTE_LENGTH
     assert {one.name: one.value for one in CONSTANTS[message]} == constants
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The errors and exit codes of ``bt_tool``. Each error is one exit code.
+"""The errors and exit codes of ``bt_tool`` and ``behavior_tool``. Each error is one exit code.
 
 ::
 
-    DeskError
+    ToolError
     ├── UsageError      2  the command is not written as it has to be, or this computer lacks what it needs
     └── RefusedError    3  a file that is needed cannot be used
 """
@@ -29,19 +29,19 @@ class ExitCode(IntEnum):
     INTERRUPTED = 130
 
 
-class DeskError(Exception):
+class ToolError(Exception):
     """Base of the errors; the text is fit for the user."""
 
     exit_code: ClassVar[ExitCode]
 
 
-class UsageError(DeskError):
+class UsageError(ToolError):
     """The command cannot be carried out as it is written, on this computer."""
 
     exit_code = ExitCode.USAGE
 
 
-class RefusedError(DeskError):
+class RefusedError(ToolError):
     """Files that are needed cannot be used; ``errors`` say why, and where."""
 
     exit_code = ExitCode.REFUSED

@@ -6,7 +6,7 @@ from .command_line import COMMON_OPTIONS, check, parse
 from .completion import candidates
 from .help import EXIT_CODES, command_help, overview, prompt_help
 from .operator_values import autonomy_level, full_namespace, load_places, start_input, value_text
-from .registry import COMMANDS, NOTE_LENGTH, build, find
+from .registry import COMMANDS, build, find
 from .spec import (
     DECISION,
     Answers,
@@ -30,7 +30,6 @@ __all__ = [
     'COMMON_OPTIONS',
     'DECISION',
     'EXIT_CODES',
-    'NOTE_LENGTH',
     'Answers',
     'Argument',
     'Ask',

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Final
 
 from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
-from flexbt_console.mirror import AutonomyLevel, Command, CommandKind, DecisionKind, View
+from flexbt_console.mirror import NOTE_LENGTH, AutonomyLevel, Command, CommandKind, DecisionKind, View
 from flexbt_console.present import json_form, rendering
 
 from .command_builder import CommandBuilder
@@ -38,9 +38,6 @@ from .spec import (
 
 LOG_COUNT: Final = 20
 """Lines of the log that are shown when no number is given."""
-
-NOTE_LENGTH: Final = 2000
-"""Characters of a note at most; what is longer belongs into a file of its own."""
 
 
 # What the words of a line may be

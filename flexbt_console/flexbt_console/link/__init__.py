@@ -5,6 +5,7 @@ A room of four files, as it is the one place of the console where ROS is spoken.
 """
 
 from . import messages
+from .interface_check import interface_problem
 from .operator_link import OperatorLink
 
-__all__ = ['OperatorLink', 'messages']
+__all__ = ['OperatorLink', 'interface_problem', 'messages']

@@ -5,6 +5,7 @@ from .command_tracker import LONGEST_RESEND, CommandState, CommandTracker, Track
 from .freshness import LIVE_PERIODS, LOST_PERIODS, Freshness, LinkState
 from .mirror import Change, Mirror, Transit
 from .records import (
+    NOTE_LENGTH,
     POSE_TYPES,
     ActiveState,
     AutonomyLevel,
@@ -36,6 +37,7 @@ __all__ = [
     'LIVE_PERIODS',
     'LONGEST_RESEND',
     'LOST_PERIODS',
+    'NOTE_LENGTH',
     'POSE_TYPES',
     'ActiveState',
     'AutonomyLevel',

@@ -88,6 +88,9 @@ class CommandKind(IntEnum):
     NOTE = 21
 
 
+NOTE_LENGTH: Final = 1000
+"""Characters of a note at most (ExecutiveCommand.NOTE_LENGTH)."""
+
 POSE_TYPES: Final = frozenset({'geometry_msgs/PoseStamped', 'geometry_msgs/Pose', 'geometry_msgs/Pose2D'})
 """Types of a value for which an operator may write a place or ``x y yaw``."""
 

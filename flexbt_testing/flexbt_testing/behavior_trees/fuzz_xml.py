@@ -35,7 +35,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.clock import ManualClock
 from flexbt_server.trees.node_types import node_registry
-from flexbt_tools.tree_checks.lint import findings
+from flexbt_tools.tree_checks import findings
 
 from . import random_nodes as bt_random_nodes
 from . import random_scripts as bt_random_scripts

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,29 +39,6 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
         frame = traceback.extract_tb(error.__traceback__)[-1]
         text = f'create() raised {type(error).__name__}: {error} ({frame.filename}:{frame.lineno})'
         return BuiltBehavior(entry.name, None, [text])
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Values of parameters: ``options.parameters``."""
-    parser.add_argument(
-        '--param',
-        metavar='NAME=VALUE',
-        dest='parameters',
-        action='append',
-        default=[],
-        help='value of a parameter of the behavior; repeatable (the defaults hold for the rest)',
-    )
-
-
-def parameters(options: argparse.Namespace) -> list[tuple[str, str]]:
-    """Pairs of name and text. Raises UsageError."""
-    pairs = []
-    for text in options.parameters:
-        name, equals, value = text.partition('=')
-        if not equals:
-            raise UsageError(f'--param {text}: write NAME=VALUE')
-        pairs.append((name, value))
-    return pairs
 
 
 def installed(names: Sequence[str]) -> list[BehaviorEntry]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_core.values import one_line
-from flexbt_tools.tree_checks.diagnostics import Diagnostic, Rule, Severity
+from flexbt_tools.tree_checks import Diagnostic, Rule, Severity
 
 REFUSED: Final = Rule('refused', Severity.ERROR, 'the executive refuses to start it')
 NO_TREE: Final = Rule('no-tree', Severity.ERROR, 'a tree is run that no file has')

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from flexbt_core.state_machine import AUTONOMY_NAMES, MachineDefinition, StateDefinition, StateKind, Transition
-from flexbt_tools.trees.outline import Item, items_of
+from flexbt_tools.trees import Item, items_of
 
 from .used_trees import UsedTrees
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether the states of a behavior and the trees that they run agree about the blackboards.
 
-All trees that a behavior runs on a blackboard, and all states that write to it or read from it, are looked at
+All trees that a behavior runs on a blackboard, and all states that write to it or read from it, are checked
 together: what one of them writes another may read, whatever the order.
 """
 
@@ -11,9 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 
 from flexbt_core.behavior_tree import Blackboard, Entry, TreeKey, TreeLoadError
-from flexbt_tools.tree_checks.diagnostics import Diagnostic
-from flexbt_tools.tree_checks.lint import HOST_KEYS
-from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage
+from flexbt_tools.tree_checks import HOST_KEYS, Diagnostic
+from flexbt_tools.trees import EntryUsage, KeyUsage
 
 from .findings import KEY_CLASH, UNREAD_KEY, UNWRITTEN_KEY, Finding
 from .used_trees import TreeUse, UsedTrees

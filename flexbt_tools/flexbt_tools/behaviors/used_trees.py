@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -13,8 +12,8 @@ from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.state_machine import MachineDefinition, StateDefinition
 from flexbt_states.bt_use import BtUse, UsesBtServer
 from flexbt_tools.errors import RefusedError
-from flexbt_tools.tree_checks.diagnostics import Diagnostic
-from flexbt_tools.trees.files import read_library, shown_name
+from flexbt_tools.tree_checks import Diagnostic
+from flexbt_tools.trees import read_library, shown_name
 
 from .findings import BROKEN_TREE, NO_TREE, Finding
 
@@ -42,17 +41,6 @@ class UsedTrees:
     uses: Sequence[TreeUse] = ()
     library: TreeLibrary = field(default_factory=lambda: TreeLibrary([]))
     findings: list[Finding] = field(default_factory=list)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Files that the behavior does not load itself: ``options.trees``."""
-    parser.add_argument(
-        '--trees',
-        metavar='FILE',
-        action='append',
-        default=[],
-        help='tree file that the BT server has loaded already; repeatable',
-    )
 
 
 def used_trees(machine: MachineDefinition, files: Sequence[str], registry: NodeRegistry) -> UsedTrees:

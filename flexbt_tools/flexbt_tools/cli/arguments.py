@@ -6,12 +6,11 @@ from __future__ import annotations
 import argparse
 import sys
 
-from flexbt_core.behavior_tree import NodeRegistry
+from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS
 from flexbt_core.values import one_line
 from flexbt_server.trees.node_types import node_registry
-from flexbt_tools.trees.files import read_models
-from flexbt_tools.trees.stand_ins import OpenRegistry
+from flexbt_tools.trees import OpenRegistry, find_tree, is_main, read_models, roots
 
 
 def add_files(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +40,21 @@ def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = Tru
     )
     if allow_unknown:
         parser.add_argument('--allow-unknown', action='store_true', help='node types may be unknown')
+
+
+def add_trees(parser: argparse.ArgumentParser) -> None:
+    """Which trees: ``options.tree``, ``options.expand``."""
+    parser.add_argument('--tree', metavar='ID', help='only this tree')
+    parser.add_argument('--expand', action='store_true', help='sub-trees in their place instead of by themselves')
+
+
+def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[TreeKey]:
+    """The trees that are meant: one; or with --expand those that are no sub-trees; or all, the main ones first."""
+    if options.tree is not None:
+        return [find_tree(library, options.tree)]
+    if options.expand:
+        return roots(library)
+    return sorted(library.tree_keys(), key=lambda key: not is_main(library, key))
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

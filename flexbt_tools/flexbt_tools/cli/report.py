@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.tree_checks.diagnostics import Rule, Severity
+from flexbt_tools.tree_checks import Rule, Severity
 
 from . import arguments
 

@@ -28,7 +28,7 @@ from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.behavior_tree.model.port_types import is_fixed
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS
-from flexbt_tools.trees.stand_ins import UNKNOWN_PORT, is_stand_in
+from flexbt_tools.trees import UNKNOWN_PORT, is_stand_in
 
 from .mock_plan import PASS, REAL, MockPlan, Rule, Step
 

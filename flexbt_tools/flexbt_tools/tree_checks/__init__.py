@@ -1,2 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is wrong, or suspicious, in tree files."""
+
+from .check import check_trees
+from .diagnostics import (
+    NEVER_WRITTEN,
+    REFUSED,
+    RULES,
+    TYPE_CLASH,
+    UNUSED_PORT,
+    Diagnostic,
+    Rule,
+    Severity,
+)
+from .lint import HOST_KEYS, findings
+from .reachability import never_ticked
+
+__all__ = [
+    'HOST_KEYS',
+    'NEVER_WRITTEN',
+    'REFUSED',
+    'RULES',
+    'TYPE_CLASH',
+    'UNUSED_PORT',
+    'Diagnostic',
+    'Rule',
+    'Severity',
+    'check_trees',
+    'findings',
+    'never_ticked',
+]

@@ -19,9 +19,16 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
 from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.behavior_tree.model.port_types import STRING, is_fixed
-from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage, Place
-from flexbt_tools.trees.keys import uses
-from flexbt_tools.trees.tree_order import references, roots, sub_trees_first, used_trees
+from flexbt_tools.trees import (
+    EntryUsage,
+    KeyUsage,
+    Place,
+    references,
+    roots,
+    sub_trees_first,
+    used_trees,
+    uses,
+)
 
 from .diagnostics import (
     INCOMPLETE,

@@ -1,5 +1,41 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What people at the desk do with tree files, without ROS: check, show, draw, describe node types, run with mocks.
+"""Tree files of this computer: read, listed, described. Needs no ROS."""
 
-The executable ``bt_tool`` is :mod:`flexbt_tools.cli.bt_tool`.
-"""
+from .blackboard_file import BlackboardFile, json_types, save_blackboard
+from .files import read_library, read_models, shown_name
+from .key_usage import EntryUsage, KeyUsage, Place
+from .keys import KeyUse, uses
+from .outline import Item, find_tree, is_main, items_of
+from .schema import schema_lines
+from .stand_ins import UNKNOWN_PORT, OpenRegistry, add_models, is_stand_in
+from .tree_order import references, roots, sub_trees_first, used_trees
+from .tree_text import tree_as_json, tree_lines
+
+__all__ = [
+    'UNKNOWN_PORT',
+    'BlackboardFile',
+    'EntryUsage',
+    'Item',
+    'KeyUsage',
+    'KeyUse',
+    'OpenRegistry',
+    'Place',
+    'add_models',
+    'find_tree',
+    'is_main',
+    'is_stand_in',
+    'items_of',
+    'json_types',
+    'read_library',
+    'read_models',
+    'references',
+    'roots',
+    'save_blackboard',
+    'schema_lines',
+    'shown_name',
+    'sub_trees_first',
+    'tree_as_json',
+    'tree_lines',
+    'used_trees',
+    'uses',
+]

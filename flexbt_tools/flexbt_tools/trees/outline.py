@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees as lists of nodes, parents first: what ``show`` and ``draw`` make their pictures of."""
+"""Trees as lists of nodes, parents first: what their text and their pictures are made of."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -14,7 +13,6 @@ from flexbt_core.values import one_line
 from flexbt_tools.errors import UsageError
 
 from .stand_ins import UNKNOWN_PORT
-from .tree_order import roots
 
 _ARROWS: Final = {None: '=', PortDirection.INPUT: '=', PortDirection.OUTPUT: '→', PortDirection.INOUT: '↔'}
 _ASCII_ARROWS: Final = {**_ARROWS, PortDirection.OUTPUT: '->', PortDirection.INOUT: '<->'}
@@ -86,21 +84,6 @@ def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[It
         for child in reversed(node.children):
             stack.append((child, owner, tree, depth + 1, position, child is node.children[-1]))
         position += 1
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which trees: ``options.tree``, ``options.expand``."""
-    parser.add_argument('--tree', metavar='ID', help='only this tree')
-    parser.add_argument('--expand', action='store_true', help='sub-trees in their place instead of by themselves')
-
-
-def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[TreeKey]:
-    """The trees that are meant: one; or with --expand those that are no sub-trees; or all, the main ones first."""
-    if options.tree is not None:
-        return [find_tree(library, options.tree)]
-    if options.expand:
-        return roots(library)
-    return sorted(library.tree_keys(), key=lambda key: not is_main(library, key))
 
 
 def is_main(library: TreeLibrary, key: TreeKey) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from desk_behaviors import Leaf, found
+from behavior_tool_support import Leaf, found
 from hypothesis import given
 from hypothesis import strategies as st
 

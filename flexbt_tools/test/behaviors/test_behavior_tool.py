@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from desk_behaviors import tool
+from behavior_tool_support import tool
 
 
 def test_the_demonstrations_are_without_fault() -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from desk_behaviors import found
+from behavior_tool_support import found
 
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_states import (

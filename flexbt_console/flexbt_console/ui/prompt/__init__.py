@@ -3,7 +3,18 @@
 
 from .session import Prompt, run_prompt
 from .short_form import Bound, Local, Meaning, interpret
-from .shown_decision import ShownDecision
+from .shown_decision import REACTION_SECONDS, ShownDecision
 from .toolbar import cut, toolbar
 
-__all__ = ['Bound', 'Local', 'Meaning', 'Prompt', 'ShownDecision', 'cut', 'interpret', 'run_prompt', 'toolbar']
+__all__ = [
+    'REACTION_SECONDS',
+    'Bound',
+    'Local',
+    'Meaning',
+    'Prompt',
+    'ShownDecision',
+    'cut',
+    'interpret',
+    'run_prompt',
+    'toolbar',
+]

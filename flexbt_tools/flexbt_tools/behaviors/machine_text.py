@@ -1,24 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``behavior_tool show``: the state machine of a behavior as text."""
+"""The state machine of a behavior as text, and as JSON."""
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Iterator
 
 from flexbt_core.state_machine import AUTONOMY_NAMES, MachineDefinition, StructureEntry, Transition
 from flexbt_core.values import one_line
-from flexbt_tools.cli import arguments
-from flexbt_tools.errors import ExitCode, UsageError
 
-from . import built_behavior as behaviors
 from .built_behavior import BuiltBehavior
 
 _INDENT = '  '
 
 
-def lines_of(behavior: BuiltBehavior) -> Iterator[str]:
+def machine_lines(behavior: BuiltBehavior) -> Iterator[str]:
     """A line for each state, and one for each of its outcomes."""
     assert behavior.machine is not None
     yield one_line(f'{behavior.name}: {", ".join(behavior.machine.outcomes)}')
@@ -44,7 +39,7 @@ def _autonomy(transition: Transition) -> str:
     return f'  [{AUTONOMY_NAMES[transition.autonomy]}]' if transition.autonomy > 0 else ''
 
 
-def to_json(entry: StructureEntry) -> dict[str, object]:
+def structure_as_json(entry: StructureEntry) -> dict[str, object]:
     """A node with the fields of flexbt_msgs/msg/StateStructure."""
     return {
         'path': entry.path,
@@ -55,29 +50,3 @@ def to_json(entry: StructureEntry) -> dict[str, object]:
         'targets': entry.targets,
         'autonomy': entry.autonomy,
     }
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior')
-    behaviors.add_arguments(parser)
-    arguments.add_json(parser)
-
-
-def run(options: argparse.Namespace) -> ExitCode:
-    behavior = built(options)
-    assert behavior.machine is not None
-    if options.json:
-        print(json.dumps({'behavior': behavior.name, 'states': [to_json(one) for one in behavior.machine.structure()]}))
-    else:
-        for line in lines_of(behavior):
-            print(line)
-    return ExitCode.OK
-
-
-def built(options: argparse.Namespace) -> BuiltBehavior:
-    """The behavior that is meant. Raises UsageError when it cannot be built."""
-    (entry,) = behaviors.installed([options.name])
-    behavior = behaviors.build(entry, behaviors.parameters(options))
-    if behavior.machine is None:
-        raise UsageError('\n'.join(f'{behavior.name}: {problem}' for problem in behavior.problems))
-    return behavior

@@ -9,8 +9,7 @@ from flexbt_core.behavior_tree import NodeKind, builtin_registry
 from flexbt_server.groot2.tree_document import models_document
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode
-
-from .schema import schema_lines
+from flexbt_tools.trees import schema_lines
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

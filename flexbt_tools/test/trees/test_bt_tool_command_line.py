@@ -13,7 +13,7 @@ import pytest
 
 from flexbt_testing.behavior_trees.bt_tool import document, tool
 from flexbt_tools.cli.bt_tool import COMMANDS, EXIT_CODES
-from flexbt_tools.tree_checks.diagnostics import RULES
+from flexbt_tools.tree_checks import RULES
 
 PAGE = (Path(__file__).parents[3] / 'docs' / 'reference' / 'bt_tool.md').read_text(encoding='utf-8')
 

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``behavior_tool``."""
+"""The executable ``behavior_tool``: its commands."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Final
 
-from flexbt_tools.behaviors import check, draw, show
+from flexbt_tools.cli import run_command
 
-from .bt_tool import run_command
+from . import check, draw, show
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong'),
@@ -28,8 +27,4 @@ COMMANDS: Final = (
 
 def main(words: Sequence[str] | None = None) -> int:
     """Runs ``behavior_tool`` and gives its exit code."""
-    return run_command('behavior_tool', 'Behaviors at the desk: built, but not run.', COMMANDS, EXIT_CODES, words)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_command('behavior_tool', 'Behaviors, built but not run.', COMMANDS, EXIT_CODES, words)

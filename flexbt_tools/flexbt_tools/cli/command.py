@@ -1,38 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``bt_tool``."""
+"""An executable with commands: its arguments, its errors, its exit code."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Protocol
 
 from flexbt_common.cli import abandon_stdout, make_streams_safe
 from flexbt_core.values import lines
-from flexbt_tools.errors import DeskError, ExitCode
-from flexbt_tools.mock_runs import run
-from flexbt_tools.tree_checks import check
-from flexbt_tools.trees import draw, log, model, show
-
-EXIT_CODES: Final = (
-    ('0', 'nothing is wrong; the tree succeeded'),
-    ('1', 'check: something is wrong; run: the tree did not succeed'),
-    ('2', 'wrong usage, or something is missing on this computer'),
-    ('3', 'a file cannot be used; the reasons are printed'),
-    ('4', 'run: a node raised an exception, or broke the rules'),
-    ('5', 'run: the tree was not done in time'),
-    ('130', 'interrupted'),
-)
-
-COMMANDS: Final = (
-    ('check', check, 'find what is wrong, and what is suspicious, in tree files'),
-    ('show', show, 'show the trees of a file as text'),
-    ('draw', draw, 'draw the trees of a file'),
-    ('model', model, 'describe the node types that are known here, for editors'),
-    ('run', run, 'run a tree with mocks, and print what happens'),
-    ('log', log, 'print a log file (.btlog) of a run'),
-)
+from flexbt_tools.errors import ExitCode, ToolError
 
 
 class Command(Protocol):
@@ -42,12 +20,7 @@ class Command(Protocol):
         """Declares what it takes."""
 
     def run(self, options: argparse.Namespace) -> ExitCode:
-        """Carries it out. Raises DeskError."""
-
-
-def main(words: Sequence[str] | None = None) -> int:
-    """Runs ``bt_tool`` and gives its exit code, see :class:`flexbt_tools.errors.ExitCode`."""
-    return run_command('bt_tool', 'Behavior-tree files at the desk: without ROS running.', COMMANDS, EXIT_CODES, words)
+        """Carries it out. Raises ToolError."""
 
 
 def run_command(
@@ -63,7 +36,7 @@ def run_command(
     try:
         code: ExitCode = options.run(options)
         sys.stdout.flush()
-    except DeskError as error:
+    except ToolError as error:
         for line in lines(str(error), limit=1000):
             print(line, file=sys.stderr)
         return error.exit_code
@@ -91,7 +64,3 @@ def _parser(
         module.add_arguments(command)
         command.set_defaults(run=module.run)
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

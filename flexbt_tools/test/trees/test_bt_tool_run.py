@@ -28,10 +28,9 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Done, document, tool, without_marks
 from flexbt_testing.behavior_trees.random_nodes import make_case
-from flexbt_tools.errors import DeskError
-from flexbt_tools.mock_runs.mock_plan import read_plan
-from flexbt_tools.mock_runs.trial import Trial
-from flexbt_tools.trees.outline import find_tree
+from flexbt_tools.errors import ToolError
+from flexbt_tools.mock_runs import MockRun, read_plan
+from flexbt_tools.trees import find_tree
 
 
 class Drive(StatefulAction):
@@ -78,13 +77,13 @@ def registry() -> NodeRegistry:
     return nodes
 
 
-def trial(
+def mock_run(
     *trees: str,
     mocks: str | list[str],
     values: tuple[str, ...] = (),
     directory: Path | None = None,
     read_inputs: bool = False,
-) -> tuple[Trial, list[str]]:
+) -> tuple[MockRun, list[str]]:
     """A tree with mocks (words of the command line, or the text of a file), and the list that its trace goes to."""
     if isinstance(mocks, str):
         assert directory is not None
@@ -98,7 +97,7 @@ def trial(
 
     library = TreeLibrary([load_xml(document(*trees), 'tree.xml', registry())])
     plan = read_plan(mocks, list(values))
-    return Trial(library, find_tree(library, 'Main'), plan, on_transition=note, read_inputs=read_inputs), trace
+    return MockRun(library, find_tree(library, 'Main'), plan, on_transition=note, read_inputs=read_inputs), trace
 
 
 def test_steps_are_followed_one_for_each_activation(tmp_path: Path) -> None:
@@ -110,7 +109,7 @@ def test_steps_are_followed_one_for_each_activation(tmp_path: Path) -> None:
         - {gives: SUCCESS, after: 1, outputs: {way: 7}}
     """
     tree = '<RetryUntilSuccessful num_attempts="3"><Drive name="d" to="x" way="{w}"/></RetryUntilSuccessful>'
-    made, trace = trial(f'Main: {tree}', mocks=mocks, directory=tmp_path)
+    made, trace = mock_run(f'Main: {tree}', mocks=mocks, directory=tmp_path)
     assert made.run(10.0) is NodeStatus.SKIPPED
     assert made.run(10.0) is NodeStatus.SUCCESS
     assert [line for line in trace if ' d ' in line] == [
@@ -121,22 +120,22 @@ def test_steps_are_followed_one_for_each_activation(tmp_path: Path) -> None:
 
 
 def test_a_step_that_is_halted_is_used_up() -> None:
-    made, trace = trial(
+    made, trace = mock_run(
         'Main: <Fallback><Timeout msec="500"><Drive name="d" to="x"/></Timeout><Drive name="d" to="x"/></Fallback>',
         mocks=['d=RUNNING,SUCCESS'],
     )
     assert made.run(1.0) is NodeStatus.RUNNING
     assert [line for line in trace if ' d ' in line] == ['0 d RUNNING', '0.5 d IDLE', '0.5 d RUNNING']
     limited = '<ForceSuccess><Timeout msec="500"><Drive to="x"/></Timeout></ForceSuccess>'
-    again, _ = trial(f'Main: <Repeat num_cycles="2">{limited}</Repeat>', mocks=['Drive=RUNNING,SUCCESS'])
+    again, _ = mock_run(f'Main: <Repeat num_cycles="2">{limited}</Repeat>', mocks=['Drive=RUNNING,SUCCESS'])
     assert again.run(10.0) is NodeStatus.SUCCESS
     assert again.time == 0.5
 
 
 def test_a_synchronous_leaf_is_activated_by_every_tick() -> None:
-    made, _ = trial('Main: <Twice><Near/></Twice>', mocks=['Near=SUCCESS,FAILURE'])
+    made, _ = mock_run('Main: <Twice><Near/></Twice>', mocks=['Near=SUCCESS,FAILURE'])
     assert made.run(1.0) is NodeStatus.FAILURE
-    stateful, _ = trial('Main: <Twice><Drive to="x"/></Twice>', mocks=['Drive=SUCCESS,FAILURE'])
+    stateful, _ = mock_run('Main: <Twice><Drive to="x"/></Twice>', mocks=['Drive=SUCCESS,FAILURE'])
     assert stateful.run(1.0) is NodeStatus.SUCCESS, 'the result of an action that has completed stands'
 
 
@@ -153,7 +152,7 @@ def test_a_synchronous_leaf_is_activated_by_every_tick() -> None:
     ],
 )
 def test_names_types_paths_and_wildcards(mocks: list[str], expected: str) -> None:
-    made, _ = trial(
+    made, _ = mock_run(
         'Main: <Sequence><ForceSuccess><SubTree ID="Arm" name="left"/></ForceSuccess>'
         '<SubTree ID="Arm" name="right"/></Sequence>',
         'Arm: <Sequence name="go"><AlwaysSuccess/><Drive name="go" to="x"/></Sequence>',
@@ -173,20 +172,20 @@ def test_names_types_paths_and_wildcards(mocks: list[str], expected: str) -> Non
 def test_controls_and_the_leaves_of_the_engine_run_as_they_are() -> None:
     """Also when a rule has the name of a control, as in Nav2's trees."""
     tree = '<Sequence name="Drive"><Drive to="x"/><AlwaysFailure/></Sequence>'
-    made, _ = trial(f'Main: {tree}', mocks=['Drive=SUCCESS', '*=SUCCESS'])
+    made, _ = mock_run(f'Main: {tree}', mocks=['Drive=SUCCESS', '*=SUCCESS'])
     assert made.run(1.0) is NodeStatus.FAILURE
-    made, _ = trial('Main: <Sequence><AlwaysFailure name="x"/></Sequence>', mocks=['x=SUCCESS'])
+    made, _ = mock_run('Main: <Sequence><AlwaysFailure name="x"/></Sequence>', mocks=['x=SUCCESS'])
     assert made.run(1.0) is NodeStatus.SUCCESS
 
 
 def test_an_installed_leaf_may_run_itself() -> None:
-    made, _ = trial('Main: <Look seen="{s}"/>', mocks=['Look=real'])
+    made, _ = mock_run('Main: <Look seen="{s}"/>', mocks=['Look=real'])
     assert made.run(1.0) is NodeStatus.SUCCESS
     assert made.tree.blackboard.get('s') == 'a cup'
 
 
 def test_a_sub_tree_that_is_mocked_writes_its_outputs(tmp_path: Path) -> None:
-    made, _ = trial(
+    made, _ = mock_run(
         'Main: <Sequence><SubTree ID="Arm" found="{cup}" speed="1"/><Script code="seen := cup"/></Sequence>',
         'Arm: <Look seen="{found}"/>',
         mocks='mocks: {Arm: {gives: SUCCESS, outputs: {found: a mug}}}',
@@ -197,7 +196,7 @@ def test_a_sub_tree_that_is_mocked_writes_its_outputs(tmp_path: Path) -> None:
 
 
 def test_the_blackboard_has_the_types_of_the_ports() -> None:
-    made, _ = trial(
+    made, _ = mock_run(
         'Main: <Sequence><Drive to="{goal}" speed="{v}"/><Script code="{code}"/></Sequence>',
         mocks=['Drive=SUCCESS'],
         values=('v=1', 'goal=kitchen', 'code=x := 2', 'list=[1, 2.5]'),
@@ -252,8 +251,8 @@ WRONG_PLANS: list[tuple[str, list[str]]] = [
 @pytest.mark.parametrize(('mocks', 'expected'), WRONG_PLANS, ids=[expected[0][:40] for _, expected in WRONG_PLANS])
 def test_wrong_plans_are_refused_with_their_places(tmp_path: Path, mocks: str, expected: list[str]) -> None:
     text, places = without_marks(mocks)
-    with pytest.raises(DeskError) as caught:
-        trial('Main: <Drive to="x"/>', mocks=text, directory=tmp_path)
+    with pytest.raises(ToolError) as caught:
+        mock_run('Main: <Drive to="x"/>', mocks=text, directory=tmp_path)
     lines = str(caught.value).splitlines()
     assert len(lines) == len(expected), lines
     for line, place, words in zip(lines, places, expected, strict=True):
@@ -428,5 +427,5 @@ def test_damaged_plans_are_refused_or_read(tmp_path_factory: pytest.TempPathFact
         text = text[:position] + damage + text[position + data.draw(st.integers(0, 6)) :]
     file = tmp_path_factory.getbasetemp() / 'damaged.yaml'
     file.write_bytes(text.encode('utf-8', 'surrogatepass'))
-    with contextlib.suppress(DeskError):
-        trial('Main: <Drive to="x"/>', mocks=[str(file)])[0].run(1.0)
+    with contextlib.suppress(ToolError):
+        mock_run('Main: <Drive to="x"/>', mocks=[str(file)])[0].run(1.0)

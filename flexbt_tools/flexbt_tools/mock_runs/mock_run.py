@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A tree that runs at the desk: with mocks, on a clock that jumps from event to event, or on that of the machine."""
+"""A tree that runs with mocks, on a clock that jumps from event to event, or on that of the machine."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from flexbt_core.clock import Clock, ManualClock, SteadyClock
 from flexbt_server.groot2.log_file import LogWriter
 from flexbt_server.groot2.mark_log import MarkLog
 from flexbt_tools.errors import RefusedError, UsageError
-from flexbt_tools.trees.blackboard_file import BlackboardFile
+from flexbt_tools.trees import BlackboardFile
 
 from .mock_plan import MockPlan
 from .mocks import Mocking, written
@@ -36,7 +36,7 @@ DEFAULT_RATE: Final = 10.0
 NO_ENTRIES: Final = BlackboardFile()
 
 
-class Trial:
+class MockRun:
     """A tree with its clock."""
 
     def __init__(

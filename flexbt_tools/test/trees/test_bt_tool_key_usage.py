@@ -26,8 +26,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING
 from flexbt_testing.behavior_trees.bt_tool import document
-from flexbt_tools.tree_checks.diagnostics import NEVER_WRITTEN, REFUSED, TYPE_CLASH, UNUSED_PORT
-from flexbt_tools.tree_checks.lint import findings
+from flexbt_tools.tree_checks import NEVER_WRITTEN, REFUSED, TYPE_CLASH, UNUSED_PORT, findings
 
 KEYS = ('a', 'b', '_c', '@a')
 PORTS = {'int': INT, 'real': DOUBLE, 'text': STRING, 'any': None}

@@ -32,8 +32,7 @@ from flexbt_server.trees.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
 from flexbt_testing.behavior_trees.random_nodes import make_case
 from flexbt_testing.behavior_trees.xml_schema import Schema
-from flexbt_tools.trees.schema import schema_lines
-from flexbt_tools.trees.stand_ins import add_models
+from flexbt_tools.trees import add_models, schema_lines
 
 Signature = dict[str, tuple[PortDirection, str | None, str | None]]
 

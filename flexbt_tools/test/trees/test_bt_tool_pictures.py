@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
 from flexbt_testing.behavior_trees.random_nodes import make_case
 from flexbt_tools.errors import UsageError
-from flexbt_tools.pictures.graphs import svg
+from flexbt_tools.pictures import svg
 
 pytestmark = pytest.mark.filterwarnings('ignore::DeprecationWarning:pydot')
 
@@ -224,7 +224,7 @@ def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monk
 
 def test_without_graphviz_the_message_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PATH', str(tmp_path))
-    monkeypatch.setattr('flexbt_tools.pictures.graphs.find_spec', lambda name: None)
+    monkeypatch.setattr('flexbt_tools.pictures.graphviz.find_spec', lambda name: None)
     picture = tmp_path / 'tree.svg'
     done = tool('draw', write(tmp_path, TWO_TREES), '-o', str(picture))
     assert done.code == 2

@@ -16,11 +16,8 @@ from flexbt_core.behavior_tree import NodeRegistry, NodeStatus, SyncAction, inpu
 from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING, PortType
 from flexbt_server.trees.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool, without_marks
-from flexbt_tools.tree_checks.check import check
-from flexbt_tools.tree_checks.diagnostics import REFUSED
-from flexbt_tools.trees.files import read_library
-from flexbt_tools.trees.show import tree_as_json
-from flexbt_tools.trees.stand_ins import OpenRegistry
+from flexbt_tools.tree_checks import REFUSED, check_trees
+from flexbt_tools.trees import OpenRegistry, read_library, tree_as_json
 
 THING = PortType('Thing', object)
 
@@ -64,7 +61,7 @@ def found(directory: Path, *texts: str, shared: bool = False) -> list[str]:
         files.append(str(directory / f'{letter}.xml'))
     return [
         f'{Path(one.place.file).stem}:{one.place.line}:{one.place.column} {one.rule.name} {one.place.message}'
-        for one in check(files, registry(), shared=shared)
+        for one in check_trees(files, registry(), shared=shared)
     ]
 
 
@@ -387,7 +384,7 @@ def test_a_damaged_file_gives_findings_and_never_a_crash(
         )
     file = tmp_path_factory.getbasetemp() / 'damaged.xml'
     file.write_text(text, encoding='utf-8')
-    findings = check([str(file)], registry())
+    findings = check_trees([str(file)], registry())
     count = text.count('\n') + 1
     assert all(1 <= one.place.line <= count for one in findings)
     if not any(one.rule is REFUSED for one in findings):

@@ -1,28 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``behavior_tool draw``: a behavior as a picture, the trees of its states included."""
+"""A behavior as a picture, the trees of its states included: in Graphviz's language or in Mermaid's."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from typing import Final
 
-from flexbt_tools.cli import arguments
-from flexbt_tools.errors import ExitCode
-from flexbt_tools.pictures import graphs as pictures
-from flexbt_tools.pictures.graphs import DOT_HEAD, MERMAID_HEAD, dot_text, dot_tree, mermaid_text, mermaid_tree
+from flexbt_tools.pictures import DOT_HEAD, MERMAID_HEAD, dot_text, dot_tree, mermaid_text, mermaid_tree
 
-from . import built_behavior as behaviors
-from . import used_trees as trees
-from .graph import MachineBox, StateBox, all_edges, graph_of
-from .show import built
-from .used_trees import UsedTrees
+from .graph import MachineBox, StateBox, all_edges
 
 # Of a transition by the autonomy level that it requires; the colours are those of FlexBE.
 _COLOURS: Final = {-1: '#555555', 0: '#555555', 1: '#2060c0', 2: '#208040', 3: '#c03030'}
 
 
-def dot_lines(graph: MachineBox, title: str, *, with_ports: bool) -> Iterator[str]:
+def behavior_as_dot(graph: MachineBox, title: str, *, with_ports: bool) -> Iterator[str]:
     """The picture in the language of Graphviz."""
     yield from DOT_HEAD
     yield from _dot_machine(graph, title, with_ports)
@@ -60,7 +52,7 @@ def _dot_state(state: StateBox, with_ports: bool) -> Iterator[str]:
     yield '  }'
 
 
-def mermaid_lines(graph: MachineBox, title: str, *, with_ports: bool) -> Iterator[str]:
+def behavior_as_mermaid(graph: MachineBox, title: str, *, with_ports: bool) -> Iterator[str]:
     """The picture in the language of Mermaid."""
     yield from MERMAID_HEAD
     yield '  classDef state fill:#fff3c4,stroke:#555'
@@ -91,29 +83,3 @@ def _mermaid_state(state: StateBox, with_ports: bool) -> Iterator[str]:
         yield from mermaid_tree(f'{state.id}t', state.tree, with_ports=with_ports)
         yield '    end'
         yield f'    {state.id} -.-> {state.id}t0'
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior')
-    behaviors.add_arguments(parser)
-    pictures.add_arguments(parser)
-    parser.add_argument('--no-trees', action='store_true', help='only the state machine')
-    parser.add_argument('--expand', action='store_true', help='sub-trees in their place')
-    parser.add_argument('--ports', action='store_true', help='also the ports that the tree files give')
-    trees.add_arguments(parser)
-    arguments.add_node_types(parser, allow_unknown=False)
-
-
-def run(options: argparse.Namespace) -> ExitCode:
-    behavior = built(options)
-    assert behavior.machine is not None
-    used = UsedTrees()
-    if not options.no_trees:
-        used = trees.used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
-    graph = graph_of(behavior.machine, used, expand=options.expand)
-    pictures.write(
-        options,
-        lambda: dot_lines(graph, behavior.name, with_ports=options.ports),
-        lambda: mermaid_lines(graph, behavior.name, with_ports=options.ports),
-    )
-    return ExitCode.OK

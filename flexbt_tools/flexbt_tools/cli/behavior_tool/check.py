@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool check``: everything that is wrong, or suspicious, in behaviors and between them and their trees."""
+
+from __future__ import annotations
+
+import argparse
+
+from flexbt_tools.behaviors import REFUSED, RULES, build, check_behavior, installed
+from flexbt_tools.cli import Reported, arguments, report
+from flexbt_tools.errors import ExitCode
+
+from .behavior_arguments import add_parameters, add_tree_files, parameters
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('names', metavar='NAME', nargs='*', help='installed behavior (default: all)')
+    add_parameters(parser)
+    add_tree_files(parser)
+    arguments.add_node_types(parser)
+    report.add_arguments(parser, [rule for rule in RULES if rule is not REFUSED])
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    registry = arguments.registry(options, allow_unknown=options.allow_unknown)
+    entries = installed(options.names)
+    arguments_of = parameters(options)
+    reported = [
+        Reported(one.rule, one.text(entry.name), one.to_json(entry.name))
+        for entry in entries
+        for one in check_behavior(build(entry, arguments_of), options.trees, registry)
+    ]
+    return report.report(options, reported, 'behavior', len(entries))

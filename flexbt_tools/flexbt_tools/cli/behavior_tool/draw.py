@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool draw``: a behavior as a picture, the trees of its states included."""
+
+from __future__ import annotations
+
+import argparse
+
+from flexbt_tools.behaviors import UsedTrees, behavior_as_dot, behavior_as_mermaid, graph_of, used_trees
+from flexbt_tools.cli import arguments, picture_output
+from flexbt_tools.errors import ExitCode
+
+from .behavior_arguments import add_parameters, add_tree_files, built
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('name', metavar='NAME', help='installed behavior')
+    add_parameters(parser)
+    picture_output.add_arguments(parser)
+    parser.add_argument('--no-trees', action='store_true', help='only the state machine')
+    parser.add_argument('--expand', action='store_true', help='sub-trees in their place')
+    parser.add_argument('--ports', action='store_true', help='also the ports that the tree files give')
+    add_tree_files(parser)
+    arguments.add_node_types(parser, allow_unknown=False)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    behavior = built(options)
+    assert behavior.machine is not None
+    used = UsedTrees()
+    if not options.no_trees:
+        used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
+    graph = graph_of(behavior.machine, used, expand=options.expand)
+    picture_output.write(
+        options,
+        lambda: behavior_as_dot(graph, behavior.name, with_ports=options.ports),
+        lambda: behavior_as_mermaid(graph, behavior.name, with_ports=options.ports),
+    )
+    return ExitCode.OK

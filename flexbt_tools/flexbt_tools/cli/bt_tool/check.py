@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool check``: everything that is wrong, or suspicious, in tree files."""
+
+from __future__ import annotations
+
+import argparse
+
+from flexbt_tools.cli import Reported, arguments, report
+from flexbt_tools.errors import ExitCode
+from flexbt_tools.tree_checks import RULES, Severity, check_trees
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_files(parser)
+    arguments.add_node_types(parser)
+    parser.add_argument(
+        '--input',
+        metavar='KEY',
+        action='append',
+        default=[],
+        help='a key that is written from outside; repeatable',
+    )
+    parser.add_argument('--shared', action='store_true', help='all trees run on one blackboard, as the server does it')
+    report.add_arguments(parser, [rule for rule in RULES if rule.severity is not Severity.ERROR])
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    registry = arguments.registry(options, allow_unknown=options.allow_unknown)
+    found = check_trees(options.files, registry, options.input, shared=options.shared)
+    reported = [Reported(one.rule, str(one), one.to_json()) for one in found]
+    return report.report(options, reported, 'file', len(options.files))

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool draw``: trees as a picture, by Graphviz, or as its source or that of Mermaid."""
+
+from __future__ import annotations
+
+import argparse
+
+from flexbt_tools.cli import arguments, picture_output
+from flexbt_tools.errors import ExitCode
+from flexbt_tools.pictures import trees_as_dot, trees_as_mermaid
+from flexbt_tools.trees import items_of, read_library
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_file(parser)
+    arguments.add_trees(parser)
+    picture_output.add_arguments(parser)
+    parser.add_argument('--ports', action='store_true', help='also the ports that the file gives')
+    arguments.add_node_types(parser, allow_unknown=False)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    library = read_library([options.file], arguments.registry(options, allow_unknown=True))
+    graphs = [
+        (key, list(items_of(library, key, expand=options.expand))) for key in arguments.chosen_trees(library, options)
+    ]
+    picture_output.write(
+        options,
+        lambda: trees_as_dot(graphs, with_ports=options.ports),
+        lambda: trees_as_mermaid(graphs, with_ports=options.ports),
+    )
+    return ExitCode.OK

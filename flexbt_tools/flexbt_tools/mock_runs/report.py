@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is told of a run with mocks: each change of a status, and how it has ended."""
+
+from __future__ import annotations
+
+import json
+import math
+from enum import Enum
+from typing import Any, Final
+
+from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, Reasons, TreeNode
+from flexbt_core.values import one_line
+
+from .mock_run import MockRun
+
+_VALUE_WIDTH: Final = 200
+
+
+def ended(mock_run: MockRun, timeout: float) -> dict[str, Any]:
+    """Run a tree to its end, or for ``timeout`` seconds of its clock: the result, the reason, what led to it from the
+    node at fault up to the root, and the blackboards by the paths of their sub-trees."""
+    result, reason, reasons = _outcome(mock_run, timeout)
+    boards = {sub_tree.path: sub_tree.blackboard.snapshot() for sub_tree in mock_run.tree.subtrees}
+    return {
+        'result': result,
+        'time': round(mock_run.time, 6),
+        'ticks': mock_run.ticks,
+        'reason': reason,
+        'reasons': [] if reasons is None else reasons.lines(),
+        'blackboard': {path: entries for path, entries in boards.items() if entries},
+    }
+
+
+def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, Reasons | None]:
+    """How the run has ended; why; and the nodes that had a part in that."""
+    tree = mock_run.tree
+    try:
+        status = mock_run.run(timeout)
+    except NodeExecutionError as error:
+        return 'ERROR', str(error), error.trace
+    if status is not NodeStatus.RUNNING:
+        failure = tree.failure
+        return status.name, '' if failure is None else f'[{failure.path}] {failure.reason}', failure
+    if tree.wake_pending:
+        return 'TIMEOUT', 'the tree wakes itself without end', None
+    active = ', '.join(tree.active_nodes(leaves_only=True)) or 'no leaf'
+    return 'TIMEOUT', f'still RUNNING: {active}', None
+
+
+class TextPrinter:
+    """Prints for people: a line for each change of a status, and then the result."""
+
+    def transition(self, time: float, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        print(one_line(f'{time:10.3f}  {before.name:7} -> {after.name:7}  {node.path}'))
+
+    def result(self, report: dict[str, Any]) -> None:
+        ticks = report['ticks']
+        print(f'{report["result"]} after {report["time"]:.3f} s and {ticks} tick{"" if ticks == 1 else "s"}')
+        if report['reason']:
+            print(one_line(f'  reason: {report["reason"]}'))
+        for reason in report['reasons'][1:]:
+            print(one_line(f'  so {reason}'))
+        for path, entries in report['blackboard'].items():
+            print(one_line(f'blackboard{f" of {path}" if path else ""}:'))
+            for key, value in entries.items():
+                print(one_line(f'  {key} = {value!r}', _VALUE_WIDTH))
+
+
+class JsonPrinter:
+    """Prints for programs: an object a line."""
+
+    def transition(self, time: float, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        event = {
+            'event': 'transition',
+            'time': round(time, 6),
+            'path': node.path,
+            'type': node.id,
+            'before': before.name,
+            'after': after.name,
+        }
+        print(json.dumps(event))
+
+    def result(self, report: dict[str, Any]) -> None:
+        boards = {path: _plain(entries) for path, entries in report['blackboard'].items()}
+        print(json.dumps({'event': 'result', **report, 'blackboard': boards}))
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON has it, and as a text where JSON has nothing like it."""
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, str | int | None) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    return repr(value)
