@@ -33,7 +33,6 @@ import _figures
 from ament_index_python.packages import get_package_share_directory
 from domain_coordinator import domain_id
 
-from flexbt_console.mirror import AutonomyLevel
 from flexbt_onboard.commands.command_table import REPORT_TIME
 from flexbt_testing.network import network_namespace
 from flexbt_testing.network.lossy_link import LossyLink
@@ -145,11 +144,11 @@ def wait_ready(console: Console) -> None:
 
 def drive(console: Console) -> None:
     """Have the robot on its way to the kitchen."""
-    console.send('start', 'Navigate', (), AutonomyLevel.HIGH)
+    console.send('start', 'Navigate', '--autonomy', 'high')
     wait(lambda: console.view().decision, 'question for a goal')
     decision = console.view().decision
     assert decision is not None
-    console.send('answer', decision.id, GOAL)
+    console.send('input', '--decision', decision.id, GOAL)
     wait(lambda: '/Drive' in console.view().active_paths, 'driving')
     settle()
 

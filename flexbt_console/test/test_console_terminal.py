@@ -77,13 +77,13 @@ def test_a_mission_at_the_prompt(executives: Any) -> None:
     terminal.read_until(b'LIVE')
     terminal.type('start Drive --autonomy low\r')
     terminal.read_until(b'/AskGoal asks for a value')
-    terminal.read_until(b'start: applied')
+    terminal.read_until(b'start Drive: applied')
     terminal.type('1 2 0.5\r')
     terminal.read_until(b'/Accept wants done')
     terminal.read_until(b'1 2 0.5: applied')
     executive.do(lambda: executive.log('\x1b]0;title\x07harmless'))
     terminal.read_until(b'\\e]0;title\\x07harmless')
-    time.sleep(REACTION_SECONDS + 0.1)  # a person who reads the question first
+    time.sleep(REACTION_SECONDS + 0.1)  # a person who reads the decision first
     terminal.type('done\r')
     terminal.read_until(b'confirm done: applied')
     assert executive.values[0].pose.position.x == 1.0

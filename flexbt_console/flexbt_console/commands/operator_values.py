@@ -8,6 +8,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -101,8 +102,8 @@ def _place(file: Path, name: str, entry: Any) -> Pose:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise UsageError(f'{where}: {key} is {value!r}, not a number')
         numbers[key] = float(value)
-    frame = {'frame': str(entry['frame'])} if 'frame' in entry else {}
-    return Pose(**numbers, **frame)
+    pose = Pose(numbers['x'], numbers['y'], numbers['yaw'])
+    return replace(pose, frame=str(entry['frame'])) if 'frame' in entry else pose
 
 
 def value_text(text: str, type: str, places: Mapping[str, Pose]) -> str:

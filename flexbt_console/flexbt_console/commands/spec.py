@@ -193,7 +193,7 @@ class CommandSpec:
 
     def arguments_at(self, index: int) -> list[Argument]:
         """The arguments that the word of that index may be, the last of them first."""
-        found = []
+        found: list[Argument] = []
         required = 0
         for place, argument in enumerate(self.arguments):
             if required <= index and (index <= place or argument.repeated):
