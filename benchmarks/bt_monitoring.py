@@ -229,7 +229,7 @@ def main() -> int:
     with domain_id() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         from flexbt_common.runtime import NodeRuntime
-        from flexbt_server.runs.tree_stream import TreeStream
+        from flexbt_server.runs import TreeStream
 
         with NodeRuntime.open('bench') as runtime, subscriber():
             stream = TreeStream(runtime)

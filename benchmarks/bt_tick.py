@@ -41,7 +41,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_server.trees.tree_store import TreeStore
+from flexbt_server.trees import TreeStore
 
 TARGET_NATIVE: Final = 0.7
 TARGET_PYTHON: Final = 0.5

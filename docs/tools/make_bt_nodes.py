@@ -15,7 +15,7 @@ import yaml
 
 from flexbt_core.behavior_tree import NodeManifest, PortDirection
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
-from flexbt_server.trees.node_types import node_registry
+from flexbt_server.node_types import node_registry
 
 HERE: Final = Path(__file__).parent
 PAGE: Final = HERE.parent / 'reference' / 'bt_nodes.md'

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from flexbt_core.behavior_tree import TreeLibrary, load_xml
-from flexbt_server.trees.node_types import node_registry
+from flexbt_server.node_types import node_registry
 
 TREES = Path(__file__).parents[1] / 'trees'
 FILES = sorted(TREES.glob('*.xml'))

@@ -13,7 +13,7 @@ import yaml
 
 from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
-from flexbt_server.trees.node_types import node_registry
+from flexbt_server.node_types import node_registry
 
 DOCS = Path(__file__).parents[2] / 'docs'
 EXAMPLES: dict[str, dict[str, Any]] = yaml.safe_load((DOCS / 'tools' / 'bt_node_examples.yaml').read_text())

@@ -22,8 +22,7 @@ from flexbt_core.behavior_tree import (
     export_blackboard,
     import_blackboard,
 )
-from flexbt_server.leaves.ros_ports import PATH, POSES
-from flexbt_server.trees.ros_json import RosJsonTypes
+from flexbt_server.trees import PATH, POSES, RosJsonTypes
 
 TYPES = RosJsonTypes()
 

@@ -25,7 +25,7 @@ from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree import NodeStatus
 from flexbt_core.behavior_tree.model.library import TreeKey
 from flexbt_msgs.action import BtExecute, BtLoad
-from flexbt_server.runs.tree_run import _Overruns
+from flexbt_server.runs.overruns import Overruns
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
 from flexbt_testing.ros import server_nodes
@@ -291,7 +291,7 @@ def test_ticks_that_take_too_long_are_told_with_numbers_once_a_second(monkeypatc
 
 def test_a_report_of_ticks_that_take_too_long_is_of_those_since_the_last_one() -> None:
     told: list[str] = []
-    overruns = _Overruns(TreeKey('', 'Main'), 0.010, told.append)
+    overruns = Overruns(TreeKey('', 'Main'), 0.010, told.append)
     for began, ended in [(0.0, 0.010), (0.01, 0.03), (0.03, 0.09), (0.09, 0.11), (0.11, 0.115), (1.02, 1.06)]:
         overruns.note(began, ended)
     assert [message.split(': ')[1].split(' took')[0] for message in told] == ['1 ticks', '3 ticks']

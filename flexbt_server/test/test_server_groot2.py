@@ -21,9 +21,9 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2.log_file import read_log
+from flexbt_server.groot2 import read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
-from flexbt_server.node.bt_server import BtServer
+from flexbt_server.node import BtServer
 from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose
 from flexbt_testing.waiting import wait_until
 

@@ -154,7 +154,7 @@ class Walk:
         execute = self.world.server.execute
         wait_until(lambda: not tree_threads(), 'the end of the threads')
         assert not Work.running(), '\n'.join([str(Work.running()), *self.log])
-        assert not execute._slots and not execute._goals
+        assert not execute._running.all() and not execute._goals
         wait_until(lambda: not any(action.running for action in self.world.navigation.actions.values()), 'the actions')
         model.rest()
 

@@ -23,8 +23,9 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, Tree
 from flexbt_core.clock import Timer
 from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
+from flexbt_server.runs import TreeStream
 from flexbt_server.runs.status_encoding import encoded, serialized
-from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream, TreeStream
+from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream
 from flexbt_testing.behavior_trees.user_nodes import make, random_body, run_some
 from flexbt_testing.ros.server_world import open_world
 from flexbt_testing.waiting import wait_until
@@ -292,7 +293,7 @@ def test_a_server_that_is_not_to_publish_watches_nothing() -> None:
         world.client.load_tree('<Sequence><AlwaysSuccess/><Spin/></Sequence>')
         goal = world.client.execute()
         wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running tree')
-        (run,) = (slot.run for slot in world.server.execute._slots.values())
+        (run,) = (running.run for running in world.server.execute._running.on(''))
         assert run.tree is not None
         assert [type(node).__dict__.get('status') for node in run.tree.nodes] == [None] * len(run.tree.nodes)
         assert world.client.runtime.node.count_publishers(names.TREE_STATUS) == 0

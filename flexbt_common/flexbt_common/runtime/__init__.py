@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A node on rclpy: its executor and thread, its clock, its parameters, and how it ends."""
 
+from .latest_message import LatestMessage
 from .node_runtime import CALL_SECONDS, NodeRuntime, run_node
 from .parameters import ParameterDeclarer, refuse_while_configured
 from .rclpy_private import (
@@ -18,6 +19,7 @@ __all__ = [
     'ACTION_CLIENT',
     'ACTION_SERVER',
     'CALL_SECONDS',
+    'LatestMessage',
     'NodeRuntime',
     'OpenActionClient',
     'OpenActionServer',

@@ -14,7 +14,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import TickCommand
 from flexbt_msgs.srv import ControlTree
 from flexbt_server.errors import UnknownRunError
-from flexbt_server.runs.tree_run import TreeRun
+from flexbt_server.runs import TreeRun
 
 _COMMANDS: Final = {
     ControlTree.Request.PAUSE: TickCommand.PAUSE,

@@ -14,7 +14,7 @@ from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import BlackboardError
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtGetData, BtSetData
-from flexbt_server.trees.blackboards import Blackboards, entries_of, read_values, write_all
+from flexbt_server.trees import Blackboards, entries_of, read_values, write_all
 
 
 class DataServers:

@@ -9,30 +9,24 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
+
+from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.behavior_tree import Blackboard, TreeKey, TreeLibrary
-from flexbt_core.clock import Timer
+from flexbt_core.behavior_tree import TreeKey, TreeLibrary
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
-from flexbt_server.errors import UnknownRunError
-from flexbt_server.leaves.leaf_services import LeafServices
-from flexbt_server.leaves.ros_ports import POSE_STAMPED, POSES
-from flexbt_server.node.parameters import ServerParameters
-from flexbt_server.runs.robot_pose import RobotPose
-from flexbt_server.runs.run_watchers import RunWatcher, watched_by
-from flexbt_server.runs.tree_run import RunOutcome, TreeRun
-from flexbt_server.runs.tree_stream import NoStream, TreeStream
-from flexbt_server.trees.blackboards import Blackboards, Value, read_values
-from flexbt_server.trees.tree_store import FoundTree, TreeStore
+from flexbt_server.leaves import LeafServices
+from flexbt_server.runs import NoStream, RunOutcome, RunWatcher, TreeRun, TreeStream, watched_by
+from flexbt_server.trees import POSE_STAMPED, POSES, Blackboards, FoundTree, TreeStore, Value, read_values
 
 from .goal_owners import GoalOwners
 from .run_messages import MESSAGE_LIMIT, feedback_of, result_of, take_error_code
+from .running_trees import RunningTree, RunningTrees, TreeGoal
 
 Result = BtExecute.Result
 
@@ -40,51 +34,32 @@ _REPORT_SECONDS = 0.3
 """A run that is not at rest in time says so a little later, s."""
 
 
-@dataclass(eq=False)
-class _Goal:
-    """A goal that is being served. ``run`` is set once a run works for it, or is asked to."""
-
-    served: ServedGoal
-    accepted: float
-    on_end: Callable[[_Goal, RunOutcome], None]
-    stop_reason: str | None = None
-    notice: str = ''
-    run: TreeRun[_Goal] | None = None
-    slot: _Slot | None = None
-    found: tuple[TreeLibrary, TreeKey, list[Value]] | None = None
-    """Its tree and its values, once they are known."""
-
-    @property
-    def request(self) -> Any:
-        """The goal message."""
-        return self.served.request
-
-    def end(self, outcome: RunOutcome) -> None:
-        """Give the goal its outcome; the first one counts."""
-        if self.served.active:
-            self.on_end(self, outcome)
-
-
-@dataclass(eq=False)
-class _Slot:
-    """The run of one tree on one blackboard, and the goal that it works for."""
-
-    id: str
-    key: TreeKey
-    blackboard: str
-    board: Blackboard
-    run: TreeRun[_Goal]
-    goal: _Goal
-    feedback: Timer | None = None
-
-    @property
-    def description(self) -> str:
-        """Tree and blackboard, for people."""
-        where = f'blackboard {self.blackboard!r}' if self.blackboard else 'the shared blackboard'
-        return f'tree {self.key.id!r} on {where}'
-
-
 _BY_CLIENT = 'canceled by the client'
+
+
+class ExecuteParameters(Protocol):
+    """The parameters of the server that runs need; :class:`flexbt_server.node.ServerParameters` tells what they are."""
+
+    @property
+    def default_tree(self) -> str: ...
+
+    @property
+    def tick_rate(self) -> float: ...
+
+    @property
+    def feedback_rate(self) -> float: ...
+
+    @property
+    def cancel_timeout(self) -> float: ...
+
+    @property
+    def pose_topic(self) -> str: ...
+
+    @property
+    def error_code_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def publish_statuses(self) -> bool: ...
 
 
 class ExecuteServer:
@@ -93,7 +68,7 @@ class ExecuteServer:
     def __init__(
         self,
         runtime: NodeRuntime,
-        parameters: ServerParameters,
+        parameters: ExecuteParameters,
         store: TreeStore,
         boards: Blackboards,
         services: LeafServices,
@@ -109,9 +84,9 @@ class ExecuteServer:
         self._reader = reader
         self._watchers = watchers
         self._stream = TreeStream(runtime) if parameters.publish_statuses else NoStream()
-        self._pose = RobotPose(services.topics, parameters.pose_topic)
-        self._slots: dict[tuple[TreeKey, str], _Slot] = {}
-        self._goals: dict[bytes, _Goal] = {}
+        self._pose = services.topics.cache(PoseStamped, parameters.pose_topic, 1)  # as the leaves do
+        self._running = RunningTrees()
+        self._goals: dict[bytes, TreeGoal] = {}
         self._owners = GoalOwners(runtime)
         self._no_goals = threading.Event()
         self._no_goals.set()
@@ -121,9 +96,8 @@ class ExecuteServer:
 
     def wake(self, blackboard: str) -> None:
         """Tick the trees that run on a blackboard: its entries were changed from outside."""
-        for slot in self._slots.values():
-            if slot.blackboard == blackboard:
-                slot.run.wake()
+        for running in self._running.on(blackboard):
+            running.run.wake()
 
     def stop_all(self, reason: str, within: float) -> bool:
         """Stop every tree, and wait until all goals have their results. Not on the executor thread.
@@ -140,32 +114,18 @@ class ExecuteServer:
         self._runtime.call(stop)
         return self._no_goals.wait(within)
 
-    def find_run(self, run_id: str) -> TreeRun[_Goal]:
-        """The run of this ID (TreeStructure.run_id), or that of the goal of this ID; the only one there is for ''.
-
-        Raises:
-            UnknownRunError: there is none, or there are several; says which.
-        """
-        runs = {slot.id: slot for slot in self._slots.values()}
-        by_goal = {slot.goal.served.id.hex(): slot for slot in self._slots.values()}
-        only = next(iter(runs.values())) if len(runs) == 1 else None
-        slot = (runs | by_goal).get(run_id) if run_id else only
-        if slot is not None:
-            return slot.run
-        known = '; '.join(f'{slot.id} ({slot.description})' for slot in runs.values())
-        if not known:
-            raise UnknownRunError('no tree is running')
-        asked = f'no run has the ID {run_id!r}' if run_id else 'several trees are running; say which by run_id'
-        raise UnknownRunError(f'{asked}: {known}')
+    def find_run(self, run_id: str) -> TreeRun[TreeGoal]:
+        """The run that ``run_id`` names; see :meth:`RunningTrees.find`."""
+        return self._running.find(run_id).run
 
     # -- a goal ------------------------------------------------------------------------------------------------------
 
     def _serve(self, served: ServedGoal) -> None:
-        goal = self._goals[served.id] = _Goal(served, self._runtime.clock.now(), self._finish)
+        goal = self._goals[served.id] = TreeGoal(served, self._runtime.clock.now(), self._finish)
         self._no_goals.clear()
         self._guard(goal, lambda: self._start(goal))
 
-    def _start(self, goal: _Goal) -> None:
+    def _start(self, goal: TreeGoal) -> None:
         """Look for the tree of a goal. Goals come out of this in the order in which they were accepted."""
         name = goal.request.behavior_tree or self._parameters.default_tree
 
@@ -186,7 +146,7 @@ class ExecuteServer:
 
         self._reader.submit(read)
 
-    def _guard(self, goal: _Goal, step: Callable[[], None]) -> None:
+    def _guard(self, goal: TreeGoal, step: Callable[[], None]) -> None:
         """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
         try:
             step()
@@ -200,7 +160,7 @@ class ExecuteServer:
         self._runtime.report_fault(error, f'goal of {names.BT_EXECUTOR}')
         return sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
 
-    def _found(self, goal: _Goal, found: FoundTree, values: list[Value]) -> None:
+    def _found(self, goal: TreeGoal, found: FoundTree, values: list[Value]) -> None:
         request = goal.request
         library, key, goal.notice = found
         if goal.notice:
@@ -215,21 +175,20 @@ class ExecuteServer:
         if request.owner:
             self._owners.watch(request.owner, goal, lambda reason: self._stop(goal, reason))
         goal.found = (library, key, values)
-        slot = self._slots.get((key, request.blackboard))
-        if slot is None:
+        running = self._running.get(key, request.blackboard)
+        if running is None:
             self._run(goal, *goal.found)
             return
-        goal.run, goal.slot = slot.run, slot
-        replaced = slot.run.offer(goal, values)
+        goal.running = running
+        replaced = running.run.offer(goal, values)
         if replaced is not None:
             replaced.end(_replaced())
 
-    def _run(self, goal: _Goal, library: TreeLibrary, key: TreeKey, values: Sequence[Value]) -> None:
+    def _run(self, goal: TreeGoal, library: TreeLibrary, key: TreeKey, values: Sequence[Value]) -> None:
         name = goal.request.blackboard
         board = self._boards.get(name)
-        place = (key, name)
         run_id = goal.served.id.hex()
-        run: TreeRun[_Goal] = TreeRun(
+        run: TreeRun[TreeGoal] = TreeRun(
             library,
             key,
             board,
@@ -241,31 +200,30 @@ class ExecuteServer:
             observer=watched_by(self._stream.open(run_id, name), run_id, self._watchers),
             tick_rate=self._parameters.tick_rate,
             cancel_timeout=self._parameters.cancel_timeout,
-            on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(place, newer)),
+            on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(running, newer)),
             on_refused=lambda newer, reason: self._runtime.post(
                 lambda: newer.end(RunOutcome(Result.ERROR, f'the running tree does not take the new inputs: {reason}'))
             ),
-            on_end=lambda outcome: self._runtime.post(lambda: self._on_end(place, outcome)),
+            on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
             on_overrun=self._runtime.node.get_logger().warning,
         )
+        running = goal.running = RunningTree(run_id, key, name, board, run, goal)
         run.start()
-        slot = self._slots[place] = _Slot(run_id, key, name, board, run, goal)
-        goal.run, goal.slot = run, slot
-        self._schedule_feedback(slot)
+        self._running.add(running)
+        self._schedule_feedback(running)
 
-    def _on_adopted(self, place: tuple[TreeKey, str], newer: _Goal) -> None:
-        slot = self._slots[place]
-        older, slot.goal = slot.goal, newer
+    def _on_adopted(self, running: RunningTree, newer: TreeGoal) -> None:
+        older, running.goal = running.goal, newer
         older.end(_replaced())
         if newer.stop_reason is not None:
-            slot.run.stop(newer, newer.stop_reason)
+            running.run.stop(newer, newer.stop_reason)
 
-    def _on_end(self, place: tuple[TreeKey, str], outcome: RunOutcome) -> None:
-        slot = self._slots.pop(place)
-        if slot.feedback is not None:
-            slot.feedback.cancel()
-        slot.goal.end(outcome)
-        offered = slot.run.take_offer()
+    def _on_end(self, running: RunningTree, outcome: RunOutcome) -> None:
+        self._running.remove(running)
+        if running.feedback is not None:
+            running.feedback.cancel()
+        running.goal.end(outcome)
+        offered = running.run.take_offer()
         if offered is not None and offered.found is not None and offered.served.active:
             # It came while the tree was ending. It gets a run of its own, and at once: before goals that came later.
             found = offered.found
@@ -276,17 +234,17 @@ class ExecuteServer:
     def _on_cancel(self, served: ServedGoal) -> None:
         self._stop(self._goals[served.id], _BY_CLIENT)
 
-    def _stop(self, goal: _Goal, reason: str, within: float | None = None) -> None:
+    def _stop(self, goal: TreeGoal, reason: str, within: float | None = None) -> None:
         if goal.stop_reason is None:
             goal.stop_reason = reason
-        if goal.run is None or goal.slot is None:
+        if goal.running is None:
             return  # its tree is being looked for; see _start
-        if goal.slot.goal is goal:
-            goal.run.stop(goal, reason, within)
-        elif goal.run.withdraw(goal):
+        if goal.running.goal is goal:
+            goal.running.run.stop(goal, reason, within)
+        elif goal.running.run.withdraw(goal):
             goal.end(RunOutcome(Result.CANCELED, reason))
 
-    def _finish(self, goal: _Goal, outcome: RunOutcome) -> None:
+    def _finish(self, goal: TreeGoal, outcome: RunOutcome) -> None:
         try:
             result = self._result(goal, outcome)
         except Exception as error:
@@ -302,30 +260,30 @@ class ExecuteServer:
         if not self._goals:
             self._no_goals.set()
 
-    def _result(self, goal: _Goal, outcome: RunOutcome) -> Any:
+    def _result(self, goal: TreeGoal, outcome: RunOutcome) -> Any:
         board = self._boards.get(goal.request.blackboard)
-        error_code = 0 if goal.slot is None else take_error_code(board, self._parameters.error_code_names)
+        error_code = 0 if goal.running is None else take_error_code(board, self._parameters.error_code_names)
         return result_of(goal.request, outcome, board, error_code, goal.notice, self._seconds(goal))
 
     # -- meanwhile ---------------------------------------------------------------------------------------------------
 
-    def _schedule_feedback(self, slot: _Slot) -> None:
+    def _schedule_feedback(self, running: RunningTree) -> None:
         steady = self._runtime.steady
-        slot.feedback = steady.call_at(
+        running.feedback = steady.call_at(
             steady.now() + 1.0 / self._parameters.feedback_rate,
-            lambda: self._runtime.post(lambda: self._feedback(slot)),
+            lambda: self._runtime.post(lambda: self._feedback(running)),
         )
 
-    def _feedback(self, slot: _Slot) -> None:
-        if self._slots.get((slot.key, slot.blackboard)) is not slot:
+    def _feedback(self, running: RunningTree) -> None:
+        if running not in self._running:
             return
-        tree = slot.run.tree
+        tree = running.run.tree
         if tree is not None:
-            feedback = feedback_of(tree, slot.board, self._pose.latest, self._seconds(slot.goal))
-            slot.goal.served.publish_feedback(feedback)
-        self._schedule_feedback(slot)
+            pose = self._pose.latest or PoseStamped()
+            running.goal.served.publish_feedback(feedback_of(tree, running.board, pose, self._seconds(running.goal)))
+        self._schedule_feedback(running)
 
-    def _seconds(self, goal: _Goal) -> float:
+    def _seconds(self, goal: TreeGoal) -> float:
         return self._runtime.clock.now() - goal.accepted
 
 

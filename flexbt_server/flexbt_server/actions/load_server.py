@@ -11,7 +11,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
-from flexbt_server.trees.tree_store import FileReport, TreeStore
+from flexbt_server.trees import FileReport, TreeStore
 
 Result = BtLoad.Result
 

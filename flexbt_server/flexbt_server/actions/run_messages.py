@@ -12,9 +12,10 @@ from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
-from flexbt_server.runs.robot_pose import distance_along
-from flexbt_server.runs.tree_run import RunOutcome
-from flexbt_server.trees.blackboards import RECOVERIES_KEY, entries_of
+from flexbt_server.runs import RunOutcome
+from flexbt_server.trees import RECOVERIES_KEY, entries_of
+
+from .distance_remaining import distance_along
 
 Result = BtExecute.Result
 

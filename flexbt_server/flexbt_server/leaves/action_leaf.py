@@ -48,7 +48,7 @@ ACTION_PORTS: Final[dict[str, Port]] = {
 
 
 class _LeafGoal:
-    """One goal; once given up, it is unfinished work of the tree until its end is confirmed."""
+    """One goal; once canceled, it is unfinished work of the tree until its end is confirmed."""
 
     def __init__(self, leaf: ActionLeaf, link: ActionServerLink, goal: Any, timeout: float) -> None:
         self._leaf = leaf
@@ -72,7 +72,7 @@ class _LeafGoal:
         """How the goal ended; None while it has not."""
         return self._outcome
 
-    def give_up(self, timeout: float) -> None:
+    def cancel(self, timeout: float) -> None:
         """Cancel the goal and do not wait for it."""
         with self._lock:
             if self._ended:
@@ -168,7 +168,7 @@ class ActionLeaf(StatefulAction):
         try:
             newer = self.newer_goal(goal.feedback)
         except (PortError, ValueError) as error:
-            self._give_up_all()
+            self._cancel_all()
             return self.fail(str(error))
         if newer is not None:
             self._superseded = [older for older in self._superseded if older.outcome is None] + [goal]
@@ -177,7 +177,7 @@ class ActionLeaf(StatefulAction):
 
     def on_halted(self) -> None:
         self._waiting = False
-        self._give_up_all()
+        self._cancel_all()
 
     def _send(self, goal: Any) -> None:
         host = self.host
@@ -185,21 +185,21 @@ class ActionLeaf(StatefulAction):
         timeout = host.server_timeout if milliseconds is None else milliseconds / 1000.0
         self._goal = _LeafGoal(self, host.actions.link(self.action_type, self.action_name), goal, timeout)
 
-    def _give_up_all(self) -> None:
+    def _cancel_all(self) -> None:
         for goal in (*self._superseded, self._goal):
             if goal is not None:
-                goal.give_up(self.host.cancel_timeout)
+                goal.cancel(self.host.cancel_timeout)
         self._goal = None
         self._superseded = []
 
     def _ended(self, outcome: GoalOutcome) -> NodeStatus:
         if outcome.status is GoalStatus.SUCCEEDED:
             self._goal = None
-            self._give_up_all()
+            self._cancel_all()
             self.set_output('error_code_id', 0)
             self.set_output('error_msg', '')
             return self.on_success(outcome.result)
-        self._give_up_all()
+        self._cancel_all()
         code = int(getattr(outcome.result, 'error_code', 0) or getattr(self.action_type.Result, 'UNKNOWN', 0))
         told = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
         reason = told or outcome.reason

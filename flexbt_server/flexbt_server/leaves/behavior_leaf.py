@@ -13,7 +13,7 @@ from flexbt_core.behavior_tree.model.port_types import KEYS, STRING, UNSIGNED, s
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs import action
 from flexbt_msgs.msg import BehaviorArgument
-from flexbt_server.trees.blackboards import entries_of, read_values, write_all
+from flexbt_server.trees import entries_of, read_values, write_all
 
 from .action_leaf import ACTION_PORTS, ActionLeaf
 

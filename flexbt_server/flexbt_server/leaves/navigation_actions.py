@@ -18,10 +18,9 @@ from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model.port_types import BOOL, DOUBLE, STRING
-from flexbt_server.trees.blackboards import RECOVERIES_KEY
+from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY, duration
 
 from .action_leaf import ACTION_PORTS, ActionLeaf
-from .ros_ports import PATH, POSE_STAMPED, POSES, duration
 
 
 class ComputePathToPose(ActionLeaf):

@@ -11,8 +11,8 @@ from nav_msgs.msg import Path
 
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model.port_types import DOUBLE, STRING
+from flexbt_server.trees import PATH, POSES
 
-from .ros_ports import PATH, POSES
 from .topic_cache import TopicCache
 
 MIN_POSES = 2

@@ -10,11 +10,11 @@ from flexbt_core.behavior_tree.nodes.nav2.register import Dialect
 
 from . import (
     behavior_leaf,
-    motion_decorators,
     navigation_actions,
     path_leaves,
-    pause_control,
+    pause_resume_services,
     service_leaf,
+    topic_decorators,
     topic_leaf,
 )
 
@@ -41,9 +41,9 @@ LEAVES: Final[tuple[type[TreeNode], ...]] = (
     topic_leaf.ProgressCheckerSelector,
     path_leaves.TruncatePath,
     path_leaves.RemovePassedGoals,
-    motion_decorators.DistanceController,
-    motion_decorators.SpeedController,
-    pause_control.PauseResumeController,
+    topic_decorators.DistanceController,
+    topic_decorators.SpeedController,
+    pause_resume_services.PauseResumeController,
 )
 
 
@@ -51,5 +51,5 @@ def register_leaves(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:
     """Make them known to ``registry``, as they are in that branch of Nav2."""
     for leaf in LEAVES:
         registry.register(leaf.__name__, leaf)
-    updater = motion_decorators.GoalUpdater if dialect == 'jazzy' else motion_decorators.GoalUpdaterOfMain
+    updater = topic_decorators.GoalUpdater if dialect == 'jazzy' else topic_decorators.GoalUpdaterOfMain
     registry.register('GoalUpdater', updater)

@@ -16,11 +16,11 @@ from flexbt_common.calls import ServiceCall
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
 from flexbt_core.behavior_tree.model.errors import PortError
 from flexbt_core.behavior_tree.model.port_types import STRING, UNSIGNED
+from flexbt_server.trees import PATH
 
 from .action_leaf import SERVER_PORTS
 from .leaf_services import LeafServices
 from .navigation_actions import count_recovery
-from .ros_ports import PATH
 
 SERVICE_PORTS: Final[dict[str, Port]] = {
     'service_name': input_port(STRING, optional=True, description="name of the service, if not the node's default"),

@@ -7,28 +7,32 @@ import threading
 import weakref
 from typing import Any
 
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import LatestMessage, NodeRuntime
 from flexbt_core.behavior_tree import TreeContext
 
 
 class TopicCache:
-    """The last message of a topic; ``latest`` is None until there is one."""
+    """The last message of a topic. Made on the executor thread."""
 
-    def __init__(self) -> None:
-        self.latest: Any | None = None
+    def __init__(self, node: Node, message_type: type[Any], topic: str, qos: QoSProfile | int) -> None:
+        self._last = LatestMessage(node, message_type, topic, qos, self._wake)
         self._trees: weakref.WeakSet[TreeContext] = weakref.WeakSet()
         self._lock = threading.Lock()
+
+    @property
+    def latest(self) -> Any | None:
+        """The last message; None until there is one. From any thread."""
+        return self._last.message
 
     def on_message(self, tree: TreeContext) -> None:
         """Tick the tree whenever a message comes, as long as the tree exists. From any thread."""
         with self._lock:
             self._trees.add(tree)
 
-    def receive(self, message: Any) -> None:
-        """A message has come."""
-        self.latest = message
+    def _wake(self) -> None:
         with self._lock:
             trees = tuple(self._trees)
         for tree in trees:
@@ -49,6 +53,5 @@ class TopicCaches:
     def _cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
         key = (self._runtime.node.resolve_topic_name(topic), message_type)
         if key not in self._caches:
-            cache = self._caches[key] = TopicCache()
-            self._runtime.node.create_subscription(message_type, topic, cache.receive, qos)
+            self._caches[key] = TopicCache(self._runtime.node, message_type, topic, qos)
         return self._caches[key]

@@ -18,21 +18,12 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import JsonTypes
 from flexbt_core.behavior_tree.observers.status_observer import prepare
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_server.actions.control_server import ControlServer
-from flexbt_server.actions.data_servers import DataServers
-from flexbt_server.actions.execute_server import ExecuteServer
-from flexbt_server.actions.load_server import LoadServer
+from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError
-from flexbt_server.leaves.leaf_services import LeafServices
-from flexbt_server.leaves.topic_cache import TopicCaches
-from flexbt_server.leaves.trigger_services import TriggerServices
-from flexbt_server.runs.groot2_runs import Groot2Runs
-from flexbt_server.runs.run_logs import RunLogs
-from flexbt_server.runs.run_watchers import RunWatcher
-from flexbt_server.trees.blackboards import Blackboards
-from flexbt_server.trees.node_types import node_registry
-from flexbt_server.trees.ros_json import RosJsonTypes
-from flexbt_server.trees.tree_store import TreeStore
+from flexbt_server.leaves import LeafServices, TopicCaches, TriggerServices
+from flexbt_server.node_types import node_registry
+from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher
+from flexbt_server.trees import Blackboards, RosJsonTypes, TreeStore
 
 from .parameters import ServerParameters, declare_parameters
 
@@ -113,7 +104,9 @@ class BtServer:
     def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
         watchers: list[RunWatcher] = []
         if parameters.groot2_port:
-            watchers.append(Groot2Runs(runtime, parameters, types))
+            watchers.append(
+                Groot2Runs(runtime, parameters.groot2_port, parameters.groot2_address, parameters.groot2_tree, types)
+            )
         if parameters.btlog_directory is not None:
             watchers.append(RunLogs(runtime, parameters.btlog_directory, parameters.btlog_keep))
         return watchers

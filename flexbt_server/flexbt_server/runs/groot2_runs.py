@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shows the runs of the server to Groot2; see :class:`flexbt_server.groot2.server.Groot2Server`."""
+"""Shows the runs of the server to Groot2; see :class:`flexbt_server.groot2.Groot2Server`."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from typing import TYPE_CHECKING
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import JsonTypes, Tree
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2.mark_log import MarkLog
-from flexbt_server.node.parameters import ServerParameters
+from flexbt_server.groot2 import MarkLog
 
 from .run_watchers import RunWatch
-from .tree_run import TreeObserver
+from .tree_observer import TreeObserver
 
 if TYPE_CHECKING:
-    from flexbt_server.groot2.server import Groot2Server
-    from flexbt_server.groot2.watched_tree import WatchedTree
+    from flexbt_server.groot2 import Groot2Server, WatchedTree
 
 
 class Groot2Runs:
     """Opens the port, and closes it with the node."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> None:
-        """``types`` of what is on blackboards. Raises ServerParameterError when the port cannot be opened."""
+    def __init__(self, runtime: NodeRuntime, port: int, address: str, only: str, types: JsonTypes) -> None:
+        """``only``: the ID of the tree that is shown, '' for the newest; ``types`` of what is on blackboards.
+
+        Raises:
+            ServerParameterError: the port cannot be opened.
+        """
         try:
             # Only who wants it needs pyzmq.
-            from flexbt_server.groot2.server import Groot2Server
+            from flexbt_server.groot2 import Groot2Server
         except ImportError as error:
             raise ServerParameterError(
                 f"parameter 'groot2_port': {error.name} is missing; install python3-zmq and python3-msgpack"
             ) from error
         try:
-            self._server = Groot2Server(
-                parameters.groot2_port, parameters.groot2_address, only=parameters.groot2_tree, types=types
-            )
+            self._server = Groot2Server(port, address, only=only, types=types)
         except OSError as error:
             raise ServerParameterError(f"parameter 'groot2_port': {error.strerror}") from error
         runtime.on_close(self._server.close)

@@ -14,11 +14,10 @@ from typing import Final
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2.log_file import SUFFIX, LogWriter
-from flexbt_server.groot2.mark_log import MarkLog
+from flexbt_server.groot2 import SUFFIX, LogWriter, MarkLog
 
 from .run_watchers import RunWatch
-from .tree_run import TreeObserver
+from .tree_observer import TreeObserver
 
 _OURS: Final = re.compile(rf'\d{{8}}T\d{{6}}\.\d{{6}}Z_.*_[0-9a-f]{{8}}{re.escape(SUFFIX)}')
 _UNFIT: Final = re.compile(r'[^\w.-]')

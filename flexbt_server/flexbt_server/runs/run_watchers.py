@@ -8,9 +8,9 @@ from typing import Protocol
 
 from flexbt_core.behavior_tree import Tree
 from flexbt_core.behavior_tree.observers.status_log import Log
-from flexbt_server.groot2.mark_log import LogOfSeveral
+from flexbt_server.groot2 import LogOfSeveral
 
-from .tree_run import TreeObserver
+from .tree_observer import TreeObserver
 
 
 class RunWatch(Protocol):

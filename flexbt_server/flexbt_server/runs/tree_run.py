@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import math
 import threading
-import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, Generic, Protocol, TypeVar
+from dataclasses import replace
+from typing import Any, Final, Generic, TypeVar
 
 from flexbt_core.behavior_tree import (
     BehaviorTreeError,
     Blackboard,
-    NodeExecutionError,
     NodeStatus,
     TickAbandoned,
     TickCommand,
@@ -26,48 +24,20 @@ from flexbt_core.behavior_tree import (
     TreeKey,
     TreeLibrary,
 )
-from flexbt_core.behavior_tree.observers.status_log import Log
 from flexbt_core.clock import Clock, WakeEvent
 from flexbt_msgs.action import BtExecute
-from flexbt_server.trees.blackboards import NO_RECOVERIES, Value, write_all
+from flexbt_server.trees import NO_RECOVERIES, Value, write_all
 
-from .thread_place import node_on_stack
+from .node_on_stack import node_on_stack
+from .overruns import Overruns
+from .run_outcome import RunOutcome, outcome_after, outcome_of, outcome_of_tree
+from .tree_observer import TreeObserver
 
 _GRACE: Final = 0.2
 """How much longer than its time to come to rest a run has to say itself what is not at rest, s."""
 
 _HAS_ENDED: Final = 'the run has ended'
 _NOT_AT_REST: Final = 'not at rest in time after the halt'
-
-
-@dataclass(frozen=True)
-class RunOutcome:
-    """How a run has ended; ``code`` is a constant of BtExecute.Result."""
-
-    code: int
-    message: str = ''
-    failed_node: str = ''
-    reasons: tuple[str, ...] = ()
-
-
-class TreeObserver(Protocol):
-    """Hears of a run, on the thread of the run; of the end of one that is given up, on another."""
-
-    def started(self, tree: Tree) -> None:
-        """The nodes exist; the first tick is next."""
-
-    @property
-    def log(self) -> Log | None:
-        """Where the tree is to log changes of statuses, if anywhere."""
-
-    def ticked(self) -> None:
-        """A round of a tick is over."""
-
-    def paused(self, is_paused: bool) -> None:
-        """The tree is not ticked from now on, or is again."""
-
-    def ended(self) -> None:
-        """Nothing follows."""
 
 
 Client = TypeVar('Client')
@@ -123,7 +93,7 @@ class TreeRun(Generic[Client]):
         self._on_adopted = on_adopted
         self._on_refused = on_refused
         self._on_end = on_end
-        self._overruns = _Overruns(key, self._tick_period, on_overrun)
+        self._overruns = Overruns(key, self._tick_period, on_overrun)
         self._wake_event = WakeEvent()
         self._control = TickControl(self._wake_event.set, observer.paused)
         self._lock = threading.Lock()
@@ -156,7 +126,7 @@ class TreeRun(Generic[Client]):
         if self.tree is not None:
             self.tree.hooks.release()
         if sooner:
-            self._steady.call_at(rest_by + _GRACE, self._give_up)
+            self._steady.call_at(rest_by + _GRACE, self._abort)
 
     def offer(self, client: Client, values: Sequence[Value]) -> Client | None:
         """Let ``client`` take the run over, with new values. Gives the client whose offer this one replaces."""
@@ -192,7 +162,7 @@ class TreeRun(Generic[Client]):
         """Wait until the run is over, at most ``timeout`` seconds."""
         self._thread.join(timeout)
 
-    def _give_up(self) -> None:
+    def _abort(self) -> None:
         """The thread of the run should be at its end, or near it."""
         node = node_on_stack(self._thread)
         path = '' if node is None else node.path
@@ -213,8 +183,8 @@ class TreeRun(Generic[Client]):
     # -- on the thread of the run ------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        executed = _outcome_of(self._execute)
-        self._end(_outcome_of(lambda: self._come_to_rest(executed)))
+        executed = outcome_of(self._execute)
+        self._end(outcome_of(lambda: self._await_halt(executed)))
 
     def _execute(self) -> RunOutcome:
         write_all(self._board, [*self._values, NO_RECOVERIES])
@@ -247,7 +217,7 @@ class TreeRun(Generic[Client]):
             if tree.context.hooks is None:  # breakpoints are not to be blamed on leaves
                 self._overruns.note(began, self._steady.now())
             if status is not None and status is not NodeStatus.RUNNING:
-                return self._outcome(tree, status)
+                return outcome_of_tree(tree, status)
             if not self._control.pending:
                 self._wait(tree, due)
 
@@ -258,7 +228,7 @@ class TreeRun(Generic[Client]):
         return due + period if due <= now < due + period else now + period
 
     def _tell_of_round(self) -> None:
-        if not self._ended:  # it may have been given up during the tick
+        if not self._ended:  # it may have been aborted during the tick
             self._observer.ticked()
 
     def _adopt(self) -> None:
@@ -283,26 +253,17 @@ class TreeRun(Generic[Client]):
         until = due if next_wake is None else min(due, next_wake)
         self._wake_event.wait(self._clock, None if self._control.paused else until)
 
-    def _outcome(self, tree: Tree, status: NodeStatus) -> RunOutcome:
-        if status is NodeStatus.SUCCESS:
-            return RunOutcome(BtExecute.Result.SUCCESS)
-        if status is NodeStatus.SKIPPED:
-            return RunOutcome(BtExecute.Result.FAILURE, 'the tree was skipped: no node had anything to do')
-        failure = tree.failure
-        assert failure is not None  # the engine gives one for every FAILURE
-        return RunOutcome(BtExecute.Result.FAILURE, str(failure.steps[0]), failure.path, tuple(failure.lines()))
-
-    def _come_to_rest(self, outcome: RunOutcome) -> RunOutcome:
+    def _await_halt(self, outcome: RunOutcome) -> RunOutcome:
         """Halt everything and wait until the leaves have confirmed it."""
         self._control.close(_HAS_ENDED)
         tree = self.tree
         if tree is None:
             return outcome
-        outcome = _halting(tree.halt, outcome)
+        outcome = outcome_after(tree.halt, outcome)
         deadline = self._steady.now() + self._cancel_timeout
         while tree.unfinished and self._steady.now() < min(deadline, self._rest_by):
             self._wake_event.wait(self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period))
-            outcome = _halting(tree.advance_unfinished, outcome)
+            outcome = outcome_after(tree.advance_unfinished, outcome)
         if tree.unfinished:
             message = f'{_NOT_AT_REST}: {", ".join(tree.unfinished)}'
             outcome = replace(
@@ -311,55 +272,3 @@ class TreeRun(Generic[Client]):
                 message=f'{outcome.message}; {message}' if outcome.message else message,
             )
         return outcome
-
-
-def _halting(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
-    """Takes a step toward rest; gives the outcome, which an error of a leaf changes."""
-    try:
-        step()
-    except NodeExecutionError as error:
-        return _error(error, f'{outcome.message}; while halting: {error}')
-    return outcome
-
-
-def _error(error: NodeExecutionError, message: str) -> RunOutcome:
-    return RunOutcome(BtExecute.Result.ERROR, message, error.node_path, tuple(error.trace.lines()))
-
-
-def _outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
-    """What a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
-    try:
-        return step()
-    except NodeExecutionError as error:
-        return _error(error, str(error))
-    except BehaviorTreeError as error:
-        return RunOutcome(BtExecute.Result.ERROR, str(error))
-    except BaseException:  # a fault of ours
-        return RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
-
-
-class _Overruns:
-    """Tells of ticks that take too long, once a second at most."""
-
-    def __init__(self, key: TreeKey, period: float, tell: Callable[[str], None]) -> None:
-        self._tree = key.id
-        self._period = period
-        self._tell = tell
-        self._count = 0
-        self._longest = 0.0
-        self._silent_until = -math.inf
-
-    def note(self, began: float, ended: float) -> None:
-        """A tick took from ``began`` to ``ended``, s."""
-        took = ended - began
-        if took <= self._period:
-            return
-        self._count += 1
-        self._longest = max(self._longest, took)
-        if ended < self._silent_until:
-            return
-        self._tell(
-            f'tree [{self._tree}]: {self._count} ticks took longer than the period of {self._period:.3f} s '
-            f'(parameter tick_rate), the longest {self._longest:.3f} s; no leaf should block'
-        )
-        self._count, self._longest, self._silent_until = 0, 0.0, ended + 1.0

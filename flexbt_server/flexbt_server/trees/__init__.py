@@ -1,2 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The trees and blackboards that the server holds."""
+
+from .blackboards import NO_RECOVERIES, RECOVERIES_KEY, Blackboards, Value, entries_of, read_values, write_all
+from .ros_json import RosJsonTypes
+from .ros_ports import DURATION, PATH, POSE_STAMPED, POSES, duration, message_type
+from .tree_store import FileReport, FoundTree, TreeStore
+
+__all__ = [
+    'DURATION',
+    'NO_RECOVERIES',
+    'PATH',
+    'POSES',
+    'POSE_STAMPED',
+    'RECOVERIES_KEY',
+    'Blackboards',
+    'FileReport',
+    'FoundTree',
+    'RosJsonTypes',
+    'TreeStore',
+    'Value',
+    'duration',
+    'entries_of',
+    'message_type',
+    'read_values',
+    'write_all',
+]

@@ -11,7 +11,8 @@ from flexbt_common.errors import UnknownTypeError
 from flexbt_common.values import ValueType, message_type_name, resolve_type, text_to_value, value_to_text
 from flexbt_core.behavior_tree import ConversionError, JsonObject, JsonTypes, PortType
 from flexbt_core.errors import FlexbtError
-from flexbt_server.leaves.ros_ports import message_type
+
+from .ros_ports import message_type
 
 
 class RosJsonTypes(JsonTypes):

@@ -26,10 +26,7 @@ import zmq
 
 from flexbt_core.behavior_tree import Tree, TreeLibrary, load_xml
 from flexbt_core.clock import SteadyClock
-from flexbt_server.groot2 import protocol
-from flexbt_server.groot2.log_file import LogWriter
-from flexbt_server.groot2.mark_log import LogOfSeveral, MarkLog
-from flexbt_server.groot2.server import Groot2Server
+from flexbt_server.groot2 import Groot2Server, LogOfSeveral, LogWriter, MarkLog, protocol
 from flexbt_server.groot2.watched_tree import clock
 from flexbt_testing.behavior_trees.scripted_nodes import LETTERS, Act, Cond, Deco, Script, Sync, registry
 from flexbt_testing.behavior_trees.wheel import _attributes_by_name

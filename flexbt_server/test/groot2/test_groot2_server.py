@@ -20,10 +20,9 @@ from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
-from flexbt_server.groot2.mark_log import MarkLog
+from flexbt_server.groot2 import Groot2Server, MarkLog, WatchedTree
 from flexbt_server.groot2.protocol import RequestType, request_header
-from flexbt_server.groot2.server import Groot2Server
-from flexbt_server.groot2.watched_tree import RECORDED, WatchedTree, clock
+from flexbt_server.groot2.watched_tree import RECORDED, clock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
 
 DEADLINE = 20.0

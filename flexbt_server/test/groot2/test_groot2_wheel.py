@@ -21,7 +21,7 @@ import msgpack
 import pytest
 from groot2_host import Host
 
-from flexbt_server.groot2.log_file import LogError, read_log
+from flexbt_server.groot2 import LogError, read_log
 from flexbt_server.groot2.protocol import RequestType
 from flexbt_testing.behavior_trees import wheel as bt_wheel
 

@@ -34,7 +34,7 @@ from flexbt_core.behavior_tree import (
     simple_decorator,
 )
 from flexbt_core.clock import ManualClock
-from flexbt_server.trees.node_types import node_registry
+from flexbt_server.node_types import node_registry
 from flexbt_tools.tree_checks import findings
 
 from . import random_nodes as bt_random_nodes

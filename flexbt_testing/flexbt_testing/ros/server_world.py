@@ -26,7 +26,7 @@ from flexbt_common.calls import ActionLinks, SentGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
-from flexbt_server.node.bt_server import BtServer
+from flexbt_server.node import BtServer
 
 from .scripted_action_server import Answer, ScriptedActionServer
 

@@ -24,8 +24,7 @@ from flexbt_core.behavior_tree import (
     TreeNode,
 )
 from flexbt_core.clock import Clock, ManualClock, SteadyClock
-from flexbt_server.groot2.log_file import LogWriter
-from flexbt_server.groot2.mark_log import MarkLog
+from flexbt_server.groot2 import LogWriter, MarkLog
 from flexbt_tools.errors import RefusedError, UsageError
 from flexbt_tools.trees import BlackboardFile
 

@@ -23,7 +23,7 @@ from flexbt_tools.errors import UsageError
 def json_types(registry: NodeRegistry) -> JsonTypes:
     """What may be in the files: what is registered, and messages where there is ROS."""
     try:
-        from flexbt_server.trees.ros_json import RosJsonTypes
+        from flexbt_server.trees import RosJsonTypes
     except ImportError:
         return registry.json_types
     return RosJsonTypes(registry.json_types)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.state_machine import EventState, OperatableStateMachine, define
-from flexbt_server.trees.node_types import node_registry
+from flexbt_server.node_types import node_registry
 from flexbt_tools.behaviors import BuiltBehavior, check_behavior
 from flexbt_tools.cli.behavior_tool import main
 

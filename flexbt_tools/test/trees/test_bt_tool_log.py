@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_server.groot2.log_file import LogError, read_log
+from flexbt_server.groot2 import LogError, read_log
 from flexbt_testing.behavior_trees.bt_tool import tool
 from flexbt_testing.behavior_trees.random_nodes import make_case
 

@@ -27,8 +27,8 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.model import port_types
 from flexbt_core.behavior_tree.model.names import FORBIDDEN_IN_NAMES, RESERVED_ATTRIBUTES
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
-from flexbt_server.groot2.tree_document import models_document
-from flexbt_server.trees.node_types import node_registry
+from flexbt_server.groot2 import models_document
+from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
 from flexbt_testing.behavior_trees.random_nodes import make_case
 from flexbt_testing.behavior_trees.xml_schema import Schema

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from flexbt_core.values import one_line
-from flexbt_server.groot2.log_file import Log, LogError, LoggedNode, Transition, read_log
+from flexbt_server.groot2 import Log, LogError, LoggedNode, Transition, read_log
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UsageError
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 
 from flexbt_core.behavior_tree import NodeKind, builtin_registry
-from flexbt_server.groot2.tree_document import models_document
+from flexbt_server.groot2 import models_document
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode
 from flexbt_tools.trees import schema_lines

@@ -11,7 +11,7 @@ from typing import Final
 
 from flexbt_core.behavior_tree import TreeKey, TreeLibrary
 from flexbt_core.values import one_line
-from flexbt_server.groot2.log_file import SUFFIX
+from flexbt_server.groot2 import SUFFIX
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UsageError
 from flexbt_tools.mock_runs import DEFAULT_RATE, JsonPrinter, MockRun, TextPrinter, ended, read_plan

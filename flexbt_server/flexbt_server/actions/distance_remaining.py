@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The robot's pose, and how far it is from the end of a path: for the feedback of running trees."""
+"""How far the robot is from the end of its path: for the feedback of running trees."""
 
 from __future__ import annotations
 
@@ -10,25 +10,9 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_server.leaves.topic_cache import TopicCaches
-
 UNKNOWN_DISTANCE = -1.0
 
 Point = tuple[float, float]
-
-
-class RobotPose:
-    """The robot's pose from its topic; its frame is empty until there is one."""
-
-    def __init__(self, topics: TopicCaches, topic: str) -> None:
-        # The same subscription as that of the leaves: they find a pose at once.
-        self._cache = topics.cache(PoseStamped, topic, 1)
-        self._unknown = PoseStamped()
-
-    @property
-    def latest(self) -> PoseStamped:
-        """The pose that was received last."""
-        return self._unknown if self._cache.latest is None else self._cache.latest
 
 
 def distance_along(path: Any, pose: PoseStamped) -> float:

@@ -12,9 +12,9 @@ from nav_msgs.msg import Odometry
 from flexbt_common import names
 from flexbt_core.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
+from flexbt_server.trees import POSE_STAMPED, POSES
 
 from .leaf_services import LeafServices
-from .ros_ports import POSE_STAMPED, POSES
 from .topic_cache import TopicCache
 
 
