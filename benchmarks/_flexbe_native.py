@@ -9,7 +9,7 @@ from _flexbe_stamp import entered
 from nav2_msgs.action import Wait
 
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, OperatorDecisionState
 from flexbt_states.goal_call import GoalCall
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from flexbt_core.state_machine import Autonomy, OperatableStateMachine
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import (
     BtExecuteGoalState,
     BtExecuteState,

@@ -10,9 +10,7 @@ from flexbt_demo_behaviors.inspection import Inspection, InspectSite
 from flexbt_demo_behaviors.navigate import Navigate
 from flexbt_demo_behaviors.navigate_split import NavigateSplit
 from flexbt_demo_behaviors.show_path_state import ShowPathState
-from flexbt_onboard.behaviors.behavior import Behavior
-from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
-from flexbt_onboard.behaviors.run_building import definition_of
+from flexbt_onboard.behaviors import Behavior, BehaviorLibrary, definition_of
 
 BEHAVIORS = [Navigate, NavigateSplit, Inspection, InspectSite]
 

@@ -14,8 +14,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_packages_with_prefixes
 
-from flexbt_onboard.behaviors.behavior import BehaviorManifest
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, described
+from flexbt_onboard.behaviors import BehaviorEntry, BehaviorManifest, described
 
 from . import shim
 from .errors import FlexbeManifestError

@@ -11,7 +11,7 @@ from flexbt_core.state_machine import StateError
 from flexbt_flexbe.proxy.publisher import ProxyPublisher
 from flexbt_flexbe.proxy.run_goals import RunGoals
 from flexbt_flexbe.proxy.subscriber_cached import ProxySubscriberCached
-from flexbt_onboard.runs.run_context import current_run
+from flexbt_onboard.behaviors import current_run
 
 from .ros_access import RosAccess
 

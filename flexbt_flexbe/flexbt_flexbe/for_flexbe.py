@@ -25,7 +25,7 @@ from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Clock
 from flexbt_core.state_machine import EventState, ExitReason, Severity
-from flexbt_onboard.runs.state_services import StateServices
+from flexbt_onboard.behaviors import StateServices
 
 REST_SECONDS: Final = 3.0
 """How long a behavior that was stopped waits for a goal to end."""

@@ -9,9 +9,8 @@ from functools import partial
 from typing import Any, Final
 
 from flexbt_core.state_machine import OperatableStateMachine, Severity
-from flexbt_onboard.behaviors.behavior import Behavior
+from flexbt_onboard.behaviors import Behavior, current_run
 from flexbt_onboard.errors import ParameterError
-from flexbt_onboard.runs.run_context import current_run
 
 from .behavior import Behavior as FlexbeBehavior
 from .errors import FlexbeManifestError

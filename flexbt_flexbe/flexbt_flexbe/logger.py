@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from flexbt_core.state_machine import Severity, called_state
-from flexbt_onboard.runs.run_context import RunContext, current_run
+from flexbt_onboard.behaviors import RunContext, current_run
 
 
 class _Throttle:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from flexbt_onboard.behaviors.behavior import BehaviorManifest, BehaviorParameter, ParameterValue
+from flexbt_onboard.behaviors import BehaviorManifest, BehaviorParameter, ParameterValue
 from flexbt_onboard.errors import OnboardError
 
 from .errors import FlexbeManifestError

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from flexbt_onboard.runs.run_context import current_run
+from flexbt_onboard.behaviors import current_run
 
 
 class _RunNode:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from flexbt_core.state_machine import EventState, Severity
-from flexbt_onboard.runs.run_context import current_run
+from flexbt_onboard.behaviors import current_run
 
 from .ros_access import RosAccess
 

@@ -15,9 +15,7 @@ from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_
 
 from flexbt_flexbe import discovery, shim
 from flexbt_flexbe.parameter_values import converted
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.behaviors.building import building
-from flexbt_onboard.behaviors.run_building import RunRequest, definition_of
+from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, RunRequest, building, definition_of
 from flexbt_onboard.errors import OnboardError, ParameterError
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 from flexbt_testing.state_machines.state_bench import StateBench

@@ -14,7 +14,7 @@ import pytest
 
 import flexbt_flexbe.states
 import flexbt_states
-from flexbt_onboard.behaviors.building import building
+from flexbt_onboard.behaviors import building
 
 DOCS = Path(__file__).parents[2] / 'docs'
 

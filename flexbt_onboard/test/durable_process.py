@@ -11,7 +11,7 @@ from typing import Any
 
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
-from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.executive.bench import behavior_of, entry_of

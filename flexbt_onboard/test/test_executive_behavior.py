@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
 from flexbt_onboard.errors import ManifestError, ParameterError
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
 
 GOOD = """

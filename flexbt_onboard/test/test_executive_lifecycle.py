@@ -21,7 +21,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.node.executive import Executive, open_executive
 from flexbt_onboard.node.executive_parameters import declare_parameters
 from flexbt_onboard.node.unconfigured_executive import UnconfiguredExecutive

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from flexbt_onboard.behaviors import RunContext, current_run
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.runs.run_context import RunContext, current_run
 
 
 def context() -> RunContext:

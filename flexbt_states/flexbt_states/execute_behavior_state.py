@@ -13,7 +13,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import Autonomy, EventState, UserData
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument
-from flexbt_onboard.runs.state_services import state_services
+from flexbt_onboard.behaviors import state_services
 
 from .bt_result import read_values
 from .goal_call import GoalCall

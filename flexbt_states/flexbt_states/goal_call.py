@@ -9,7 +9,7 @@ from typing import Any, Final
 from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_core.clock import Clock, Timer
 from flexbt_core.state_machine import EventState
-from flexbt_onboard.runs.state_services import READY_SECONDS, state_services
+from flexbt_onboard.behaviors import READY_SECONDS, state_services
 
 SERVER_SECONDS: Final = 1.0
 """How long a server is waited for when all nodes that are alive are ready, s of wall time."""

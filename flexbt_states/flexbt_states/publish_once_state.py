@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from flexbt_common import names
 from flexbt_common.values import check_value, message_type_name
 from flexbt_core.state_machine import EventState, UserData
-from flexbt_onboard.runs.state_services import state_services
+from flexbt_onboard.behaviors import state_services
 
 from .parameter_checks import checked_message_type, checked_topic
 

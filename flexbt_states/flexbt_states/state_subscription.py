@@ -11,7 +11,7 @@ from rclpy.subscription import Subscription
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState
-from flexbt_onboard.runs.state_services import state_services
+from flexbt_onboard.behaviors import state_services
 
 
 class StateSubscription:

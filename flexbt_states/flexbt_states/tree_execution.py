@@ -10,7 +10,7 @@ from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, Severity, UserData
 from flexbt_msgs.action import BtExecute
-from flexbt_onboard.runs.state_services import state_services
+from flexbt_onboard.behaviors import state_services
 
 from .bt_result import judge, read_values
 from .bt_use import BtUse

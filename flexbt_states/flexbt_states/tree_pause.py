@@ -10,7 +10,7 @@ from flexbt_common import names
 from flexbt_common.calls import ServiceCall, ServiceLink, ServiceOutcome
 from flexbt_core.state_machine import EventState
 from flexbt_msgs.srv import ControlTree
-from flexbt_onboard.runs.state_services import state_services
+from flexbt_onboard.behaviors import state_services
 
 _RESPONSE_SECONDS: Final = 10.0
 """A pause is answered when the tick that is under way is over."""

@@ -18,9 +18,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
 from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine
 from flexbt_msgs.action import BtExecute
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorLibrary, BehaviorManifest, RunRequest
 from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_states import BtExecuteGoalState, BtExecuteState

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 from flexbt_core.state_machine import Autonomy, EventState, ExitReason, OperatableStateMachine, UserData
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest
 
 GATES = tuple(f'Gate{number}' for number in range(1, 13))
 

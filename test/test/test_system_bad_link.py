@@ -32,7 +32,7 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_system_tests.gates import Gate, Gates

@@ -12,7 +12,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from flexbt_flexbe.errors import ProxyError
-from flexbt_onboard.runs.run_context import RunContext
+from flexbt_onboard.behaviors import RunContext
 
 from .qos import QOS_DEFAULT
 from .run_proxy import RunProxy, message_class, on_class_too

@@ -7,7 +7,7 @@ from collections import defaultdict
 
 from flexbt_common.calls import ActionCall
 from flexbt_core.state_machine import EventState
-from flexbt_onboard.runs.run_context import RunContext
+from flexbt_onboard.behaviors import RunContext
 
 
 class RunGoals:

@@ -11,7 +11,7 @@ from flexbt_common.values import resolve_type
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, called_state
 from flexbt_flexbe.errors import ProxyError
-from flexbt_onboard.runs.run_context import current_run
+from flexbt_onboard.behaviors import current_run
 
 Method = TypeVar('Method', bound=Callable[..., Any])
 

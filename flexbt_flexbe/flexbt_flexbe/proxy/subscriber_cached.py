@@ -14,7 +14,7 @@ from rclpy.subscription import Subscription
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_flexbe.errors import ProxyError
-from flexbt_onboard.runs.run_context import RunContext
+from flexbt_onboard.behaviors import RunContext
 
 from .qos import QOS_DEFAULT
 from .run_proxy import Listeners, RunProxy, message_class, on_class_too

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from flexbt_flexbe.errors import ProxyError
-from flexbt_onboard.runs.run_context import RunContext
+from flexbt_onboard.behaviors import RunContext
 
 from .run_proxy import RunProxy
 

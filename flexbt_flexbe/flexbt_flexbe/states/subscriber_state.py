@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile
 from flexbt_core.state_machine import UserData
 from flexbt_flexbe.event_state import EventState
 from flexbt_flexbe.proxy.subscriber_cached import ProxySubscriberCached
-from flexbt_onboard.runs.state_services import state_services
+from flexbt_onboard.behaviors import state_services
 
 
 class SubscriberState(EventState):

@@ -1,2 +1,35 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an installed behavior is, and how one is built."""
+"""What an installed behavior is, how one is built, and what its states get from their host."""
+
+from .behavior import Behavior, BehaviorManifest, BehaviorParameter, OperatorGone, ParameterValue, parameter_text
+from .behavior_library import BehaviorEntry, BehaviorLibrary, described
+from .offline_building import building
+from .machine_file import MachineFileError, read_machine
+from .run_building import RunRequest, build, checked_inputs, definition_of, structure_message
+from .run_context import RunContext, current_run
+from .state_services import READY_SECONDS, StateServices, state_services
+
+__all__ = [
+    'READY_SECONDS',
+    'Behavior',
+    'BehaviorEntry',
+    'BehaviorLibrary',
+    'BehaviorManifest',
+    'BehaviorParameter',
+    'MachineFileError',
+    'OperatorGone',
+    'ParameterValue',
+    'RunContext',
+    'RunRequest',
+    'StateServices',
+    'build',
+    'building',
+    'checked_inputs',
+    'current_run',
+    'definition_of',
+    'described',
+    'parameter_text',
+    'read_machine',
+    'state_services',
+    'structure_message',
+]

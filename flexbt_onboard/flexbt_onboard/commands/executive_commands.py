@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_core.state_machine import Answer, MachineRun
 from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand
-from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
-from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.behaviors import BehaviorLibrary, RunRequest
 from flexbt_onboard.durability.run_journal import InterruptedRun
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError
 from flexbt_onboard.runs.behavior_run import BehaviorRun, RunPhase

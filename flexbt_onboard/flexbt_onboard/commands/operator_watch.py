@@ -9,7 +9,7 @@ from flexbt_common.liveness import PresenceWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_core.state_machine import MachineRun
-from flexbt_onboard.behaviors.behavior import OperatorGone
+from flexbt_onboard.behaviors import OperatorGone
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 
 

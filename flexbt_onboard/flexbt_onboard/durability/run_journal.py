@@ -16,7 +16,7 @@ from flexbt_common.cli import home_path
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError, position_of
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
-from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.behaviors import RunRequest
 from flexbt_onboard.commands.command_answers import CommandAnswer, Decided
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.record.event_log import file_stem

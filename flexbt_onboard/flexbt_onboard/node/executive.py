@@ -20,8 +20,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import ERROR, PREEMPTED, ROOT_PATH, Answer
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
-from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.behaviors import BehaviorLibrary, RunRequest, StateServices
 from flexbt_onboard.commands.authority import Authority
 from flexbt_onboard.commands.command_answers import CommandAnswer
 from flexbt_onboard.commands.command_table import CommandTable
@@ -33,14 +32,13 @@ from flexbt_onboard.errors import CommandRefusedError, OnboardError
 from flexbt_onboard.link.executive_status import status_of
 from flexbt_onboard.link.operator_link import OperatorLink
 from flexbt_onboard.link.peers import PeersWatch
+from flexbt_onboard.link.robot_pose import RobotPose
 from flexbt_onboard.link.status_publisher import StatusPublisher
 from flexbt_onboard.link.userdata_server import UserdataServer
 from flexbt_onboard.record.event_log import Record, record_file
 from flexbt_onboard.record.executive_events import ExecutiveNews
 from flexbt_onboard.record.run_events import RunNews
 from flexbt_onboard.runs.behavior_run import BehaviorRun
-from flexbt_onboard.runs.robot_pose import RobotPose
-from flexbt_onboard.runs.state_services import StateServices
 
 from .behavior_action import BehaviorActionServer
 from .diagnostics import Diagnostics

@@ -30,15 +30,21 @@ from flexbt_core.state_machine import (
     switch_machine,
 )
 from flexbt_msgs.msg import ActiveState, BehaviorStructure, ExecutiveLog, PendingDecision
-from flexbt_onboard.behaviors.behavior import OperatorGone
-from flexbt_onboard.behaviors.run_building import RunRequest, build, checked_inputs, structure_message
+from flexbt_onboard.behaviors import (
+    READY_SECONDS,
+    OperatorGone,
+    RunContext,
+    RunRequest,
+    StateServices,
+    build,
+    checked_inputs,
+    structure_message,
+)
 from flexbt_onboard.commands.command_answers import CommandAnswers, Decided
 from flexbt_onboard.errors import ParameterError
 
 from .callback_watch import CallbackWatch
-from .run_context import RunContext
 from .run_view import RunView
-from .state_services import READY_SECONDS, StateServices
 
 _ESCAPES: Final = 3
 """Exceptions that may escape from the state machine before the run is given up."""

@@ -20,8 +20,7 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
 )
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorLibrary, BehaviorManifest
 from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.waiting import wait_until

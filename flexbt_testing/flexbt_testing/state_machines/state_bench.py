@@ -10,9 +10,7 @@ from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, MachineRun, OperatableStateMachine
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
-from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorManifest, RunRequest, StateServices
 from flexbt_onboard.commands.command_answers import Decided
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.state_services import StateServices

@@ -11,8 +11,9 @@ from typing import Final
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Severity
-from flexbt_onboard.runs.run_context import RunContext
-from flexbt_onboard.runs.state_services import StateServices
+
+from .run_context import RunContext
+from .state_services import StateServices
 
 _DISCOVERY: Final = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
