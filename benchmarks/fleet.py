@@ -43,7 +43,7 @@ DEADLINE = 400.0
 REST_SECONDS = 10.0
 AT_A_TIME = 5
 BETWEEN_ROUNDS = 0.3  # a picture is sent 20 times a second at most, on average
-ROS_ARGUMENTS = ('--ros-args', '--log-level', 'error', '-p', 'peers:=[""]', '-p', 'record_directory:=""')
+ROS_ARGUMENTS = ('--ros-args', '--log-level', 'error', '-p', 'peers:=[""]', '-p', 'event_log_directory:=""')
 
 
 class Station:

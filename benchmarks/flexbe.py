@@ -48,7 +48,7 @@ HERE: Final = Path(__file__).parent
 PACKAGE: Final = 'flexbe_probe_behaviors'
 ENGINE_ROUNDS: Final = 10
 QUIET: Final = ('--ros-args', '--log-level', 'warn')
-OWN: Final = ('-p', 'peers:=[""]', '-p', 'record_directory:=""')
+OWN: Final = ('-p', 'peers:=[""]', '-p', 'event_log_directory:=""')
 
 PACKAGE_XML: Final = f"""<package format="3"><name>{PACKAGE}</name><version>0.0.0</version>
 <description>Benchmark</description><maintainer email="nobody@example.org">Nobody</maintainer>

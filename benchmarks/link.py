@@ -33,7 +33,7 @@ import _figures
 from ament_index_python.packages import get_package_share_directory
 from domain_coordinator import domain_id
 
-from flexbt_onboard.commands.command_table import REPORT_TIME
+from flexbt_onboard.commands import REPORT_TIME
 from flexbt_testing.network import network_namespace
 from flexbt_testing.network.lossy_link import LossyLink
 from flexbt_testing.network.network_namespace import NetworkNamespace

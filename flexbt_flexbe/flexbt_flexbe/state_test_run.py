@@ -16,9 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.state_machine import EventState, OperatableStateMachine, Severity
-from flexbt_msgs.msg import PendingDecision
-from flexbt_onboard.runs.run_context import current_run
+from flexbt_core.state_machine import DecisionKind, EventState, OperatableStateMachine, Severity
+from flexbt_onboard.behaviors import current_run
 from flexbt_testing.state_machines.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
@@ -56,7 +55,7 @@ def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS)
     if run.outcome != test.outcome:
         why = [text for text in (run.message, run.errors()) if text]
         problems.append(f'its outcome is {run.outcome!r}, not {test.outcome!r}' + ''.join(f'; {text}' for text in why))
-    given = run.behavior_run.outputs
+    given = run.outputs
     for key, expected in test.outputs.items():
         if key not in given:
             problems.append(f'it has not written {key!r}')
@@ -111,8 +110,8 @@ def _machine_of_behavior(test: StateTest, subject: type[Any]) -> OperatableState
 
 
 def _has_ended(run: Run) -> bool:
-    for decision in run.behavior_run.decisions():
-        if decision.kind == PendingDecision.TRANSITION:
+    for decision in run.decisions():
+        if decision.kind is DecisionKind.TRANSITION:
             run.behavior_run.confirm(decision.id, lambda _: None)
     return run.outcome is not None or run.refusal is not None
 

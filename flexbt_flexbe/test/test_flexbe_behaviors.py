@@ -266,7 +266,7 @@ def test_a_running_behavior_is_switched_to_another_and_keeps_its_active_state(
     write_package(package.prefix, package.name, manifests=manifests, sources={'hold_sm.py': HOLD})
     entry = package.entries()['Hold']
     going = bench.run_behavior(entry, ('title', 'first'))
-    wait_until(going.behavior_run.active_states, 'active')
+    wait_until(going.active, 'active')
     answers: list[str | None] = []
     going.behavior_run.switch(RunRequest(entry, [('title', 'second')], (), 3), answers.append)
     wait_until(lambda: answers, 'switched')

@@ -101,7 +101,7 @@ def test_the_events_of_a_state_come_in_flexbes_order(bench: StateBench) -> None:
 def test_differs_a_stop_leaves_the_active_state_by_on_exit(bench: StateBench) -> None:
     """FlexBE calls on_stop only (team-vigir #146)."""
     going, trace = run(bench, stay)
-    wait_until(going.behavior_run.active_states, 'active')
+    wait_until(going.active, 'active')
     assert going.stop() == 'preempted'
     assert trace[-2:] == ['subject.exit', 'subject.stop']
 
@@ -110,9 +110,9 @@ def test_differs_a_stop_leaves_the_active_state_by_on_exit(bench: StateBench) ->
 def test_an_outcome_passes_at_a_level_above_the_required_one(bench: StateBench, level: int, waits: bool) -> None:
     going, trace = run(bench, done, autonomy=level)
     if waits:
-        (asked,) = wait_until(going.behavior_run.decisions, 'decision')
+        (asked,) = wait_until(going.decisions, 'decision')
         assert (asked.outcome, asked.required_autonomy) == ('done', Autonomy.Low)
-        going.behavior_run.set_autonomy(Autonomy.Full, '', lambda _: None)
+        going.behavior_run.command(lambda machine, told: machine.set_autonomy(Autonomy.Full, '', told), lambda _: None)
     assert going.wait() == 'finished'
     assert trace.count('subject.exit') == 1
 
@@ -120,17 +120,17 @@ def test_an_outcome_passes_at_a_level_above_the_required_one(bench: StateBench, 
 def test_a_blocked_state_is_executed_on_and_may_change_its_mind(bench: StateBench) -> None:
     wanted: list[str | None] = ['error']
     going, trace = run(bench, lambda *_: wanted[0], autonomy=Autonomy.Low, desired_rate=100.0)
-    (asked,) = wait_until(going.behavior_run.decisions, 'decision')
+    (asked,) = wait_until(going.decisions, 'decision')
     executed = trace.count('subject.execute')
     wait_until(lambda: trace.count('subject.execute') > executed + 2, 'executed while it is blocked')
     wanted[0] = None
-    wait_until(lambda: not going.behavior_run.decisions(), 'withdrawn')
+    wait_until(lambda: not going.decisions(), 'withdrawn')
     refused: list[str | None] = []
     going.behavior_run.confirm(asked.id, refused.append)
     wait_until(lambda: refused, 'answer')
     assert refused[0] is not None, 'the answer to what was withdrawn has no effect'
     wanted[0] = 'done'
-    (asked_again,) = wait_until(going.behavior_run.decisions, 'decision')
+    (asked_again,) = wait_until(going.decisions, 'decision')
     assert (asked_again.outcome, asked_again.id != asked.id) == ('done', True)
     going.behavior_run.confirm(asked_again.id, lambda _: None)
     assert going.wait() == 'finished'
@@ -214,7 +214,7 @@ class TestContainers:
                     )
             OperatableStateMachine.add('Both', container, transitions={'done': 'finished'})
         going = bench.run(lambda: root, autonomy=Autonomy.Low)
-        asked = wait_until(lambda: len(found := going.behavior_run.decisions()) == 2 and found, 'two decisions')
+        asked = wait_until(lambda: len(found := going.decisions()) == 2 and found, 'two decisions')
         assert {one.path for one in asked} == {'/Both/A', '/Both/B'}
         for one in asked:
             going.behavior_run.confirm(one.id, lambda _: None)

@@ -150,7 +150,7 @@ class TestTopics:
 
         steps = Waiting()
         going = run(bench, steps)
-        wait_until(going.behavior_run.active_states, 'active')
+        wait_until(going.active, 'active')
         node = bench.runtime.node
         publisher = bench.runtime.call(lambda: node.create_publisher(String, 'news', 10))
         wait_until(lambda: publisher.get_subscription_count() == 1, 'matched')

@@ -207,7 +207,7 @@ class TestTelling:
 
     def test_the_operator_is_asked_for_a_decision_and_a_suggestion_is_taken(self, bench: StateBench) -> None:
         run = bench.run_state(lambda: OperatorDecisionState(['left', 'right'], hint='where?'))
-        (asked,) = wait_until(run.behavior_run.decisions, 'decision')
+        (asked,) = wait_until(run.decisions, 'decision')
         assert (asked.prompt, list(asked.outcomes)) == ('where?', ['left', 'right'])
         run.behavior_run.force('/State', 'right', asked.id, lambda _: None)
         assert run.wait() == 'right'

@@ -12,8 +12,7 @@ from typing import Any
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_onboard.behaviors import BehaviorLibrary
-from flexbt_onboard.node.executive import open_executive
-from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.node import ExecutiveParameters, open_executive
 from flexbt_testing.executive.bench import behavior_of, entry_of
 
 
@@ -85,7 +84,7 @@ def setup(runtime: NodeRuntime) -> Any:
     """Make the executive."""
     behaviors = (behavior_of(counting), behavior_of(counting, 'Changed'), behavior_of(spoiling, 'Spoil'))
     library = BehaviorLibrary(map(entry_of, behaviors))
-    parameters = ExecutiveParameters(peers=(), journal_directory=sys.argv[1], record_directory=sys.argv[1])
+    parameters = ExecutiveParameters(peers=(), journal_directory=sys.argv[1], event_log_directory=sys.argv[1])
     return open_executive(runtime, parameters, library)
 
 

@@ -12,7 +12,7 @@ import pytest
 from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import EventState, ExitReason, MachineRun, OperatableStateMachine, Severity, define
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
-from flexbt_onboard.runs.callback_watch import LIMIT, CallbackWatch
+from flexbt_onboard.runs import LIMIT, CallbackWatch
 from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of
 
 _CALLBACKS = ('on_enter', 'execute', 'on_exit', 'halting', 'activity')

@@ -272,3 +272,22 @@ def test_the_end_of_the_executive_withdraws_the_questions(bench: LoopBench) -> N
     asker.question()
     bench.runtime.close()
     bench.wait_for(lambda status: not status.decisions, 'withdrawn')
+
+
+def test_a_note_is_for_every_console_and_needs_neither_run_nor_authority(bench: LoopBench) -> None:
+    bench.applied(ExecutiveCommand.NOTE, text='the floor is wet', operator_id='eva')
+    assert bench.logged('the floor is wet').text == 'eva notes: the floor is wet'
+    run_id = bench.start()
+    bench.decision('/A')
+    bench.applied(ExecutiveCommand.CLAIM_AUTHORITY, operator_id='bob')
+    bench.applied(ExecutiveCommand.NOTE, text='one\ntwo \x1b[2J', operator_id='eva')
+    line = bench.logged('one')
+    assert (line.run_id, line.text) == (run_id, 'eva notes: one\ntwo \\e[2J')
+    assert bench.status.authority == 'bob' and bench.entered == ['/A']
+
+
+def test_a_note_without_text_or_of_more_than_its_length_is_refused(bench: LoopBench) -> None:
+    longest = 'x' * ExecutiveCommand.NOTE_LENGTH
+    bench.applied(ExecutiveCommand.NOTE, text=longest)
+    assert 'text' in bench.refused(ExecutiveCommand.NOTE)
+    assert '1000 characters' in bench.refused(ExecutiveCommand.NOTE, text=longest + 'x')

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -40,7 +40,7 @@ def tripping() -> OperatableStateMachine:
 
 def test_levels_follow_the_run_the_nodes_and_the_disk(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
-    parameters = ExecutiveParameters(peers=('bt_server',), record_directory=str(tmp_path / 'file'))
+    parameters = ExecutiveParameters(peers=('bt_server',), event_log_directory=str(tmp_path / 'file'))
     bench = ExecutiveBench(behavior_of(tripping), parameters=parameters)
     arrays: list[DiagnosticArray] = []
     try:
@@ -59,7 +59,7 @@ def test_levels_follow_the_run_the_nodes_and_the_disk(tmp_path: Path) -> None:
 
         entry('behavior', lambda one: one.level == OK and one.message == 'idle')
         assert 'bt_server' in entry('nodes', lambda one: one.level == ERROR).message
-        assert 'cannot be written' in entry('record and journal', lambda one: one.level == WARN).message
+        assert 'cannot be written' in entry('event log and journal', lambda one: one.level == WARN).message
         bench.start(operator_id='ann')
         waiting = entry('behavior', lambda one: one.level == WARN)
         assert '/A' in waiting.message

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.record.run_metrics import metrics_of, read_events
+from flexbt_onboard.event_log.run_metrics import metrics_of, read_events
 from flexbt_testing.executive.bench import ConsoleBench
 from flexbt_testing.waiting import wait_until
 

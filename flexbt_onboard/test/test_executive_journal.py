@@ -19,8 +19,14 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Path as NavPath
 
 from flexbt_core.errors import FlexbtError
-from flexbt_onboard.durability.journal import REMEMBERED_COMMANDS, Journal, JournalState, encode_line
-from flexbt_onboard.durability.plain_form import from_plain_form, to_plain_form
+from flexbt_onboard.durability import (
+    REMEMBERED_COMMANDS,
+    Journal,
+    JournalState,
+    encode_line,
+    from_plain_form,
+    to_plain_form,
+)
 from flexbt_onboard.errors import OnboardError
 
 TEXTS = st.text(st.characters(codec='utf-8'), max_size=8)

@@ -13,7 +13,7 @@ from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
 
 GOOD = """
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
 
 class Good(Behavior):
     manifest = BehaviorManifest('{name}', 'what it does', 'its author', [BehaviorParameter('speed', 0.5, 'm/s')])
@@ -68,17 +68,16 @@ def test_a_behavior_is_found_with_its_manifest(install: Install) -> None:
         ('Broken = 3', ['not a class derived from Behavior']),
         ('', ['Broken']),
         (
-            'from flexbt_onboard.behaviors.behavior import Behavior\nclass Broken(Behavior): pass',
+            'from flexbt_onboard.behaviors import Behavior\nclass Broken(Behavior): pass',
             ['ManifestError', 'set the class attribute manifest'],
         ),
         (
-            'from flexbt_onboard.behaviors.behavior import *\n'
+            'from flexbt_onboard.behaviors import *\n'
             'class Broken(Behavior):\n  manifest = BehaviorManifest("B")\n  def __init__(self): raise OSError("disk")',
             ['OSError: disk', 'broken_bad.py:4'],
         ),
         (
-            'from flexbt_onboard.behaviors.behavior import *\n'
-            'class Broken(Behavior):\n  manifest = BehaviorManifest("B")',
+            'from flexbt_onboard.behaviors import *\nclass Broken(Behavior):\n  manifest = BehaviorManifest("B")',
             ['does not implement create()'],
         ),
     ],
@@ -129,8 +128,8 @@ def test_a_package_with_two_behaviors_of_one_name_is_told_so(install: Install) -
 
 
 SOURCE = """
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors import BehaviorEntry
 
 class Foreign(Behavior):
     def __init__(self, name):

@@ -22,9 +22,7 @@ from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorLibrary
-from flexbt_onboard.node.executive import Executive, open_executive
-from flexbt_onboard.node.executive_parameters import declare_parameters
-from flexbt_onboard.node.unconfigured_executive import UnconfiguredExecutive
+from flexbt_onboard.node import Executive, UnconfiguredExecutive, declare_parameters, open_executive
 from flexbt_testing.executive.bench import ConsoleBench, behavior_of, entry_of
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
@@ -65,7 +63,7 @@ class ManagedBench(ConsoleBench):
         parameters = {
             'autostart': False,
             'peers': [''],
-            'record_directory': str(directory),
+            'event_log_directory': str(directory),
             'journal_directory': str(directory),
         }
         self.runtime = NodeRuntime(names.ONBOARD_EXECUTIVE, args=(), parameters=parameters, node_class=ManagedNode)

@@ -27,9 +27,8 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard.link.operator_link import OperatorLink
-from flexbt_onboard.link.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
-from flexbt_onboard.node.executive_parameters import ExecutiveParameters, declare_parameters
+from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher
+from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
@@ -253,7 +252,7 @@ def test_wrong_parameters_are_refused_by_name(parameters: dict[str, Any], words:
 def test_parameters_are_described_and_have_their_defaults() -> None:
     with NodeRuntime.open('executive', parameters={'peers': ['a', '']}) as runtime:
         values = runtime.call(lambda: declare_parameters(runtime.node))
-        assert values == ExecutiveParameters(peers=('a',), record_directory=USER_DIRECTORY)
+        assert values == ExecutiveParameters(peers=('a',), event_log_directory=USER_DIRECTORY)
         for name in ('peers', 'pose_topic', 'heartbeat_period', 'autonomy'):
             descriptor = runtime.node.describe_parameter(name)
             assert descriptor.description
@@ -262,7 +261,7 @@ def test_parameters_are_described_and_have_their_defaults() -> None:
 
 BEHAVIORS = """
 import pathlib
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 
 class Hold(EventState):
@@ -335,7 +334,7 @@ def test_who_logs_while_the_executive_ends_is_not_disturbed() -> None:
     with NodeRuntime.open('node') as runtime:
         for _ in range(5):
             scope = NodeScope(runtime)
-            link = runtime.call(partial(OperatorLink, scope, 'id', 1.0, lambda command: None))
+            link = runtime.call(partial(OperatorLink, scope, 'id', 1.0))
 
             def log(link: OperatorLink = link) -> None:
                 try:

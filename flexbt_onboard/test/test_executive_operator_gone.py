@@ -47,7 +47,7 @@ def operator(bench: ExecutiveBench) -> Iterator[NodeRuntime]:
     """A console, as far as the executive sees that it is there."""
     runtime = NodeRuntime('console', args=())
     PresenceToken(runtime, 'ann')
-    bench.wait_for(lambda _status: bench.executive._operators._presence.present, 'seen')
+    bench.wait_for(lambda _status: bench.executive._presence.present, 'seen')
     yield runtime
     runtime.close()
 
@@ -82,7 +82,7 @@ def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, opera
 
 def test_who_comes_and_goes_is_no_news_where_the_run_goes_on_anyway(bench: ExecutiveBench) -> None:
     bench.start('continue')
-    presence = bench.executive._operators._presence
+    presence = bench.executive._presence
     with NodeRuntime.open('console') as visitor:
         PresenceToken(visitor, 'ann')
         bench.wait_for(lambda _status: presence.present, 'there')

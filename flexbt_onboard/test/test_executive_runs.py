@@ -20,8 +20,7 @@ from flexbt_core.state_machine import (
     read_machine,
 )
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_onboard.runs.state_services import state_services
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, state_services
 from flexbt_testing.executive.bench import DEADLINE, ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -302,7 +301,7 @@ def test_a_command_that_comes_when_the_run_has_ended_is_answered(make_bench: Mak
     bench = make_bench(two_steps)
     bench.start()
     bench.wait_active('/Second')
-    run = bench.executive.run
+    run = bench.executive.runs.run
     assert run is not None
     bench.applied(ExecutiveCommand.FORCE, path='/Second', outcome='done')
     bench.wait_idle()
@@ -373,7 +372,7 @@ def test_closing_the_executive_stops_the_run_first_and_says_so(make_bench: Make)
     bench.wait_active('/One')
     bench.runtime.close()
     assert len(exits) == 1
-    assert bench.executive.run is None
+    assert bench.executive.runs.run is None
     bench.wait_for(lambda status: status.state == IDLE, 'last status')
     assert 'shutting down' in bench.status.message
 
@@ -393,8 +392,8 @@ def test_a_run_that_does_not_stop_does_not_hold_up_the_end(make_bench: Make) -> 
     closing.join(4.0)
     assert not closing.is_alive()
     go.set()
-    wait_until(lambda: not bench.executive.run or bench.executive.run.join(0.0), 'thread of the run')
-    bench.logged('was not at rest')
+    wait_until(lambda: not (run := bench.executive.runs.run) or run.join(0.0), 'thread of the run')
+    bench.logged('had not halted')
 
 
 def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> None:

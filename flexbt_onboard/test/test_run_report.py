@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.node.executive_parameters import ExecutiveParameters
-from flexbt_onboard.record.run_metrics import RunMetrics, metrics_of
-from flexbt_onboard.record.run_report import as_json, as_text, main
-from flexbt_onboard.record.run_timeline import timeline
+from flexbt_onboard.event_log.run_metrics import RunMetrics, metrics_of
+from flexbt_onboard.event_log.run_report import as_json, as_text, main
+from flexbt_onboard.event_log.run_timeline import timeline
+from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
 
 
@@ -127,7 +127,7 @@ def asking() -> OperatableStateMachine:
 
 def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bench = ExecutiveBench(
-        behavior_of(asking, 'Ask <&> me'), parameters=ExecutiveParameters(peers=(), record_directory=str(tmp_path))
+        behavior_of(asking, 'Ask <&> me'), parameters=ExecutiveParameters(peers=(), event_log_directory=str(tmp_path))
     )
     try:
         for _ in range(2):

@@ -80,9 +80,7 @@ def test_leaving_the_state_stops_the_behavior_and_its_states_are_the_activity(be
     server = bench.serve(ExecuteBehavior, ACTION, script, on_cancel=on_cancel)
     canceled = server.future()
     run = bench.run_state(state)
-    wait_until(
-        lambda: [line for one in run.behavior_run.active_states() for line in one.activity] == ['/Look'], 'activity'
-    )
+    wait_until(lambda: [line for one in run.active() for line in one.activity] == ['/Look'], 'activity')
     run.behavior_run.stop('enough')
     assert run.wait() == 'preempted'
     assert (server.cancels, len(server.running)) == (1, 0)

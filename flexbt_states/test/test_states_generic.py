@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, OperatableStateMachine, Severity
+from flexbt_core.state_machine import Autonomy, DecisionKind, OperatableStateMachine, Severity
 from flexbt_states import (
     CalculationState,
     CheckConditionState,
@@ -31,7 +31,7 @@ def test_wait_waits_for_its_time_on_the_clock_of_the_node(bench: StateBench) -> 
 
 def test_wait_can_be_stopped_at_any_moment(bench: StateBench) -> None:
     run = bench.run_state(lambda: WaitState(3600))
-    wait_until(run.behavior_run.active_states, 'active')
+    wait_until(run.active, 'active')
     assert run.stop() == 'preempted'
 
 
@@ -133,8 +133,8 @@ def test_the_suggestion_is_taken_where_the_autonomy_allows_it(bench: StateBench)
 @pytest.mark.parametrize('suggestion', [None, 'go_left'])
 def test_otherwise_the_operator_chooses(bench: StateBench, suggestion: str | None) -> None:
     run = bench.run(decision(suggestion), autonomy=2)
-    (asked,) = wait_until(run.behavior_run.decisions, 'decision')
-    assert (asked.kind, asked.prompt, asked.outcome) == (asked.CHOICE, 'which way?', suggestion or '')
+    (asked,) = wait_until(run.decisions, 'decision')
+    assert (asked.kind, asked.prompt, asked.outcome) == (DecisionKind.CHOICE, 'which way?', suggestion or '')
     assert list(asked.outcomes) == ['go_left', 'go_right']
     assert answered(run.behavior_run.force, '/Choose', 'up', asked.id) is not None
     assert answered(run.behavior_run.force, '/Choose', 'go_right', asked.id) is None
@@ -143,7 +143,7 @@ def test_otherwise_the_operator_chooses(bench: StateBench, suggestion: str | Non
 
 def test_the_suggestion_can_be_confirmed(bench: StateBench) -> None:
     run = bench.run(decision('go_left'), autonomy=0)
-    (asked,) = wait_until(run.behavior_run.decisions, 'decision')
+    (asked,) = wait_until(run.decisions, 'decision')
     assert answered(run.behavior_run.confirm, 'other') is not None
     assert answered(run.behavior_run.confirm, asked.id) is None
     assert run.wait() == 'left'

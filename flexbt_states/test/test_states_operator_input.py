@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pytest
@@ -15,7 +15,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import to_entry
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_onboard.commands.operator_questions import OperatorQuestions
+from flexbt_onboard.commands import InputRequests
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_states import OperatorInputState
 from flexbt_states.errors import StateParameterError
@@ -33,9 +33,7 @@ class Desk:
     def __init__(self, bench: StateBench) -> None:
         self.runtime = NodeRuntime('desk', args=())
         self.changes = 0
-        self.questions = self.runtime.call(
-            lambda: OperatorQuestions(self.runtime, GoalAdmission('the desk'), self._count)
-        )
+        self.questions = self.runtime.call(lambda: InputRequests(self.runtime, GoalAdmission('the desk'), self._count))
         link = bench.services.actions.link(OperatorInput, 'operator_input')
         wait_until(lambda: bench.runtime.call(link.is_ready), 'discovered')
 
@@ -50,7 +48,7 @@ class Desk:
         question = self.pending()
         self.runtime.call(lambda: self.questions.answer(question.id, BlackboardEntry(**fields), 'eva'))
 
-    def _count(self) -> None:
+    def _count(self, _event: str, _fields: Mapping[str, Any]) -> None:
         self.changes += 1
 
 

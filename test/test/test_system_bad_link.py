@@ -33,8 +33,7 @@ from flexbt_console.mirror import (
 )
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.node.executive import open_executive
-from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.node import ExecutiveParameters, open_executive
 from flexbt_system_tests.gates import Gate, Gates
 
 HEARTBEAT_S = 0.2

@@ -28,7 +28,7 @@ SEEN_AFTER_DEATH = PRESENCE_LEASE_SECONDS + 1.0
 @pytest.fixture
 def stack(tmp_path: Path) -> Iterator[Stack]:
     with Stack(tmp_path) as stack:
-        directories = {'record_directory': str(tmp_path), 'journal_directory': str(tmp_path)}
+        directories = {'event_log_directory': str(tmp_path), 'journal_directory': str(tmp_path)}
         stack.start('onboard_executive', {'use_sim_time': 'false', 'authority_timeout': str(TIMEOUT), **directories})
         yield stack
 

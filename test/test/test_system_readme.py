@@ -24,7 +24,7 @@ README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
 IMPORTS_OF_THE_MISSION = """
 from deliveries.count_state import CountState
 from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine
-from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest
 from flexbt_states import BtExecuteGoalState, OperatorInputState
 
 """

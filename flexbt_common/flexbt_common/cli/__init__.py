@@ -2,6 +2,6 @@
 """What command-line programs share."""
 
 from .streams import abandon_stdout, make_streams_safe
-from .user_files import USER_DIRECTORY, home_path
+from .user_files import USER_DIRECTORY, home_path, node_file
 
-__all__ = ['USER_DIRECTORY', 'abandon_stdout', 'home_path', 'make_streams_safe']
+__all__ = ['USER_DIRECTORY', 'abandon_stdout', 'home_path', 'make_streams_safe', 'node_file']

@@ -21,3 +21,11 @@ def home_path(path: str) -> Path:
         return Path(path).expanduser()
     except RuntimeError:
         return Path(tempfile.gettempdir(), *Path(path).parts[1:])
+
+
+def node_file(directory: str, node_name: str, suffix: str) -> Path | None:
+    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for no directory.
+
+    It is called by the names around the node and its own, joined by dots.
+    """
+    return home_path(directory) / f'{node_name.strip("/").replace("/", ".")}{suffix}' if directory else None

@@ -4,8 +4,15 @@
 from .behavior import Behavior, BehaviorManifest, BehaviorParameter, OperatorGone, ParameterValue, parameter_text
 from .behavior_library import BehaviorEntry, BehaviorLibrary, described
 from .offline_building import building
-from .machine_file import MachineFileError, read_machine
-from .run_building import RunRequest, build, checked_inputs, definition_of, structure_message
+from .run_building import (
+    RunRequest,
+    build,
+    checked_autonomy,
+    checked_inputs,
+    definition_of,
+    run_request,
+    structure_message,
+)
 from .run_context import RunContext, current_run
 from .state_services import READY_SECONDS, StateServices, state_services
 
@@ -16,7 +23,6 @@ __all__ = [
     'BehaviorLibrary',
     'BehaviorManifest',
     'BehaviorParameter',
-    'MachineFileError',
     'OperatorGone',
     'ParameterValue',
     'RunContext',
@@ -24,12 +30,13 @@ __all__ = [
     'StateServices',
     'build',
     'building',
+    'checked_autonomy',
     'checked_inputs',
     'current_run',
     'definition_of',
     'described',
     'parameter_text',
-    'read_machine',
+    'run_request',
     'state_services',
     'structure_message',
 ]

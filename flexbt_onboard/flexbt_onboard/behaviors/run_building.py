@@ -6,15 +6,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from flexbt_common.values import from_entry
 from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine, Position, define
 from flexbt_msgs.msg import BehaviorStructure, BlackboardEntry, StateStructure
-from flexbt_onboard.errors import ManifestError, ParameterError
+from flexbt_onboard.errors import BehaviorError, CommandRefusedError, ManifestError, ParameterError
 
 from .behavior import Behavior, OperatorGone
-from .behavior_library import BehaviorEntry
+from .behavior_library import BehaviorEntry, BehaviorLibrary
+
+_HIGHEST_AUTONOMY: Final = 3
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,41 @@ class RunRequest:
     by: str = ''
     at: Position | None = None
     is_durable: bool = True
+
+
+def run_request(
+    library: BehaviorLibrary,
+    behavior: str,
+    arguments: Sequence[tuple[str, str]],
+    inputs: Sequence[BlackboardEntry],
+    autonomy: int,
+    by: str,
+    *,
+    is_durable: bool = True,
+) -> RunRequest:
+    """What to run, from what somebody asks for.
+
+    Raises:
+        CommandRefusedError: there is no such behavior, it is broken, or the level of autonomy is none.
+    """
+    try:
+        entry = library.find(behavior)
+    except BehaviorError as error:
+        raise CommandRefusedError(str(error)) from error
+    if entry.error:
+        raise CommandRefusedError(f'behavior {entry.name!r} is broken: {entry.error}')
+    return RunRequest(entry, tuple(arguments), tuple(inputs), checked_autonomy(autonomy), by, is_durable=is_durable)
+
+
+def checked_autonomy(level: int) -> int:
+    """A level of autonomy.
+
+    Raises:
+        CommandRefusedError: there is no such level.
+    """
+    if level > _HIGHEST_AUTONOMY:
+        raise CommandRefusedError(f'autonomy {level} is none of 0 Off, 1 Low, 2 High, 3 Full')
+    return level
 
 
 def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:

@@ -1,2 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of operators, and who may give them."""
+"""Commands of operators: what each needs and does, who may give them, and what became of them."""
+
+from .authority import Authority
+from .command_handlers import COMMANDS
+from .command_ledger import REPORT_TIME, CommandLedger
+from .command_registry import Command, CommandRegistry, NeededRun
+from .input_requests import InputRequests
+
+__all__ = [
+    'COMMANDS',
+    'REPORT_TIME',
+    'Authority',
+    'Command',
+    'CommandLedger',
+    'CommandRegistry',
+    'InputRequests',
+    'NeededRun',
+]

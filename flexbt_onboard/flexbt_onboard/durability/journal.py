@@ -37,7 +37,7 @@ REMEMBERED_COMMANDS: Final = 4096
 _LARGEST: Final = 1_000_000
 """Bytes after which the file is written anew, unless what it has to hold is larger."""
 
-Decided = tuple[str, int, str]
+Result = tuple[str, int, str]
 """Id, code (CommandResult) and reason of a command."""
 
 
@@ -118,7 +118,7 @@ class Journal:
             self.close()
             raise OnboardError(f'parameter journal_directory: {file} cannot be written: {error}') from error
 
-    def write(self, commands: Sequence[Decided] = (), **line: Any) -> None:
+    def write(self, commands: Sequence[Result] = (), **line: Any) -> None:
         """Append a line with the given parts. It survives the death of the process at once, see :meth:`sync`.
 
         After :meth:`close` nothing is written.

@@ -12,18 +12,29 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flexbt_common.cli import home_path
+from flexbt_common.cli import node_file
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import ROOT_PATH, Answer, MachineRun, Position, StateMachineError, position_of
+from flexbt_core.state_machine import ROOT_PATH, Answer, Position, StateMachineError
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.behaviors import RunRequest
-from flexbt_onboard.commands.command_answers import CommandAnswer, Decided
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.record.event_log import file_stem
 
-from .journal import Decided as Result
-from .journal import Journal
+from .journal import Journal, Result
 from .plain_form import from_plain_form, to_plain_form
+
+Decided = tuple[Answer, 'str | None']
+"""An answer, and why the command was refused; None when it was applied."""
+
+
+@dataclass(frozen=True, eq=False)
+class CommandAnswer:
+    """An answer that knows which command it is for; ``tell`` is called on any thread."""
+
+    command_id: str
+    tell: Answer
+
+    def __call__(self, reason: str | None) -> None:
+        self.tell(reason)
 
 
 @dataclass(frozen=True)
@@ -92,9 +103,8 @@ class RunJournal:
             OnboardError: it cannot be opened.
         """
         self._lost: set[str] = set()
-        self._journal: Journal | None = None
-        if directory:
-            self._journal = Journal(home_path(directory) / f'{file_stem(node_name)}.journal', on_problem)
+        file = node_file(directory, node_name, '.journal')
+        self._journal = Journal(file, on_problem) if file is not None else None
 
     @property
     def damage(self) -> str:
@@ -138,18 +148,22 @@ class RunJournal:
             self._journal.write(_results([(answer, None)]))
 
     def move(
-        self, run_id: str, machine: MachineRun, decided: Sequence[Decided], request: RunRequest | None
+        self,
+        run_id: str,
+        position: Callable[[], Position],
+        decided: Sequence[Decided],
+        switched_to: RunRequest | None = None,
     ) -> Sequence[str]:
-        """The machine has moved. What was decided with it is written in the same line; ``request`` after a switch.
+        """The machine has moved to a position. What was decided with it is written in the same line.
 
         Gives the types of values that could not be written, each once.
         """
         if self._journal is None or not self._has(run_id):
             return ()
         lost: set[str] = set()
-        line: dict[str, Any] = {'position': to_plain_form(position_of(machine).to_plain(), lost.add)}
-        if request is not None:
-            line['begin'] = _begin(run_id, request)
+        line: dict[str, Any] = {'position': to_plain_form(position().to_plain(), lost.add)}
+        if switched_to is not None:
+            line['begin'] = _begin(run_id, switched_to)
         self._journal.write(_results(decided), **line)
         new = sorted(lost - self._lost)
         self._lost |= lost

@@ -1,2 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executive's side of the operator link."""
+"""What operators and programs see of the executive."""
+
+from .executive_status import status_of
+from .operator_link import OperatorLink
+from .peers import PeersWatch
+from .robot_pose import RobotPose
+from .status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
+from .userdata_server import UserdataServer
+
+__all__ = [
+    'BURST',
+    'MAXIMUM_RATE',
+    'OperatorLink',
+    'PeersWatch',
+    'RobotPose',
+    'StatusPublisher',
+    'UserdataServer',
+    'status_of',
+]

@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
 
 from flexbt_core.state_machine import ROOT_PATH
-from flexbt_msgs.msg import ActiveState, AutonomyLevel, ExecutiveStatus
-from flexbt_onboard.runs.behavior_run import RunPhase
-
-if TYPE_CHECKING:
-    from flexbt_onboard.node.executive import Executive
+from flexbt_msgs.msg import ActiveState, AutonomyLevel, CommandResult, ExecutiveStatus, PeerStatus, PendingDecision
+from flexbt_onboard.commands import Authority
+from flexbt_onboard.durability import InterruptedRun
+from flexbt_onboard.runs import ActiveLeaf, LastRun, RunDecision, RunPhase, RunSnapshot, ShownRun
 
 _STATE_OF_PHASE: Final = {
     RunPhase.STARTING: ExecutiveStatus.STARTING,
@@ -21,45 +23,76 @@ _STATE_OF_PHASE: Final = {
 }
 
 
-def status_of(executive: Executive) -> ExecutiveStatus:
-    """The present status; sender, number and time are for whoever sends it. On the executor thread."""
+def status_of(
+    run: ShownRun,
+    input_requests: Sequence[PendingDecision],
+    results: Sequence[CommandResult],
+    peers: Sequence[PeerStatus],
+    pose: PoseStamped,
+    authority: Authority,
+    refusal: str,
+) -> ExecutiveStatus:
+    """A status of the run that is shown; sender, number and time are for whoever sends it.
+
+    ``refusal`` is why nothing can be started; '' if it can.
+    """
     status = ExecutiveStatus(
-        autonomy=executive.level,
-        decisions=executive.questions.decisions(),
-        results=executive.command_table.latest(),
-        peers=executive.peers.statuses(),
-        robot_pose=executive.pose.latest(),
-        authority=executive.authority.holder,
-        authority_requests=executive.authority.requests,
+        run_id=run.run_id,
+        behavior=run.behavior,
+        autonomy=run.autonomy,
+        decisions=list(input_requests),
+        results=list(results),
+        peers=list(peers),
+        robot_pose=pose,
+        authority=authority.holder,
+        authority_requests=list(authority.requests),
     )
-    run = executive.run
-    interrupted = executive.interrupted
-    if interrupted is not None:
-        status.state = ExecutiveStatus.INTERRUPTED
-        status.run_id, status.behavior = interrupted.run_id, interrupted.behavior
-        status.message = 'the executive ended while this ran; resume it, or abort it'
-        status.autonomy = interrupted.autonomy
-        status.active_states = [ActiveState(path=path) for path in interrupted.active]
-        status.locked, status.breakpoints = interrupted.locked, interrupted.breakpoints
-        status.autonomy_levels = _levels(interrupted.levels)
-    elif run is None:
-        last = executive.last
-        status.state = ExecutiveStatus.IDLE
-        status.run_id, status.behavior = last.run_id, last.behavior
-        status.outcome, status.message = last.outcome, last.message
-    else:
-        status.state = _STATE_OF_PHASE[run.phase]
-        status.run_id, status.behavior = run.run_id, run.behavior
-        view = run.view
-        status.active_states = run.active_states()
-        status.locked, status.breakpoints = list(view.locked), list(view.breakpoints)
-        status.autonomy_levels = _levels(view.levels)
-        decisions = [*run.decisions(), *status.decisions]
-        status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
-    if executive.gate.refusal:
-        status.message = '; '.join(filter(None, [status.message, executive.gate.refusal]))
+    match run:
+        case LastRun():
+            status.state = ExecutiveStatus.IDLE
+            status.outcome, status.message = run.outcome, run.message
+        case InterruptedRun():
+            status.state = ExecutiveStatus.INTERRUPTED
+            status.message = 'the executive ended while this ran; resume it, or abort it'
+            status.active_states = [ActiveState(path=path) for path in run.active]
+        case RunSnapshot():
+            status.state = _STATE_OF_PHASE[run.phase]
+            status.active_states = [_active_state(leaf) for leaf in run.active]
+            decisions = [*map(_decision, run.decisions), *input_requests]
+            status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
+    if not isinstance(run, LastRun):
+        status.locked, status.breakpoints = list(run.locked), list(run.breakpoints)
+        status.autonomy_levels = _levels(run.levels)
+    status.message = '; '.join(filter(None, [status.message, refusal]))
     return status
+
+
+def _active_state(leaf: ActiveLeaf) -> ActiveState:
+    return ActiveState(
+        path=leaf.path,
+        entered=_time(leaf.entered),
+        paused=leaf.is_paused,
+        activity=[*leaf.held_back, *leaf.activity],
+    )
+
+
+def _decision(decision: RunDecision) -> PendingDecision:
+    return PendingDecision(
+        id=decision.id,
+        kind=decision.kind.value,
+        path=decision.path,
+        outcome=decision.outcome,
+        outcomes=list(decision.outcomes),
+        required_autonomy=decision.required_autonomy,
+        prompt=decision.prompt,
+        since=_time(decision.since),
+    )
 
 
 def _levels(levels: Mapping[str, int]) -> list[AutonomyLevel]:
     return [AutonomyLevel(path=path, level=level) for path, level in sorted(levels.items()) if path != ROOT_PATH]
+
+
+def _time(nanoseconds: int) -> Time:
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return Time(sec=seconds, nanosec=rest)

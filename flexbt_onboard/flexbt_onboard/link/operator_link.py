@@ -21,15 +21,9 @@ from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, E
 
 
 class OperatorLink:
-    """Publishers and the command subscription. ``on_command`` is called on the executor thread."""
+    """The topics of one executive; nothing is heard before :meth:`listen`."""
 
-    def __init__(
-        self,
-        runtime: NodeRuntime,
-        executive_id: str,
-        heartbeat_period: float,
-        on_command: Callable[[ExecutiveCommand], None],
-    ) -> None:
+    def __init__(self, runtime: NodeRuntime, executive_id: str, heartbeat_period: float) -> None:
         self._runtime = runtime
         self._executive_id = executive_id
         self._heartbeat_period = heartbeat_period
@@ -41,12 +35,15 @@ class OperatorLink:
         self._structure = node.create_publisher(BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.latched())
         self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched())
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.latched(names.LOG_DEPTH))
-        self._commands = node.create_subscription(
-            ExecutiveCommand, names.EXECUTIVE_COMMAND, on_command, names.command()
-        )
         # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.unacknowledged())
         self._pings = node.create_subscription(Header, names.EXECUTIVE_PING, self._echo.publish, names.unacknowledged())
+
+    def listen(self, on_command: Callable[[ExecutiveCommand], None]) -> None:
+        """Take commands from now on; ``on_command`` is called on the executor thread."""
+        self._commands = self._runtime.node.create_subscription(
+            ExecutiveCommand, names.EXECUTIVE_COMMAND, on_command, names.command()
+        )
 
     def publish_status(self, status: ExecutiveStatus) -> None:
         """Send a status; fills in sender, sequence, time and heartbeat period. On the executor thread."""

@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, shown, to_entry
 from flexbt_msgs.action import GetUserdata
 from flexbt_msgs.msg import BlackboardEntry, UserdataScope
-
-if TYPE_CHECKING:
-    from flexbt_onboard.node.executive import Executive
+from flexbt_onboard.runs import RunSupervisor
 
 Result = GetUserdata.Result
 
@@ -21,12 +20,13 @@ Result = GetUserdata.Result
 class UserdataServer:
     """Serves GetUserdata. Used on the executor thread only; the values are written down on the thread of the run."""
 
-    def __init__(self, executive: Executive) -> None:
-        self._executive = executive
-        GoalServer(executive.runtime, GetUserdata, names.GET_USERDATA, self._serve, _cancel)
+    def __init__(self, runtime: NodeRuntime, runs: RunSupervisor) -> None:
+        self._runtime = runtime
+        self._runs = runs
+        GoalServer(runtime, GetUserdata, names.GET_USERDATA, self._serve, _cancel)
 
     def _serve(self, goal: ServedGoal) -> None:
-        run = self._executive.run
+        run = self._runs.run
         if run is None:
             goal.abort(Result(code=Result.FAILURE, message='no behavior is running'))
             return
@@ -38,7 +38,7 @@ class UserdataServer:
         def answer(reason: str | None) -> None:
             if reason is not None:
                 result.code, result.message = Result.FAILURE, reason
-            self._executive.runtime.post(end)
+            self._runtime.post(end)
 
         def end() -> None:
             (goal.succeed if result.code == Result.SUCCESS else goal.abort)(result)

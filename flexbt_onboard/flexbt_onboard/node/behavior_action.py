@@ -8,20 +8,18 @@ such a run as any other.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ERROR, PREEMPTED
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
-from flexbt_onboard.commands.executive_commands import run_request
+from flexbt_onboard.behaviors import BehaviorLibrary, run_request
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.runs.behavior_run import BehaviorRun, RunPhase
-
-if TYPE_CHECKING:
-    from .executive import Executive
+from flexbt_onboard.runs import BehaviorRun, RunEnd, RunSupervisor
 
 Result = ExecuteBehavior.Result
 
@@ -46,18 +44,19 @@ class BehaviorActionServer:
     so.
     """
 
-    def __init__(self, executive: Executive) -> None:
-        self._executive = executive
-        self._node = executive.runtime.node
+    def __init__(self, runtime: NodeRuntime, library: BehaviorLibrary, runs: RunSupervisor) -> None:
+        self._library = library
+        self._runs = runs
+        self._node = runtime.node
         self._goal: _Goal | None = None
-        self._server = GoalServer(executive.runtime, ExecuteBehavior, names.EXECUTE_BEHAVIOR, self._serve, self._cancel)
+        self._server = GoalServer(runtime, ExecuteBehavior, names.EXECUTE_BEHAVIOR, self._serve, self._cancel)
 
     def refresh(self) -> None:
         """Send feedback when other states are active, and look for the client; called with each status."""
         goal = self._goal
         if goal is None or goal.run is None:
             return
-        paths = [state.path for state in goal.run.active_states()]
+        paths = [leaf.path for leaf in goal.run.snapshot.active]
         if paths != goal.shown:
             goal.shown = paths
             goal.served.publish_feedback(ExecuteBehavior.Feedback(active_states=paths))
@@ -89,7 +88,7 @@ class BehaviorActionServer:
         """
         wanted = goal.served.request
         request = run_request(
-            self._executive.library,
+            self._library,
             wanted.behavior,
             [(argument.name, argument.value) for argument in wanted.arguments],
             wanted.inputs,
@@ -100,14 +99,14 @@ class BehaviorActionServer:
 
         def built(reason: str | None) -> None:
             if reason is not None:
-                is_stopped = goal.run is not None and goal.run.phase is RunPhase.STOPPING
+                is_stopped = goal.run is not None and goal.run.snapshot.is_stopping
                 code = Result.CANCELED if is_stopped else Result.FAILURE
                 self._finish(goal, Result(code=code, message=reason))
 
-        def ended(run: BehaviorRun, outcome: str, message: str) -> None:
-            self._finish(goal, _result(run, outcome, message, wanted.output_encoding))
+        def ended(end: RunEnd) -> None:
+            self._finish(goal, _result(end, wanted.output_encoding))
 
-        goal.run = self._executive.start(request, built, ended)
+        goal.run = self._runs.start(request, built, ended)
         self._goal = goal
 
     def _cancel(self, served: ServedGoal) -> None:
@@ -116,15 +115,17 @@ class BehaviorActionServer:
             goal.run.stop('the goal was canceled')
 
 
-def _result(run: BehaviorRun, outcome: str, message: str, encoding: int) -> Any:
+def _result(end: RunEnd, encoding: int) -> Any:
     """The result of a run that was built."""
-    if outcome == PREEMPTED:
-        return Result(code=Result.CANCELED, message=message)
-    if outcome == ERROR:
-        return Result(code=Result.ERROR, message=message)
+    if end.outcome == PREEMPTED:
+        return Result(code=Result.CANCELED, message=end.message)
+    if end.outcome == ERROR:
+        return Result(code=Result.ERROR, message=end.message)
     form = Encoding.BINARY if encoding == BtExecute.Goal.BINARY else Encoding.TEXT
     try:
-        outputs = [to_entry(key, value, None, form) for key, value in run.outputs.items()]
+        outputs = [to_entry(key, value, None, form) for key, value in end.outputs.items()]
     except FlexbtError as error:
-        return Result(code=Result.ERROR, message=f'it ended with {outcome!r}, but an output cannot be sent: {error}')
-    return Result(code=Result.SUCCESS, outcome=outcome, outputs=outputs)
+        return Result(
+            code=Result.ERROR, message=f'it ended with {end.outcome!r}, but an output cannot be sent: {error}'
+        )
+    return Result(code=Result.SUCCESS, outcome=end.outcome, outputs=outputs)

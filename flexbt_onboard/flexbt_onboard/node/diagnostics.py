@@ -25,7 +25,7 @@ _STATES: Final = {
 class Diagnostics:
     """Publishes three entries: the behavior, the nodes that it depends on, and what is written to the disk.
 
-    ``status`` gives the present status of the executive, ``problems`` what is wrong with record and journal.
+    ``status`` gives the present status of the executive, ``problems`` what is wrong with event log and journal.
     """
 
     def __init__(
@@ -80,5 +80,5 @@ class Diagnostics:
         wrong = {name: text for name, text in self._problems.items() if text}
         level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
         return diagnostic_status(
-            self._runtime, 'record and journal', level, '; '.join(wrong.values()) or 'written', wrong
+            self._runtime, 'event log and journal', level, '; '.join(wrong.values()) or 'written', wrong
         )

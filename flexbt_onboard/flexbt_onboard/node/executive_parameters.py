@@ -13,7 +13,7 @@ from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.record.event_log import RECORD_FILES, RECORD_SIZE
+from flexbt_onboard.event_log import EVENT_LOG_FILES, EVENT_LOG_SIZE
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class ExecutiveParameters:
     autonomy: int = 1
     authority_timeout: float = 30.0
     journal_directory: str = ''
-    record_directory: str = ''
-    record_size: int = RECORD_SIZE
-    record_files: int = RECORD_FILES
+    event_log_directory: str = ''
+    event_log_size: int = EVENT_LOG_SIZE
+    event_log_files: int = EVENT_LOG_FILES
 
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
@@ -86,19 +86,19 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             defaults.journal_directory,
             'directory of the journal, by which a run can go on after a crash of the executive; empty for none',
         ),
-        record_directory=declare.text(
-            'record_directory',
+        event_log_directory=declare.text(
+            'event_log_directory',
             USER_DIRECTORY,
-            'directory of the record of commands, decisions and transitions; empty for no record',
+            'directory of the event log of commands, decisions and transitions; empty for none',
         ),
-        record_size=declare.integer(
-            'record_size',
-            defaults.record_size,
+        event_log_size=declare.integer(
+            'event_log_size',
+            defaults.event_log_size,
             1000,
             10**12,
-            'bytes of a file of the record before the next one is begun',
+            'bytes of a file of the event log before the next one is begun',
         ),
-        record_files=declare.integer(
-            'record_files', defaults.record_files, 1, 1000, 'files of the record that are kept'
+        event_log_files=declare.integer(
+            'event_log_files', defaults.event_log_files, 1, 1000, 'files of the event log that are kept'
         ),
     )

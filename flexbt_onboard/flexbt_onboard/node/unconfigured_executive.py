@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import uuid
+from typing import Any
 
 from flexbt_common.lifecycle import unconfigured
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.state_machine import Answer
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard.commands.command_table import CommandTable
-from flexbt_onboard.link.operator_link import OperatorLink
-from flexbt_onboard.link.status_publisher import StatusPublisher
+from flexbt_onboard.commands import CommandLedger
+from flexbt_onboard.durability import RunJournal
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
+from flexbt_onboard.link import OperatorLink, StatusPublisher
 
 from .executive_parameters import ExecutiveParameters
 
@@ -21,21 +25,33 @@ class UnconfiguredExecutive:
     def __init__(self, runtime: NodeRuntime) -> None:
         """Must be called off the executor thread."""
         self._refusal = f'the executive {unconfigured(runtime.node)}'
-        self._commands = CommandTable()
         runtime.call(lambda: self._open(runtime, ExecutiveParameters().heartbeat_period))
 
-    def _open(self, runtime: NodeRuntime, heartbeat_period: float) -> None:
-        self._link = OperatorLink(runtime, uuid.uuid4().hex, heartbeat_period, self._refuse)
-        self._status = StatusPublisher(runtime, self._publish, heartbeat_period)
-        self._link.log(ExecutiveLog.WARN, self._refusal)
-        self._status.changed()
+    def is_meant(self, _command: ExecutiveCommand) -> bool:
+        """Whichever executive it was for: this one is in its place, and has nothing."""
+        return True
 
-    def _refuse(self, command: ExecutiveCommand) -> None:
-        if command.id and self._commands.admit(command.id):
-            self._commands.settle(command.id, self._refusal)
+    def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
+        """There is no event log."""
+        return {}
+
+    def apply(self, _command: ExecutiveCommand, _answer: Answer) -> bool:
+        """Refuse it."""
+        raise CommandRefusedError(self._refusal)
+
+    def _open(self, runtime: NodeRuntime, heartbeat_period: float) -> None:
+        self._link = OperatorLink(runtime, uuid.uuid4().hex, heartbeat_period)
+        self._status = StatusPublisher(runtime, self._publish, heartbeat_period)
+        problems = StorageProblems(self._link.log)
+        journal = RunJournal('', '', problems.of('journal', ExecutiveLog.ERROR))
+        event_log = EventLog(None, runtime.clock, problems.of('event log', ExecutiveLog.WARN))
+        report = Reporter(self._link.log, event_log)
+        self._ledger = CommandLedger(runtime, self, journal, report, self._status.changed)
+        self._link.listen(self._ledger.receive)
+        self._link.log(ExecutiveLog.WARN, self._refusal)
         self._status.changed()
 
     def _publish(self) -> None:
         self._link.publish_status(
-            ExecutiveStatus(state=ExecutiveStatus.IDLE, message=self._refusal, results=self._commands.latest())
+            ExecutiveStatus(state=ExecutiveStatus.IDLE, message=self._refusal, results=self._ledger.results())
         )

@@ -1,2 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of behaviors."""
+"""Runs of behaviors: each on a thread of its own, seen as values."""
+
+from .behavior_run import BehaviorRun, RunObserver
+from .callback_watch import LIMIT, CallbackWatch
+from .operator_watch import OperatorWatch
+from .run_snapshot import ActiveLeaf, RunDecision, RunEnd, RunPhase, RunSnapshot
+from .run_supervisor import LastRun, RunDisplay, RunSupervisor, ShownRun
+
+__all__ = [
+    'LIMIT',
+    'ActiveLeaf',
+    'BehaviorRun',
+    'CallbackWatch',
+    'LastRun',
+    'OperatorWatch',
+    'RunDecision',
+    'RunDisplay',
+    'RunEnd',
+    'RunObserver',
+    'RunPhase',
+    'RunSnapshot',
+    'RunSupervisor',
+    'ShownRun',
+]

@@ -21,8 +21,7 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
 )
 from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorLibrary, BehaviorManifest
-from flexbt_onboard.node.executive import open_executive
-from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.node import ExecutiveParameters, open_executive
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 10.0

@@ -78,7 +78,7 @@ class Stack:
         namespace, _, base = name.rpartition('/')
         settings = {} if base == 'simulator' else {'use_sim_time': 'true'}
         if base == 'onboard_executive':
-            settings['record_directory'] = str(self.directory)
+            settings['event_log_directory'] = str(self.directory)
         words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
         for key, value in {**settings, **(parameters or {})}.items():
             words += ['-p', f'{key}:={value}']

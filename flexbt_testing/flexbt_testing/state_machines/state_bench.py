@@ -8,12 +8,11 @@ from typing import Any
 
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import EventState, MachineRun, OperatableStateMachine
+from flexbt_core.state_machine import EventState, OperatableStateMachine, Position
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorManifest, RunRequest, StateServices
-from flexbt_onboard.commands.command_answers import Decided
-from flexbt_onboard.runs.behavior_run import BehaviorRun
-from flexbt_onboard.runs.state_services import StateServices
+from flexbt_onboard.durability import Decided
+from flexbt_onboard.runs import ActiveLeaf, BehaviorRun, RunDecision, RunEnd, RunSnapshot
 from flexbt_testing.ros.scripted_action_server import Script, ScriptedActionServer
 from flexbt_testing.waiting import wait_until
 
@@ -32,33 +31,45 @@ class Run:
         self.refusal: str | None = None
         self.outcome: str | None = None
         self.message = ''
+        self.outputs: Mapping[str, Any] = {}
+        self.told: list[RunSnapshot] = []
+        """The run at each moment at which it told that something has changed."""
         self.behavior_run = BehaviorRun(RunRequest(entry, arguments, (), autonomy), 'run', services, self)
         self.behavior_run.start()
 
     # What the run tells (RunObserver).
-    def changed(self) -> None: ...
+    def changed(self) -> None:
+        self.told.append(self.behavior_run.snapshot)
 
-    def run_built(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+    def built(self, request: RunRequest, structure: BehaviorStructure) -> None:
         self.structure = structure
-        run.announce()
+        self.behavior_run.announce()
 
-    def run_refused(self, run: BehaviorRun, reason: str) -> None:
+    def refused(self, reason: str) -> None:
         self.refusal = reason
 
-    def run_log(self, run: BehaviorRun, severity: int, path: str, text: str) -> None:
+    def log(self, severity: int, path: str, text: str) -> None:
         self.lines.append((severity, path, text))
 
-    def run_moved(self, run: BehaviorRun, machine: MachineRun, decided: Sequence[Decided]) -> None:
-        pass
+    def moved(self, position: Callable[[], Position], decided: Sequence[Decided]) -> None: ...
 
-    def run_switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
-        pass
+    def switched(self, request: RunRequest, structure: BehaviorStructure) -> None: ...
 
-    def run_event(self, run: BehaviorRun, event: str, fields: Mapping[str, Any]) -> None:
-        pass
+    def stopping(self, why: str) -> None: ...
 
-    def run_ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
-        self.outcome, self.message = outcome, message
+    def event(self, event: str, fields: Mapping[str, Any]) -> None: ...
+
+    def ended(self, end: RunEnd) -> None:
+        self.message, self.outputs, self.outcome = end.message, end.outputs, end.outcome
+
+    def active(self) -> Sequence[ActiveLeaf]:
+        """The active states, which are asked what they are doing for the next time."""
+        self.behavior_run.ask_activities()
+        return self.behavior_run.snapshot.active
+
+    def decisions(self) -> Sequence[RunDecision]:
+        """What waits for the operator."""
+        return self.behavior_run.snapshot.decisions
 
     def wait(self) -> str:
         """The outcome, when the run has ended."""
@@ -82,14 +93,12 @@ class StateBench:
 
     def __init__(self) -> None:
         self.runtime = NodeRuntime('bench_executive', args=())
-        self.changes = 0
         self.services = self.runtime.call(
             lambda: StateServices(
                 runtime=self.runtime,
                 actions=ActionLinks(self.runtime),
                 services=ServiceLinks(self.runtime),
                 node_name=self.runtime.node.get_fully_qualified_name(),
-                changed=self._count,
             )
         )
         self.closing: list[Callable[[], object]] = []
@@ -162,9 +171,6 @@ class StateBench:
         for close in self.closing:
             close()
         self.runtime.close()
-
-    def _count(self) -> None:
-        self.changes += 1
 
 
 class _Reader(EventState):

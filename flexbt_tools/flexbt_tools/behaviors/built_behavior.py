@@ -8,9 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexbt_core.state_machine import MachineDefinition, MachineError
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.behaviors.building import building
-from flexbt_onboard.behaviors.run_building import definition_of
+from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, building, definition_of
 from flexbt_onboard.errors import OnboardError
 from flexbt_tools.errors import UsageError
 

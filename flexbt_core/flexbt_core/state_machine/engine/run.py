@@ -282,6 +282,10 @@ class MachineRun:
                 self._preempt_reason = reason
         self.wake()
 
+    def close_commands(self, reason: str) -> None:
+        """Refuse what was commanded and not applied, and whatever will be: the host does not go on with the run."""
+        self._commands.close(reason)
+
     def wake(self) -> None:
         """Ask the host for a step. From any thread."""
         if self._on_wake is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The record: who did what and when, and what the robot did, as lines of JSON that are only ever appended.
+"""The event log: who did what and when, and what the robot did, as lines of JSON that are only ever appended.
 
 A file is ``<node>.jsonl``; when it has its full size it becomes ``<node>.1.jsonl``, and so on up to a number of files.
 A thread of its own writes, so that nobody waits for the disk. What cannot be written is told once, and counted. A disk
@@ -22,8 +22,8 @@ switched        the run goes on with another behavior: ``run``, ``behavior``, ``
 fault           ``run``, ``path``, ``text``
 stopping        a run: ``run``, ``why``
 ended           a run: ``run``, ``behavior``, ``outcome``, ``message``
-command         of an operator: the fields of ExecutiveCommand that are set, ``effect`` 'applied', 'refused' or
-                'ignored', ``why``
+command         of an operator, a note too: the fields of ExecutiveCommand that are set, ``effect`` 'applied', 'refused'
+                or 'ignored', ``why``
 authority       ``holder``, ``requests``, ``text``
 operator        ``text``: consoles came or went, and what was done about it
 lost            ``number`` of events that could not be written before this one
@@ -40,15 +40,13 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
-from flexbt_common.cli import home_path
-
 if TYPE_CHECKING:
     from flexbt_common.runtime import RosClock
 
-RECORD_SIZE: Final = 10_000_000
+EVENT_LOG_SIZE: Final = 10_000_000
 """Bytes of a file before the next one is begun."""
 
-RECORD_FILES: Final = 5
+EVENT_LOG_FILES: Final = 5
 """Files that are kept, the one that is being written included."""
 
 _MOST_WAITING: Final = 20_000
@@ -57,7 +55,7 @@ _MOST_WAITING: Final = 20_000
 _CLOSE_SECONDS: Final = 0.3
 
 
-class Record:
+class EventLog:
     """Appends events to a file; from any thread.
 
     ``on_problem`` is called on the writing thread: with a text when the file cannot be written, and with '' when it can
@@ -69,8 +67,8 @@ class Record:
         file: Path | None,
         clock: RosClock,
         on_problem: Callable[[str], None],
-        size: int = RECORD_SIZE,
-        files: int = RECORD_FILES,
+        size: int = EVENT_LOG_SIZE,
+        files: int = EVENT_LOG_FILES,
     ) -> None:
         self._file = file
         self._clock = clock
@@ -81,12 +79,12 @@ class Record:
         self._lock = threading.Lock()
         self._lost = 0
         self._has_problem = False
-        self._thread = threading.Thread(target=self._write_all, name='record', daemon=True)
+        self._thread = threading.Thread(target=self._write_all, name='event_log', daemon=True)
         if file is not None:
             self._thread.start()
 
-    def note(self, event: str, **fields: Any) -> None:
-        """Record an event with plain values: texts, numbers, lists and mappings."""
+    def add(self, event: str, **fields: Any) -> None:
+        """Write an event with plain values: texts, numbers, lists and mappings."""
         if self._file is None:
             return
         if self._queue.qsize() >= _MOST_WAITING:
@@ -97,7 +95,7 @@ class Record:
         self._queue.put({'time': round(time.time(), 6), 'stamp': seconds, 'event': event, **fields})
 
     def close(self) -> None:
-        """Write what waits, for a limited time; nothing is recorded afterwards."""
+        """Write what waits, for a limited time; nothing is written afterwards."""
         if self._file is not None:
             self._queue.put(None)
             self._thread.join(_CLOSE_SECONDS)
@@ -131,7 +129,7 @@ class Record:
             self._lose(lost + len(events))
             if not self._has_problem:
                 self._has_problem = True
-                self._on_problem(f'the record {self._file} cannot be written: {error}; going on without it')
+                self._on_problem(f'the event log {self._file} cannot be written: {error}; going on without it')
             return
         if self._has_problem:
             self._has_problem = False
@@ -147,7 +145,7 @@ class Record:
         self._file.parent.mkdir(parents=True, exist_ok=True)
         if self._file.exists() and self._file.stat().st_size + len(data) > self._size:
             self._rotate()
-        # Opened for each batch: whoever moves or deletes the file does not end the record.
+        # Opened for each batch: whoever moves or deletes the file does not end the log.
         with self._file.open('ab', buffering=0) as file:
             written = file.write(data)
             if written != len(data):
@@ -165,13 +163,3 @@ class Record:
 def rotated(file: Path, number: int) -> Path:
     """The file that was written ``number`` files before."""
     return file if number == 0 else file.with_name(f'{file.stem}.{number}{file.suffix}')
-
-
-def record_file(directory: str, node_name: str) -> Path | None:
-    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for ''."""
-    return home_path(directory) / f'{file_stem(node_name)}.jsonl' if directory else None
-
-
-def file_stem(node_name: str) -> str:
-    """A fully qualified node name as part of a file name: the names around it, joined by dots."""
-    return node_name.strip('/').replace('/', '.')

@@ -17,8 +17,8 @@ import pytest
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.node.executive_parameters import ExecutiveParameters
-from flexbt_onboard.record.event_log import Record, rotated
+from flexbt_onboard.event_log import EventLog, rotated
+from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -52,7 +52,7 @@ def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
     benches: list[ExecutiveBench] = []
 
     def make(directory: Path) -> ExecutiveBench:
-        parameters = ExecutiveParameters(peers=(), record_directory=str(directory))
+        parameters = ExecutiveParameters(peers=(), event_log_directory=str(directory))
         benches.append(ExecutiveBench(behavior_of(loop), parameters=parameters))
         return benches[-1]
 
@@ -112,7 +112,7 @@ def test_a_stop_is_recorded_once_with_the_first_reason(
 ) -> None:
     bench = make_bench(tmp_path)
     bench.start(autonomy=3)
-    run = bench.executive.run
+    run = bench.executive.runs.run
     assert run is not None
     for why in ('one', 'two', 'three'):
         run.stop(why)
@@ -147,15 +147,15 @@ FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
 from flexbt_common.runtime import NodeRuntime
-from flexbt_onboard.record.event_log import Record
+from flexbt_onboard.event_log import EventLog
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
 with NodeRuntime.open('full') as runtime:
     problems = []
-    record = Record(Path(sys.argv[1]), runtime.clock, problems.append)
+    log = EventLog(Path(sys.argv[1]), runtime.clock, problems.append)
     for number in range(200):
-        record.note('number', number=number)
-    record.close()
+        log.add('number', number=number)
+    log.close()
     assert len(problems) == 1, problems
 """
 
@@ -171,12 +171,12 @@ def test_a_full_disk_leaves_whole_lines_and_at_most_one_that_is_cut_off(tmp_path
 def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> None:
     file = tmp_path / 'r.jsonl'
     with NodeRuntime.open('rotating') as runtime:
-        record = Record(file, runtime.clock, lambda _text: None, size=2000, files=3)
+        log = EventLog(file, runtime.clock, lambda _text: None, size=2000, files=3)
         for number in range(300):
-            record.note('number', number=number)
-            wait_until(lambda: record._queue.qsize() < 5, 'written')
+            log.add('number', number=number)
+            wait_until(lambda: log._queue.qsize() < 5, 'written')
         begin = time.monotonic()
-        record.close()
+        log.close()
         assert time.monotonic() - begin < 1.0
     assert sorted(path.name for path in tmp_path.iterdir()) == ['r.1.jsonl', 'r.2.jsonl', 'r.jsonl']
     kept = [json.loads(line) for age in (2, 1, 0) for line in rotated(file, age).read_text().splitlines()]

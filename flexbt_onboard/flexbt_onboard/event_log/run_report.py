@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``run_report``: figures of a run from the record of its executive, as text, JSON, or a picture."""
+"""The executable ``run_report``: figures of a run from the event log of its executive, as text, JSON, or a picture."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .event_log import rotated
 from .run_metrics import RunMetrics, metrics_of, read_events
 from .run_timeline import timeline
 
-_RECORD: Final = 'onboard_executive.jsonl'
+_EVENT_LOG: Final = 'onboard_executive.jsonl'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.list:
             print('\n'.join(_summary(run) for run in runs) or 'no runs')
         elif len(chosen) != 1:
-            what = f'{len(chosen)} runs begin with {options.run!r}' if options.run else 'the record has no run'
+            what = f'{len(chosen)} runs begin with {options.run!r}' if options.run else 'the event log has no run'
             print(f'run_report: {what}; --list shows them', file=sys.stderr)
             return 1
         elif options.svg:
@@ -99,10 +99,10 @@ def _summary(run: RunMetrics) -> str:
 
 
 def _files(given: Sequence[str]) -> list[Path]:
-    """The files of a record, the oldest first: those that were rotated belong to it."""
+    """The files of an event log, the oldest first: those that were rotated belong to it."""
     first = Path(given[0]) if given else home_path(USER_DIRECTORY)
     if not given or first.is_dir():
-        first /= _RECORD
+        first /= _EVENT_LOG
     if len(given) > 1:
         return [Path(name) for name in given]
     number = 0
@@ -113,14 +113,14 @@ def _files(given: Sequence[str]) -> list[Path]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='run_report', description='Figures of a run from the record of its executive: the last run, or --run.'
+        prog='run_report', description='Figures of a run from the event log of its executive: the last run, or --run.'
     )
     parser.add_argument(
         'files',
         nargs='*',
         metavar='FILE',
-        help=f'file of the record, or the directory of {_RECORD} (default: {USER_DIRECTORY}), with those that were '
-        'rotated; or several files, the oldest first',
+        help=f'file of the event log, or the directory of {_EVENT_LOG} (default: {USER_DIRECTORY}), with those that '
+        'were rotated; or several files, the oldest first',
     )
     parser.add_argument('--run', metavar='ID', help='the run whose identifier begins so')
     parser.add_argument('--list', action='store_true', help='list the runs')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a record says of a run: where the time went, how often the operator was needed, and what operators did.
+"""What an event log says of a run: where the time went, how often the operator was needed, and what operators did.
 
 The figures are those of FlexBE's evaluation of its logs: time in each state, time of waiting for the operator, visits,
 and interventions. Times are in seconds on the clock of the node, or of wall time.
@@ -17,6 +17,9 @@ from typing import Any, Final
 Event = Mapping[str, Any]
 
 ROOT: Final = '/'
+
+_TOLD: Final = ('path', 'outcome', 'decision', 'autonomy', 'text', 'because', 'why')
+"""Fields of a command that are shown with it."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ class RunMetrics:
 
 
 def read_events(files: Iterable[Path]) -> Iterator[Event]:
-    """The events of the files of a record, the oldest file first. Lines that were cut off are left out.
+    """The events of the files of an event log, the oldest file first. Lines that were cut off are left out.
 
     Raises:
         OSError: a file cannot be read.
@@ -135,7 +138,7 @@ def read_events(files: Iterable[Path]) -> Iterator[Event]:
 
 
 def metrics_of(events: Iterable[Event], *, wall: bool = False) -> list[RunMetrics]:
-    """The runs of a record, in the order of their starts."""
+    """The runs of an event log, in the order of their starts."""
     runs: dict[str, _Reader] = {}
     for event in events:
         kind = event['event']
@@ -193,7 +196,7 @@ class _Reader:
         elif kind == 'fault':
             metrics.faults += 1
         elif kind == 'command':
-            parts = [event.get(name) for name in ('path', 'outcome', 'decision', 'autonomy', 'because', 'why')]
+            parts = [event.get(name) for name in _TOLD]
             text = ' '.join(str(part) for part in parts if part not in (None, ''))
             metrics.interventions.append(
                 Intervention(

@@ -10,19 +10,20 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_core.state_machine import MachineRun
 from flexbt_onboard.behaviors import OperatorGone
-from flexbt_onboard.runs.behavior_run import BehaviorRun
+
+from .behavior_run import BehaviorRun
 
 
 class OperatorWatch:
     """Watches whether any console is there. Used on the executor thread only.
 
-    ``presence`` tells who is there. ``on_news`` gets a line for the operator, and whether it is a warning. A run that
-    goes on anyway has no news of it: programs that ask and go would fill the log.
+    ``presence`` tells who is there. ``tell`` gets a line for the operator, and whether it is a warning. A run that
+    goes on anyway tells nothing of it: programs that ask and go would fill the log.
     """
 
-    def __init__(self, runtime: NodeRuntime, presence: PresenceWatch, on_news: Callable[[str, bool], None]) -> None:
+    def __init__(self, runtime: NodeRuntime, presence: PresenceWatch, tell: Callable[[str, bool], None]) -> None:
         self._runtime = runtime
-        self._on_news = on_news
+        self._tell = tell
         self._run: BehaviorRun | None = None
         self._timer: Timer | None = None
         self._presence = presence
@@ -39,8 +40,8 @@ class OperatorWatch:
         if is_there is self._was_there:
             return
         self._was_there = is_there
-        if self._run is not None and self._run.operator_gone is not OperatorGone.CONTINUE:
-            self._on_news('an operator is there' if is_there else 'no operator is there any more', not is_there)
+        if self._run is not None and self._run.snapshot.operator_gone is not OperatorGone.CONTINUE:
+            self._tell('an operator is there' if is_there else 'no operator is there any more', not is_there)
         self._set_timer()
 
     def _set_timer(self) -> None:
@@ -48,21 +49,22 @@ class OperatorWatch:
             self._timer.cancel()
             self._timer = None
         run = self._run
-        if run is None or self._presence.present or run.operator_gone is OperatorGone.CONTINUE:
+        if run is None or self._presence.present or run.snapshot.operator_gone is OperatorGone.CONTINUE:
             return
         steady = self._runtime.steady
         self._timer = steady.call_at(
-            steady.now() + run.operator_gone_after, lambda: self._runtime.post(lambda: self._time_is_over(run))
+            steady.now() + run.snapshot.operator_gone_after, lambda: self._runtime.post(lambda: self._time_is_over(run))
         )
 
     def _time_is_over(self, run: BehaviorRun) -> None:
         if run is not self._run or self._presence.present:
             return
         self._timer = None
-        why = f'no operator was there for {run.operator_gone_after:g} s'
-        if run.operator_gone is OperatorGone.STOP:
-            self._on_news(f'{why}: behavior {run.behavior!r} is stopped', True)
+        shown = run.snapshot
+        why = f'no operator was there for {shown.operator_gone_after:g} s'
+        if shown.operator_gone is OperatorGone.STOP:
+            self._tell(f'{why}: behavior {shown.behavior!r} is stopped', True)
             run.stop(why)
         else:
-            self._on_news(f'{why}: behavior {run.behavior!r} is paused until an operator resumes it', True)
+            self._tell(f'{why}: behavior {shown.behavior!r} is paused until an operator resumes it', True)
             run.command(MachineRun.pause, lambda _reason: None)  # when it is paused already, so much the better

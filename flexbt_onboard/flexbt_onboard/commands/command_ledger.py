@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The ledger of commands: each lives here from its arrival until its result is forgotten.
+
+A command is admitted once, however often it is sent, and has its effect at most once. It is decided when the effect has
+come or it is refused; that is journaled before it is written to the event log and reported in the status. What was
+decided before a restart of the executive is remembered from the journal.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.state_machine import Answer
+from flexbt_core.values import sendable
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
+from flexbt_onboard.durability import REMEMBERED_COMMANDS, CommandAnswer, RunJournal
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.event_log import Reporter
+
+REPORTED_RESULTS: Final = 32
+"""Results that are part of a status at most (ExecutiveStatus.results)."""
+
+REPORT_TIME: Final = 5.0
+"""Seconds for which a result is part of every status. A console that has lost it sends the command again, and so has it
+reported again; without this limit most of a quiet link's traffic would be old results."""
+
+
+class CommandHandling(Protocol):
+    """What commands do."""
+
+    def is_meant(self, command: ExecutiveCommand) -> bool:
+        """Whether a command is for this executive, which cannot know what another one made of it."""
+
+    def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
+        """What the command says, for the event log."""
+
+    def apply(self, command: ExecutiveCommand, answer: Answer) -> bool:
+        """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
+
+        Raises:
+            CommandRefusedError: it has no effect; the text is the reason.
+        """
+
+
+class CommandLedger:
+    """The commands of one executive. Used on the executor thread only.
+
+    ``changed`` is called when a result is to be reported, or a sender has to be told that this is another executive.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        handling: CommandHandling,
+        journal: RunJournal,
+        report: Reporter,
+        changed: Callable[[], None],
+        remembered: int = REMEMBERED_COMMANDS,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._post = runtime.post
+        self._handling = handling
+        self._journal = journal
+        self._report = report
+        self._changed = changed
+        self._remembered = remembered
+        self._now = now
+        # A command without a result is open: admitted, and not decided.
+        self._entries: OrderedDict[str, CommandResult | ExecutiveCommand] = OrderedDict()
+        self._reported: OrderedDict[str, float] = OrderedDict()  # results, and when each was reported last
+        for result in journal.results:
+            self._entries[result.command_id] = result
+        self._forget_old()
+
+    def receive(self, command: ExecutiveCommand) -> None:
+        """Take a command in, whatever it is; its result is part of the status."""
+        if not command.id:
+            self._report.log(ExecutiveLog.WARN, f'a command of {command.operator_id!r} has no id; it was ignored')
+            self._report.command(self._handling.fields(command), 'ignored', 'it has no id')
+            return
+        if command.id in self._entries:  # a resend: answered again, applied once
+            if isinstance(self._entries[command.id], CommandResult):
+                self._report_result(command.id)
+        elif self._handling.is_meant(command):
+            self._admit(command)
+        else:
+            self._report.command(self._handling.fields(command), 'ignored', 'meant for another executive')
+        self._changed()
+
+    def results(self) -> list[CommandResult]:
+        """The results that are to be reported, oldest first."""
+        oldest = self._now() - REPORT_TIME
+        while self._reported and next(iter(self._reported.values())) < oldest:
+            self._reported.popitem(last=False)
+        entries = [self._entries.get(command_id) for command_id in self._reported]
+        return [entry for entry in entries if isinstance(entry, CommandResult)]
+
+    def _admit(self, command: ExecutiveCommand) -> None:
+        command_id = str(command.id)
+        self._entries[command_id] = command
+        self._forget_old()
+        answer = CommandAnswer(command_id, lambda reason: self._post(lambda: self._decide(command_id, reason)))
+        try:
+            is_applied = self._handling.apply(command, answer)
+        except CommandRefusedError as error:
+            self._decide(command_id, str(error))
+        except Exception as error:
+            self._decide(command_id, f'fault in the executive: {type(error).__name__}: {error}')
+            raise
+        else:
+            if is_applied:
+                self._decide(command_id, None)
+
+    def _decide(self, command_id: str, reason: str | None) -> None:
+        """A command had its effect (None), or is refused; the first decision counts."""
+        command = self._entries.get(command_id)
+        if not isinstance(command, ExecutiveCommand):
+            return
+        self._journal.decide(command_id, reason)
+        self._report.command(self._handling.fields(command), 'applied' if reason is None else 'refused', reason or '')
+        code = CommandResult.APPLIED if reason is None else CommandResult.REFUSED
+        self._entries[command_id] = CommandResult(command_id=command_id, code=code, reason=sendable(reason or ''))
+        self._report_result(command_id)
+        self._changed()
+
+    def _report_result(self, command_id: str) -> None:
+        self._reported[command_id] = self._now()
+        self._reported.move_to_end(command_id)
+        while len(self._reported) > REPORTED_RESULTS:
+            self._reported.popitem(last=False)
+
+    def _forget_old(self) -> None:
+        while len(self._entries) > self._remembered:
+            # A command that is not decided yet is never the oldest by far: only a START takes longer than a moment.
+            oldest = next((key for key, entry in self._entries.items() if isinstance(entry, CommandResult)), None)
+            if oldest is None:
+                return
+            del self._entries[oldest]

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Input requests: typed values that nodes and states ask the operator for, by an action, and the answers."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from builtin_interfaces.msg import Time
+
+from flexbt_common import names
+from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import from_entry, resolve_type, text_to_value, to_entry
+from flexbt_core.errors import FlexbtError
+from flexbt_msgs.action import OperatorInput
+from flexbt_msgs.msg import BlackboardEntry, PendingDecision
+from flexbt_onboard.errors import CommandRefusedError
+
+OnChange = Callable[[str, Mapping[str, Any]], None]
+
+
+@dataclass
+class _InputRequest:
+    id: str
+    prompt: str
+    type: str
+    choices: list[str]
+    asker: str
+    since: Time
+    goal: ServedGoal
+
+
+class InputRequests:
+    """Serves ``operator_input``: each goal is a request that stays open until it is answered, declined or withdrawn.
+
+    Used on the executor thread only. ``on_change`` is called when a request comes or goes: with an event of the event
+    log, ``waiting`` or ``decided``, and its fields.
+    """
+
+    def __init__(self, runtime: NodeRuntime, admission: GoalAdmission, on_change: OnChange) -> None:
+        self._runtime = runtime
+        self._on_change = on_change
+        self._open: dict[str, _InputRequest] = {}
+        self._numbers = itertools.count(1)
+        ask = admission.guard(self._ask, _refused)
+        self._server = GoalServer(runtime, OperatorInput, names.OPERATOR_INPUT, ask, self._withdraw)
+
+    def decisions(self) -> list[PendingDecision]:
+        """The open requests, oldest first."""
+        return [
+            PendingDecision(
+                id=request.id,
+                kind=PendingDecision.INPUT,
+                path=request.asker,
+                required_autonomy=-1,
+                prompt=request.prompt,
+                input_type=request.type,
+                input_choices=request.choices,
+                since=request.since,
+            )
+            for request in self._open.values()
+        ]
+
+    def is_open(self, request_id: str) -> bool:
+        """Whether there is such a request and it waits for its answer."""
+        return request_id in self._open
+
+    def answer(self, request_id: str, value: BlackboardEntry, operator_id: str) -> None:
+        """Answer a request; a value that is refused leaves it open.
+
+        Raises:
+            CommandRefusedError: no such request, or the value does not fit.
+        """
+        request = self._find(request_id)
+        checked = _checked_answer(request, value)
+        self._close(request, OperatorInput.Result.SUCCESS, '', operator_id, checked)
+
+    def decline(self, request_id: str, operator_id: str, reason: str) -> None:
+        """Decline to answer a request.
+
+        Raises:
+            CommandRefusedError: no such request.
+        """
+        message = f'the operator declined: {reason}' if reason else 'the operator declined'
+        self._close(self._find(request_id), OperatorInput.Result.DECLINED, message, operator_id)
+
+    def close(self, why: str) -> None:
+        """Withdraw all requests."""
+        for request in list(self._open.values()):
+            self._close(request, OperatorInput.Result.CANCELED, why)
+
+    def _find(self, request_id: str) -> _InputRequest:
+        try:
+            return self._open[request_id]
+        except KeyError:
+            raise CommandRefusedError(
+                f'input request {request_id!r} is not open: it was answered, declined or withdrawn'
+            ) from None
+
+    def _close(
+        self,
+        request: _InputRequest,
+        code: int,
+        message: str,
+        operator_id: str = '',
+        value: BlackboardEntry | None = None,
+    ) -> None:
+        del self._open[request.id]
+        result = OperatorInput.Result(
+            code=code, message=message, operator_id=operator_id, value=value or BlackboardEntry()
+        )
+        if code == OperatorInput.Result.SUCCESS:
+            request.goal.succeed(result)
+        elif code == OperatorInput.Result.CANCELED:
+            request.goal.canceled(result)
+        else:
+            request.goal.abort(result)
+        self._on_change('decided', {'decision': request.id})
+
+    def _ask(self, goal: ServedGoal) -> None:
+        wanted = goal.request
+        try:
+            type = _checked_type(wanted)
+        except FlexbtError as error:
+            goal.abort(_refused(str(error)))
+            return
+        request = _InputRequest(
+            id=f'input-{next(self._numbers)}',
+            prompt=wanted.prompt,
+            type=type,
+            choices=list(wanted.choices),
+            asker=wanted.asker,
+            since=self._runtime.clock.stamp(),
+            goal=goal,
+        )
+        self._open[request.id] = request
+        self._on_change('waiting', _event_fields(request))
+        goal.publish_feedback(OperatorInput.Feedback(shown=True))
+
+    def _withdraw(self, goal: ServedGoal) -> None:
+        for request in list(self._open.values()):
+            if request.goal is goal:
+                self._close(request, OperatorInput.Result.CANCELED, 'the request was withdrawn')
+
+
+def _event_fields(request: _InputRequest) -> dict[str, Any]:
+    return {
+        'decision': request.id,
+        'path': request.asker,
+        'kind': 'input',
+        'outcome': '',
+        'outcomes': [],
+        'required': -1,
+        'prompt': request.prompt,
+    }
+
+
+def _refused(why: str) -> Any:
+    return OperatorInput.Result(code=OperatorInput.Result.ERROR, message=why)
+
+
+def _checked_type(goal: Any) -> str:
+    """The canonical name of the type that is asked for."""
+    type = resolve_type(goal.type).name
+    for text in goal.choices:
+        text_to_value(text, type)
+    return type
+
+
+def _checked_answer(request: _InputRequest, answer: BlackboardEntry) -> BlackboardEntry:
+    try:
+        given = resolve_type(answer.type).name if answer.type else request.type
+        if given != request.type:
+            raise CommandRefusedError(f'the request asks for a {request.type}, not for a {given}')
+        value = from_entry(BlackboardEntry(type=request.type, text=answer.text, data=answer.data))
+        if request.choices and value not in [text_to_value(text, request.type) for text in request.choices]:
+            raise CommandRefusedError(f'{answer.text!r} is none of the choices: {", ".join(request.choices)}')
+        return to_entry('', value, request.type)
+    except CommandRefusedError:
+        raise
+    except FlexbtError as error:
+        raise CommandRefusedError(str(error)) from error

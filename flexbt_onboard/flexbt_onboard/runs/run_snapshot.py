@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What others see of a run: one immutable value, made on the thread of the run and read on any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any, Final
+
+from flexbt_common.runtime import RosClock
+from flexbt_core.state_machine import ROOT_PATH, DecisionKind, HeldBack, LeafRun, MachineRun, is_inside
+from flexbt_core.values import sendable
+from flexbt_onboard.behaviors import OperatorGone
+
+_MOST_LINES: Final = 20
+_LONGEST_LINE: Final = 200
+"""Of what a state says that it does: each status has it, and the link may be slow."""
+
+_RAISED: Final = ('activity() raised; see the log',)
+"""Instead of what a state says that it does. It is not asked again as long as it is active."""
+
+Event = tuple[str, Mapping[str, Any]]
+"""An event of the event log, and its fields."""
+
+
+class RunPhase(Enum):
+    """What a run is at."""
+
+    STARTING = 'starting'
+    RUNNING = 'running'
+    PAUSED = 'paused'
+    STOPPING = 'stopping'
+
+
+@dataclass(frozen=True)
+class ActiveLeaf:
+    """A state that is active; ``entered`` is in nanoseconds of ROS time.
+
+    ``held_back`` are lines about transitions that locks hold back, ``activity`` those of the state itself.
+    """
+
+    path: str
+    entered: int
+    is_paused: bool = False
+    held_back: tuple[str, ...] = ()
+    activity: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunDecision:
+    """A transition that waits for the operator; see flexbt_msgs/msg/PendingDecision. ``since`` is in ns of ROS time."""
+
+    id: str
+    kind: DecisionKind
+    path: str
+    outcome: str
+    outcomes: tuple[str, ...]
+    required_autonomy: int
+    prompt: str
+    since: int
+
+
+@dataclass(frozen=True)
+class RunSnapshot:
+    """A run at one moment.
+
+    ``levels`` has the level of autonomy of the root, and of each sub-tree that has another one than what is around it,
+    by path. ``operator_gone`` is what the behavior wants when no operator was there for ``operator_gone_after`` s.
+    """
+
+    run_id: str
+    behavior: str
+    levels: Mapping[str, int]
+    is_announced: bool = False
+    """The operator knows the structure of the run."""
+    has_begun: bool = False
+    """The nodes that it needs are ready, or were waited for long enough."""
+    is_paused: bool = False
+    is_stopping: bool = False
+    active: tuple[ActiveLeaf, ...] = ()
+    decisions: tuple[RunDecision, ...] = ()
+    locked: tuple[str, ...] = ()
+    breakpoints: tuple[str, ...] = ()
+    operator_gone: OperatorGone = OperatorGone.CONTINUE
+    operator_gone_after: float = 0.0
+
+    @property
+    def phase(self) -> RunPhase:
+        """What the run is at, as far as the operator was told."""
+        if self.is_stopping:
+            return RunPhase.STOPPING
+        if not (self.is_announced and self.has_begun):
+            return RunPhase.STARTING
+        return RunPhase.PAUSED if self.is_paused else RunPhase.RUNNING
+
+    @property
+    def autonomy(self) -> int:
+        """The level of the run."""
+        return self.levels[ROOT_PATH]
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """How a run has ended; ``outputs`` are the values of the machine's output keys."""
+
+    outcome: str
+    message: str
+    outputs: Mapping[str, Any] = field(default_factory=dict)
+
+
+class SnapshotSource:
+    """Takes snapshots of a machine. Used on the thread of the run only."""
+
+    def __init__(self, machine: MachineRun, clock: RosClock, run_id: str) -> None:
+        self._machine = machine
+        self._clock = clock
+        self._run_id = run_id
+        self._entered_at: dict[str, float] = {}  # of what the last snapshot has
+
+    def is_outdated(self) -> bool:
+        """Whether a state is active that is not in the last snapshot."""
+        return any(self._entered_at.get(leaf.path) != leaf.entered_at for leaf in self._machine.active_states())
+
+    def left(self, path: str) -> None:
+        """A state was left: when it is seen again it was entered anew, even if no time has passed."""
+        self._entered_at.pop(path, None)
+
+    def take(self, before: RunSnapshot) -> tuple[dict[str, Any], list[Event]]:
+        """What the machine says of the fields of a snapshot, and what is new in it as events.
+
+        What has not changed since the snapshot ``before`` keeps its time stamp.
+        """
+        machine, known = self._machine, {leaf.path: leaf for leaf in before.active}
+        events: list[Event] = []
+        active = []
+        held_back = machine.held_back
+        leaves = machine.active_states()
+        for leaf in leaves:
+            shown = known.get(leaf.path)
+            if shown is None or self._entered_at.get(leaf.path) != leaf.entered_at:
+                shown = ActiveLeaf(leaf.path, self._stamp(leaf.entered_at))
+                events.append(('entered', {'path': leaf.path}))
+            lines = tuple(_line(one, leaf.path) for one in held_back if is_inside(leaf.path, one.path))
+            active.append(replace(shown, is_paused=leaf.is_paused, held_back=lines))
+        self._entered_at = {leaf.path: leaf.entered_at for leaf in leaves}
+        decisions, decision_events = self._decisions({decision.id: decision for decision in before.decisions})
+        fields = {
+            'levels': machine.autonomy_levels,
+            'is_paused': machine.is_paused,
+            'active': tuple(active),
+            'decisions': decisions,
+            'locked': tuple(machine.locked),
+            'breakpoints': tuple(machine.breakpoints),
+        }
+        return fields, [*events, *decision_events]
+
+    def asked(self, active: tuple[ActiveLeaf, ...]) -> tuple[ActiveLeaf, ...]:
+        """The active states with what they say that they are doing; this calls their code."""
+        runs = {leaf.path: leaf for leaf in self._machine.active_states()}
+        return tuple(
+            leaf
+            if leaf.activity is _RAISED or leaf.path not in runs
+            else replace(leaf, activity=_activity(runs[leaf.path]))
+            for leaf in active
+        )
+
+    def _decisions(self, known: dict[str, RunDecision]) -> tuple[tuple[RunDecision, ...], list[Event]]:
+        decisions: list[RunDecision] = []
+        events: list[Event] = []
+        for decision in self._machine.decisions:
+            shown = known.pop(decision_id(self._run_id, decision.id), None)
+            if shown is None:
+                shown = RunDecision(
+                    id=decision_id(self._run_id, decision.id),
+                    kind=decision.kind,
+                    path=decision.path,
+                    outcome=decision.outcome,
+                    outcomes=decision.outcomes,
+                    required_autonomy=decision.required,
+                    prompt=decision.prompt,
+                    since=self._stamp(decision.since),
+                )
+                events.append(('waiting', _waiting(shown)))
+            decisions.append(shown)
+        return tuple(decisions), [*events, *(('decided', {'decision': id}) for id in known)]
+
+    def _stamp(self, when: float) -> int:
+        """ROS time of a time of the run's clock, which may be ahead of ROS time by jumps that were taken out."""
+        now = self._clock.stamp()
+        return max(0, now.sec * 10**9 + now.nanosec - int((self._clock.now() - when) * 1e9))
+
+
+def decision_id(run_id: str, number: str) -> str:
+    """The name of a decision in this executive: the run numbers its decisions."""
+    return f'{run_id[:8]}-{number}'
+
+
+def decision_number(run_id: str, decision: str) -> str | None:
+    """The number that the run gave to a decision; None when it is no decision of this run."""
+    prefix = decision_id(run_id, '')
+    return decision.removeprefix(prefix) if decision.startswith(prefix) else None
+
+
+def _waiting(decision: RunDecision) -> dict[str, Any]:
+    return {
+        'decision': decision.id,
+        'path': decision.path,
+        'kind': decision.kind.name.lower(),
+        'outcome': decision.outcome,
+        'outcomes': list(decision.outcomes),
+        'required': decision.required_autonomy,
+        'prompt': decision.prompt,
+    }
+
+
+def _line(held_back: HeldBack, path: str) -> str:
+    who = '' if held_back.path == path else f'{held_back.path}: '
+    return sendable(f"{who}'{held_back.outcome}' waits for the unlock of {', '.join(held_back.locked)}", _LONGEST_LINE)
+
+
+def _activity(leaf: LeafRun) -> tuple[str, ...]:
+    lines = leaf.activity()
+    if lines is None:
+        return _RAISED
+    if len(lines) > _MOST_LINES:
+        lines[_MOST_LINES:] = [f'... {len(lines) - _MOST_LINES} more']
+    return tuple(sendable(line, _LONGEST_LINE) for line in lines)

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Starts, watches and ends runs, one at a time; what others see of them is a value."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from flexbt_common.calls import GoalAdmission
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.state_machine import ERROR, PREEMPTED, Answer
+from flexbt_core.values import sendable
+from flexbt_msgs.msg import BehaviorStructure
+from flexbt_onboard.behaviors import RunRequest, StateServices
+from flexbt_onboard.durability import InterruptedRun, RunJournal
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.event_log import Reporter
+
+from .behavior_run import BehaviorRun
+from .operator_watch import OperatorWatch
+from .run_recorder import RunRecorder
+from .run_snapshot import RunEnd, RunSnapshot
+
+Ended = Callable[[RunEnd], None]
+
+
+@dataclass(frozen=True)
+class LastRun:
+    """The run before, while none goes on; empty before the first. ``autonomy`` is the level for the next one."""
+
+    autonomy: int
+    run_id: str = ''
+    behavior: str = ''
+    outcome: str = ''
+    message: str = ''
+
+
+ShownRun = RunSnapshot | InterruptedRun | LastRun
+"""The run that operators see: the one that goes on, was interrupted, or was the last."""
+
+
+@dataclass(frozen=True)
+class RunDisplay:
+    """Where operators see the run.
+
+    ``publish_structure`` sends the structure of a run, before the first status that names it; ``changed`` is told, from
+    any thread, that the status has changed; ``flush`` sends it now, if it has.
+    """
+
+    publish_structure: Callable[[BehaviorStructure], None]
+    changed: Callable[[], None]
+    flush: Callable[[], None]
+
+
+def _nobody(*_told: object) -> None:
+    """Nobody waits for it."""
+
+
+class RunSupervisor:
+    """Used on the executor thread; a run has a thread of its own and posts here what becomes of it.
+
+    ``admission`` says why nothing can be started.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        services: StateServices,
+        admission: GoalAdmission,
+        journal: RunJournal,
+        report: Reporter,
+        operators: OperatorWatch,
+        display: RunDisplay,
+        autonomy: int,
+    ) -> None:
+        self.run: BehaviorRun | None = None
+        """The run that goes on."""
+        self._runtime = runtime
+        self._services = services
+        self._admission = admission
+        self._journal = journal
+        self._report = report
+        self._operators = operators
+        self._display = display
+        self._last = LastRun(autonomy)
+
+    @property
+    def snapshot(self) -> RunSnapshot | None:
+        """The run that goes on."""
+        return self.run.snapshot if self.run is not None else None
+
+    @property
+    def interrupted(self) -> InterruptedRun | None:
+        """The run that the end of the executive interrupted, until an operator decides about it."""
+        return self._journal.interrupted if self.run is None else None
+
+    @property
+    def shown(self) -> ShownRun:
+        """The run that operators see."""
+        return self.snapshot or self.interrupted or self._last
+
+    def set_next_autonomy(self, level: int) -> None:
+        """The level for the next run."""
+        self._last = replace(self._last, autonomy=level)
+        self._display.changed()
+
+    def start(
+        self, request: RunRequest, answer: Answer, ended: Ended = _nobody, run_id: str | None = None
+    ) -> BehaviorRun:
+        """Begin a run; ``answer`` gets None when the behavior is built, or the reason why it cannot be.
+
+        ``ended`` gets how a run that was built has ended. Both are called on the executor thread. ``run_id`` is that
+        of the interrupted run that is to go on.
+
+        Raises:
+            CommandRefusedError: the executive is not active, a run goes on, or another one was interrupted.
+        """
+        if self._admission.refusal:
+            raise CommandRefusedError(self._admission.refusal)
+        going_on = self.snapshot
+        if going_on is not None:
+            raise CommandRefusedError(
+                f'behavior {going_on.behavior!r} is {going_on.phase.value} (run {going_on.run_id}); stop it first'
+            )
+        interrupted = self.interrupted
+        if interrupted is not None and interrupted.run_id != run_id:
+            raise CommandRefusedError(
+                f'behavior {interrupted.behavior!r} was interrupted (run {interrupted.run_id}); '
+                'resume or abort it first'
+            )
+        run_id = run_id or uuid.uuid4().hex
+        owner = _Owner(self, self._runtime, self._display, answer, ended)
+        recorder = RunRecorder(run_id, request.entry.name, answer, self._journal, self._report, owner)
+        owner.run = self.run = BehaviorRun(request, run_id, self._services, recorder)
+        self.run.start()
+        self._display.changed()
+        return self.run
+
+    def stop(self, why: str) -> BehaviorRun | None:
+        """Stop the run that goes on, if there is one."""
+        if self.run is not None:
+            self.run.stop(why)
+        return self.run
+
+    def give_up(self, interrupted: InterruptedRun, why: str) -> None:
+        """An interrupted run does not go on."""
+        self._journal.end(interrupted.run_id, why)
+        self._report.run_ended(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
+        self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
+
+    def began(self, run: BehaviorRun, structure: BehaviorStructure, answer: Answer) -> None:
+        """The behavior of a run is built."""
+        # The structure first: a status that names its run can be drawn at once.
+        self._display.publish_structure(structure)
+        run.announce()
+        self._operators.watch_over(run)
+        answer(None)
+        self._display.flush()
+
+    def ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
+        """A run has ended, or could not begin."""
+        self.run = None
+        self._operators.watch_over(None)
+        last = run.snapshot
+        self._last = replace(self._last, autonomy=last.autonomy)
+        self._show_last(last.run_id, last.behavior, outcome, message)
+
+    def _show_last(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
+        self._last = LastRun(self._last.autonomy, run_id, behavior, outcome, sendable(message))
+        self._display.changed()
+
+
+class _Owner:
+    """Who has started a run: the supervisor, for a command or a program. Called on the thread of the run."""
+
+    run: BehaviorRun
+
+    def __init__(
+        self, supervisor: RunSupervisor, runtime: NodeRuntime, display: RunDisplay, answer: Answer, ended: Ended
+    ) -> None:
+        self._supervisor = supervisor
+        self._post = runtime.post
+        self._display = display
+        self._answer = answer
+        self._ended = ended
+        self.run_changed = display.changed
+
+    def run_began(self, structure: BehaviorStructure) -> None:
+        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        self._post(lambda: self._supervisor.began(self.run, structure, self._answer))
+
+    def run_refused(self, reason: str) -> None:
+        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+
+        def tell() -> None:
+            self._supervisor.ended(self.run, ERROR, reason)
+            self._answer(reason)
+
+        self._post(tell)
+
+    def run_switched(self, structure: BehaviorStructure) -> None:
+        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        self._post(lambda: self._display.publish_structure(structure))
+
+    def run_ended(self, end: RunEnd) -> None:
+        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+
+        def tell() -> None:
+            self._supervisor.ended(self.run, end.outcome, end.message)
+            self._ended(end)
+
+        self._post(tell)

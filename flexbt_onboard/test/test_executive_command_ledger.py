@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The ledger of commands: each has its effect at most once, and is answered as often as it is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_core.state_machine import Answer
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand
+from flexbt_onboard.commands import COMMANDS, REPORT_TIME, CommandLedger
+from flexbt_onboard.durability import RunJournal
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.event_log import EventLog, Reporter
+
+STOP, START = ExecutiveCommand.STOP, ExecutiveCommand.START
+
+
+class Books:
+    """A ledger, and commands with effects that are counted: START is decided later, REPEAT is refused, LOCK raises."""
+
+    def __init__(self, remembered: int = 4096, directory: str = '') -> None:
+        self.effects: list[str] = []
+        self.later: list[Answer] = []
+        self.changes = 0
+        self.time = 100.0
+        self.told: list[str] = []
+        self.journal = RunJournal(directory, '/executive', self.told.append)
+        clock: Any = SimpleNamespace(stamp=None)
+        report = Reporter(
+            lambda _severity, text, path='', run_id='': self.told.append(text), EventLog(None, clock, print)
+        )
+        runtime: Any = SimpleNamespace(post=self._post)
+        self.ledger = CommandLedger(
+            runtime, self, self.journal, report, self._changed, remembered, now=lambda: self.time
+        )
+
+    def send(self, id: str, kind: int = STOP) -> None:
+        """A command arrives."""
+        self.ledger.receive(ExecutiveCommand(id=id, kind=kind, executive_id='other' if id == 'other' else ''))
+
+    def results(self) -> list[tuple[str, int]]:
+        """What is reported."""
+        return [(result.command_id, result.code) for result in self.ledger.results()]
+
+    def is_meant(self, command: ExecutiveCommand) -> bool:
+        return not command.executive_id
+
+    def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
+        return {}
+
+    def apply(self, command: ExecutiveCommand, answer: Answer) -> bool:
+        if command.kind == ExecutiveCommand.REPEAT:
+            raise CommandRefusedError('no')
+        if command.kind == ExecutiveCommand.LOCK:
+            raise ValueError('broken')
+        self.effects.append(command.id)
+        if command.kind == START:
+            self.later.append(answer)
+        return bool(command.kind != START)
+
+    def _post(self, fn: Callable[[], None]) -> None:
+        fn()
+
+    def _changed(self) -> None:
+        self.changes += 1
+
+
+A, R = CommandResult.APPLIED, CommandResult.REFUSED
+
+
+def test_a_resend_has_no_effect_and_its_result_is_reported_last() -> None:
+    books = Books()
+    books.send('a', ExecutiveCommand.REPEAT)
+    books.send('b')
+    assert books.results() == [('a', R), ('b', A)]
+    books.send('a', ExecutiveCommand.REPEAT)
+    books.send('b')
+    books.send('a')
+    assert books.results() == [('b', A), ('a', R)]
+    assert books.ledger.results()[1].reason == 'no'
+    assert books.effects == ['b']
+
+
+def test_a_command_that_is_decided_later_is_reported_then_and_the_first_decision_counts() -> None:
+    books = Books()
+    books.send('start', START)
+    books.send('start', START)
+    assert (books.results(), books.effects) == ([], ['start'])
+    (answer,) = books.later
+    answer(None)
+    answer('too late')
+    assert books.results() == [('start', A)]
+
+
+def test_a_command_whose_handler_fails_is_refused_and_the_fault_is_told() -> None:
+    books = Books()
+    with pytest.raises(ValueError, match='broken'):
+        books.send('a', ExecutiveCommand.LOCK)
+    assert books.results() == [('a', R)]
+    assert 'ValueError: broken' in books.ledger.results()[0].reason
+
+
+def test_what_has_no_id_or_is_meant_for_another_executive_is_ignored_and_noticed() -> None:
+    books = Books()
+    books.send('')
+    books.send('other')
+    assert (books.results(), books.effects) == ([], [])
+    assert books.changes > 0
+    assert 'no id' in books.told[0]
+
+
+@given(st.lists(st.integers(0, 40), max_size=300))
+def test_a_command_among_the_last_remembered_ones_is_never_applied_twice(sends: list[int]) -> None:
+    books = Books(remembered=20)
+    order: list[int] = []  # model: distinct commands in the order of their first arrival
+    for number in sends:
+        new = number not in order[-20:]
+        before = len(books.effects)
+        books.send(str(number))
+        assert (len(books.effects) > before) == new
+        if new:
+            order = [*(n for n in order if n != number), number]
+        assert books.results()[-1] == (str(number), A)
+
+
+def test_a_result_is_reported_for_a_time_and_again_when_it_is_asked_for() -> None:
+    books = Books()
+    books.send('a')
+    books.time += REPORT_TIME
+    assert books.results() == [('a', A)]
+    books.time += 0.1
+    assert books.results() == []
+    books.send('a')
+    assert books.results() == [('a', A)]
+
+
+def test_of_many_results_the_latest_are_reported() -> None:
+    books = Books()
+    for number in range(50):
+        books.send(str(number))
+    assert [name for name, _ in books.results()] == [str(number) for number in range(18, 50)]
+
+
+def test_a_command_that_is_not_decided_is_not_forgotten() -> None:
+    books = Books(remembered=3)
+    books.send('start', START)
+    for number in range(10):
+        books.send(str(number))
+    books.send('start', START)
+    assert books.effects.count('start') == 1
+
+
+def test_what_was_decided_before_a_restart_is_remembered(tmp_path: Path) -> None:
+    books = Books(directory=str(tmp_path))
+    books.send('a')
+    books.send('b', ExecutiveCommand.REPEAT)
+    books.send('open', START)
+    books.journal.close()
+    again = Books(directory=str(tmp_path))
+    for name in ('a', 'b', 'open'):
+        again.send(name)
+    assert again.results() == [('a', A), ('b', R), ('open', A)]
+    assert again.effects == ['open']
+    again.journal.close()
+
+
+def test_every_constant_of_the_message_is_a_command() -> None:
+    names = [
+        name for name in dir(ExecutiveCommand) if name.isupper() and isinstance(getattr(ExecutiveCommand, name), int)
+    ]
+    assert {command.name for command in COMMANDS} == {*names} - {'UNKNOWN', 'NOTE_LENGTH'}
+    assert len({command.kind for command in COMMANDS}) == len(COMMANDS)
