@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shared connections to action servers: one rclpy client for each type and name, kept."""
+"""The connections of a node to action servers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from rclpy.qos import qos_profile_action_status_default
 from flexbt_common.names import deep_action_services
 from flexbt_common.runtime import ACTION_CLIENT, NodeRuntime, OpenActionClient, is_usable
 
+from .links import Links
+
 
 class ActionServerLink:
-    """The connection of this node to one action server. Made by :class:`ActionLinks`.
+    """The connection of this node to one action server. Made by :class:`ActionLinks`, on the executor thread.
 
     ``client`` is rclpy's, to be used on the executor thread only; ``name`` is the server's name as it was asked for.
     ``status_listeners`` are told the status of their goal, by its id, whenever the server publishes its goals.
@@ -27,7 +29,7 @@ class ActionServerLink:
         self.name = name
         self.status_listeners: dict[bytes, Callable[[int], None]] = {}
         self._lists: Any = None
-        self.client: Any = runtime.call(self._make_client)
+        self.client: Any = self._make_client()
 
     def _make_client(self) -> ActionClient:
         node = self.runtime.node
@@ -66,29 +68,7 @@ class ActionServerLink:
         return f'{self.name!r} ({self.type_name})'
 
 
-class ActionLinks:
-    """The links of one node, so that discovery is paid once for each server. From any thread."""
+class ActionLinks(Links[ActionServerLink]):
+    """The links of one node to action servers."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
-        self._runtime = runtime
-        self._links: dict[tuple[Any, str], ActionServerLink] = {}
-        runtime.on_close(self._close)
-
-    def link(self, action_type: Any, name: str) -> ActionServerLink:
-        """The link to the server ``name``; made now if there is none yet."""
-        known = self._links.get((action_type, name))
-        return known if known is not None else self._runtime.call(lambda: self._link(action_type, name))
-
-    def _link(self, action_type: Any, name: str) -> ActionServerLink:
-        key = action_type, name
-        if key not in self._links:
-            self._links[key] = ActionServerLink(self._runtime, action_type, name)
-        return self._links[key]
-
-    def _close(self) -> None:
-        def destroy() -> None:
-            for link in self._links.values():
-                link.close()
-            self._links.clear()
-
-        self._runtime.call(destroy)
+    link_class = ActionServerLink

@@ -11,6 +11,8 @@ from flexbt_common.names import deep_services
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 
+from .links import Links
+
 _APPEAR_PERIOD: Final = 0.05
 _SETTLE: Final = 0.1
 """Seconds between the discovery of a service and the first request: the response to an earlier one may be lost,
@@ -31,16 +33,14 @@ class ServiceOutcome:
 
 
 class ServiceLink:
-    """The connection of this node to one service. Made by :class:`ServiceLinks`; ``client`` is rclpy's."""
+    """The connection of this node to one service. Made by :class:`ServiceLinks`, on the executor thread; ``client`` is
+    rclpy's."""
 
     def __init__(self, runtime: NodeRuntime, service_type: Any, name: str) -> None:
         self.runtime = runtime
         self.service_type = service_type
         self.name = name
-        self.client: Any = runtime.call(
-            lambda: runtime.node.create_client(service_type, name, qos_profile=deep_services())
-        )
-
+        self.client: Any = runtime.node.create_client(service_type, name, qos_profile=deep_services())
         self._seen_since: float | None = None
 
     def is_ready(self) -> bool:
@@ -52,37 +52,19 @@ class ServiceLink:
             self._seen_since = now
         return self._seen_since is not None and now - self._seen_since >= _SETTLE
 
+    def close(self) -> None:
+        """Take the client out of the graph."""
+        self.runtime.node.destroy_client(self.client)
+
     def __str__(self) -> str:
         package, kind, *_ = self.service_type.__module__.split('.')
         return f'{self.name!r} ({package}/{kind}/{self.service_type.__name__})'
 
 
-class ServiceLinks:
-    """The links of one node, so that discovery is paid once for each service. From any thread."""
+class ServiceLinks(Links[ServiceLink]):
+    """The links of one node to services."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
-        self._runtime = runtime
-        self._links: dict[tuple[Any, str], ServiceLink] = {}
-        runtime.on_close(self._close)
-
-    def link(self, service_type: Any, name: str) -> ServiceLink:
-        """The link to the service ``name``; made now if there is none yet."""
-        known = self._links.get((service_type, name))
-        return known if known is not None else self._runtime.call(lambda: self._link(service_type, name))
-
-    def _link(self, service_type: Any, name: str) -> ServiceLink:
-        key = service_type, name
-        if key not in self._links:
-            self._links[key] = ServiceLink(self._runtime, service_type, name)
-        return self._links[key]
-
-    def _close(self) -> None:
-        def destroy() -> None:
-            for link in self._links.values():
-                self._runtime.node.destroy_client(link.client)
-            self._links.clear()
-
-        self._runtime.call(destroy)
+    link_class = ServiceLink
 
 
 class ServiceCall:
