@@ -147,15 +147,15 @@ class Sample:
 
 def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel: bt_tick.Wheel) -> dict[str, Any]:
     """Medians (ns for a node and a tick) and ratios of one shape."""
-    from flexbt_core.behavior_tree import Tree, TreeLibrary, load_xml
+    from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, load_xml
 
     xml = SHAPES[shape][1](count)
     library = TreeLibrary().stage([load_xml(xml, 'bench.xml', nodes)])
     run = stream.open(f'{shape}{count}', '')
-    never, before = Tree(library, 'T0'), Tree(library, 'T0', log=[])
-    watched = Tree(library, 'T0', log=run.log, after_round=run.ticked)
+    never, before = Tree(library, 'T0'), Tree(library, 'T0', observers=[StatusLog([])])
+    watched = Tree(library, 'T0', observers=[StatusLog(run.log)], after_round=run.ticked)
     before.tick_exactly_once()
-    before.record(None)
+    before.observe()
     run.started(watched)
     size = len(never.nodes)
     samples = {

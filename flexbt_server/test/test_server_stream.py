@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, Tree
+from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, StatusLog, Tree
 from flexbt_core.clock import Timer
 from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
 from flexbt_server.runs import TreeStream
@@ -45,9 +45,11 @@ class Watched:
         self.tree: Tree = make(
             body,
             blackboard=board,
-            log=self.run.log,
+            observers=[
+                StatusLog(self.run.log),
+                lambda node, before, after: self.heard.append((node.uid, before, after)),
+            ],
             after_round=self.run.ticked,
-            on_transition=lambda node, before, after: self.heard.append((node.uid, before, after)),
         )
         self.run.started(self.tree)
 
@@ -265,7 +267,6 @@ def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
     stream, subscriber = TreeStream(server), Subscriber(monitor)
     leaves = '<AlwaysSuccess/>' * 300
     watched = Watched(stream, 'run', f'<Repeat num_cycles="120"><Sequence>{leaves}</Sequence></Repeat>')
-    watched.tree.observe(None)  # an observer takes longer than all the rest
     waiting: list[int] = []
     ticked = watched.run.ticked
 
@@ -273,7 +274,8 @@ def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
         waiting.append(len(watched.run.log))
         ticked()
 
-    watched.tree.record(watched.run.log, round_is_over)
+    # Another observer takes longer than all the rest.
+    watched.tree.observe(StatusLog(watched.run.log), after_round=round_is_over)
     began = time.monotonic()
     assert watched.tree.tick_once() is NodeStatus.SUCCESS
     took = time.monotonic() - began
@@ -295,7 +297,7 @@ def test_a_server_that_is_not_to_publish_watches_nothing() -> None:
         wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running tree')
         (run,) = (running.run for running in world.server.execute._running.on(''))
         assert run.tree is not None
-        assert [type(node).__dict__.get('status') for node in run.tree.nodes] == [None] * len(run.tree.nodes)
+        assert run.tree.observers == ()
         assert world.client.runtime.node.count_publishers(names.TREE_STATUS) == 0
         world.navigation.actions[names.SPIN].end(0)
         assert goal.wait().status is GoalStatus.SUCCEEDED

@@ -9,13 +9,18 @@
     library = TreeLibrary().stage([document])               # all files or none
     tree = Tree(library, 'Mission', blackboard=board, clock=clock)
     status = tree.tick_once()
+
+What only makes it faster is in ``acceleration``, which may be left out: FLEXBT_ACCELERATION=0 does it.
 """
 
-from .engine.context import TransitionObserver, TreeContext, UnfinishedWork
-from .engine.control_decorator import Control, Decorator
+import os
+
+from .engine.context import TreeContext, UnfinishedWork
+from .engine.control import Control
 from .engine.coroutine import CoroutineAction
+from .engine.decorator import Decorator
 from .engine.leaf import Condition, Halted, StatefulAction, SyncAction
-from .engine.node import NodeConfig, TreeNode
+from .engine.node import NodeConfig, StatusObserver, TreeNode
 from .engine.registry import NodeRegistry
 from .engine.simple import (
     SimpleAction,
@@ -25,6 +30,7 @@ from .engine.simple import (
     simple_decorator,
 )
 from .engine.threaded import ThreadedAction
+from .engine.tick_callbacks import PostTick, PreTick, TickCallbacks
 from .engine.tick_control import TickCommand, TickControl
 from .engine.tree import Tree
 from .engine.tree_builder import Substitute, SubTreeInstance
@@ -50,14 +56,12 @@ from .model.ports import Port, PortDirection, inout_port, input_port, output_por
 from .model.status import NodeKind, NodeStatus
 from .nodes.builtin import builtin_registry
 from .nodes.loops import Loop
-from .observers.hooks import AfterTick, BeforeTick, TickHooks
+from .observers.status_log import Log, LogReader, StatusLog, log_reader
 from .script.compiled_script import ScriptLibrary
 from .xml.reader import IncludeResolver, load_xml
 
 __all__ = [
     'EMPTY',
-    'AfterTick',
-    'BeforeTick',
     'BehaviorTreeError',
     'Blackboard',
     'BlackboardError',
@@ -72,6 +76,8 @@ __all__ = [
     'JsonObject',
     'JsonTypes',
     'LoadError',
+    'Log',
+    'LogReader',
     'Loop',
     'NodeConfig',
     'NodeDefinition',
@@ -84,6 +90,8 @@ __all__ = [
     'PortDirection',
     'PortError',
     'PortType',
+    'PostTick',
+    'PreTick',
     'Reason',
     'Reasons',
     'RegistrationError',
@@ -92,15 +100,16 @@ __all__ = [
     'SimpleAction',
     'SimpleDecorator',
     'StatefulAction',
+    'StatusLog',
+    'StatusObserver',
     'SubTreeInstance',
     'Substitute',
     'SyncAction',
     'ThreadedAction',
     'TickAbandoned',
+    'TickCallbacks',
     'TickCommand',
     'TickControl',
-    'TickHooks',
-    'TransitionObserver',
     'Tree',
     'TreeContext',
     'TreeDefinition',
@@ -116,9 +125,19 @@ __all__ = [
     'inout_port',
     'input_port',
     'load_xml',
+    'log_reader',
     'output_port',
     'show_blackboard',
     'simple_action',
     'simple_condition',
     'simple_decorator',
 ]
+
+if os.environ.get('FLEXBT_ACCELERATION', '1') != '0':
+    try:
+        from .acceleration import install
+    except ModuleNotFoundError as error:
+        if error.name != f'{__name__}.acceleration':
+            raise
+    else:
+        install()

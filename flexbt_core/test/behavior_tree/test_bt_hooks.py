@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree import (
     TreeNode,
     load_xml,
 )
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
+from flexbt_core.behavior_tree.engine.control import ControlNode
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.random_trees import make_case
 from flexbt_testing.behavior_trees.scripted_nodes import Act, Cond, Deco, Run, Script, Sync, registry
@@ -77,13 +77,13 @@ def test_hooks_without_an_opinion_change_nothing(observed: bool) -> None:
             for node in tree.nodes:
                 choice = chance.random()
                 if choice < 0.3:
-                    tree.hooks.set_before(node, before)
-                    tree.hooks.set_after(node, after)
+                    tree.callbacks.set_pre_tick(node, before)
+                    tree.callbacks.set_post_tick(node, after)
                 elif choice < 0.6:
-                    tree.hooks.set_before(node, None)
-                    tree.hooks.set_after(node, None)
+                    tree.callbacks.set_pre_tick(node, None)
+                    tree.callbacks.set_post_tick(node, None)
             if chance.random() < 0.2:
-                tree.hooks.clear()
+                tree.callbacks.clear()
 
         def before(node: TreeNode) -> NodeStatus:
             nonlocal seen
@@ -152,7 +152,7 @@ def ticks(
             node.script = Script(node, definition.extra, told)
     if hook is not None:
         result = hook[1]
-        tree.hooks.set_before(tree.nodes[index], lambda node: result)
+        tree.callbacks.set_pre_tick(tree.nodes[index], lambda node: result)
     results: list[Any] = []
     for _ in range(6):
         try:
@@ -173,7 +173,7 @@ def test_a_result_that_is_replaced_afterwards_is_what_the_parent_gets() -> None:
         seen.append((node.name, status))
         return S if status is F else F
 
-    tree.hooks.set_after(named(tree, 'a'), turn)
+    tree.callbacks.set_post_tick(named(tree, 'a'), turn)
     assert tree.tick_once() is S
     assert seen == [('a', F)]
     assert [event[1] for event in events] == ['a']
@@ -194,8 +194,8 @@ def test_hooks_come_after_pre_conditions_and_post_conditions() -> None:
         return status
 
     node = named(tree, 'a')
-    tree.hooks.set_before(node, before)
-    tree.hooks.set_after(node, after)
+    tree.callbacks.set_pre_tick(node, before)
+    tree.callbacks.set_post_tick(node, after)
     assert tree.tick_once() is S
     assert order == ['before 0', 'after SUCCESS 1']
     order.clear()
@@ -211,9 +211,9 @@ def test_a_running_node_is_halted_before_its_result_is_replaced(place: str) -> N
     assert tree.tick_once() is R
     inner = named(tree, 'inner')
     if place == 'before':
-        tree.hooks.set_before(inner, lambda node: S)
+        tree.callbacks.set_pre_tick(inner, lambda node: S)
     else:
-        tree.hooks.set_after(inner, lambda node, status: S)
+        tree.callbacks.set_post_tick(inner, lambda node, status: S)
     events.clear()
     assert tree.tick_once() is S
     assert ['halt', 'a'] in events
@@ -226,13 +226,13 @@ def test_a_hook_may_set_others_for_the_rest_of_its_tick() -> None:
 
     def step(node: TreeNode) -> NodeStatus:
         reached.append(node.name)
-        tree.hooks.set_before(node, None)
+        tree.callbacks.set_pre_tick(node, None)
         following = tree.nodes.index(node) + 1
         if following < len(tree.nodes):
-            tree.hooks.set_before(tree.nodes[following], step)
+            tree.callbacks.set_pre_tick(tree.nodes[following], step)
         return K
 
-    tree.hooks.set_before(named(tree, 'a'), step)
+    tree.callbacks.set_pre_tick(named(tree, 'a'), step)
     assert tree.tick_once() is S
     assert reached == ['a', 'b', 'c']
 
@@ -242,15 +242,15 @@ def test_the_tick_that_a_hook_abandons_begins_nothing_more() -> None:
     tree = build('<Parallel><Act name="a" _script="R"/><Deco><Cond name="b"/></Deco><Act name="c"/></Parallel>', events)
     arrived = threading.Event()
     released = threading.Event()
-    tree.hooks.on_release = released.set
+    tree.callbacks.on_release = released.set
 
     def wait(node: TreeNode) -> NodeStatus:
         arrived.set()
         assert released.wait(20.0)
-        assert tree.hooks.released
+        assert tree.callbacks.released
         raise TickAbandoned(node.path, node.id, 'stopped')
 
-    tree.hooks.set_before(named(tree, 'b'), wait)
+    tree.callbacks.set_pre_tick(named(tree, 'b'), wait)
     raised: list[BaseException] = []
 
     def tick() -> None:
@@ -262,7 +262,7 @@ def test_the_tick_that_a_hook_abandons_begins_nothing_more() -> None:
     thread = threading.Thread(target=tick)
     thread.start()
     assert arrived.wait(20.0)
-    tree.hooks.release()
+    tree.callbacks.release()
     thread.join(20.0)
     assert len(raised) == 1
     assert [event[1] for event in events if event[0] == 'call'] == ['a']
@@ -273,7 +273,7 @@ def test_the_tick_that_a_hook_abandons_begins_nothing_more() -> None:
 
 def test_what_a_hook_raises_is_an_error_of_its_node() -> None:
     tree = build('<Sequence><Cond name="a"/></Sequence>')
-    tree.hooks.set_before(named(tree, 'a'), lambda node: NodeStatus(1 // 0))
+    tree.callbacks.set_pre_tick(named(tree, 'a'), lambda node: NodeStatus(1 // 0))
     with pytest.raises(NodeExecutionError, match=r'\[a\].*ZeroDivisionError') as caught:
         tree.tick_once()
     assert caught.value.node_path == 'a'
@@ -286,10 +286,10 @@ def test_a_tree_without_hooks_is_ticked_as_if_there_were_none() -> None:
     assert isinstance(root, ControlNode)
     tree.tick_once()
     plain = root._ticks[0]
-    tree.hooks.set_before(root, lambda node: K)
+    tree.callbacks.set_pre_tick(root, lambda node: K)
     tree.tick_once()
     assert root._ticks[0] != plain
-    tree.hooks.set_before(root, None)
+    tree.callbacks.set_pre_tick(root, None)
     tree.tick_once()
     assert root._ticks[0] == plain == root.children[0].execute
     assert 'ask_and_execute' not in repr(root._ticks)
@@ -310,7 +310,7 @@ def test_a_deep_tree_has_room_for_hooks() -> None:
         return K
 
     for node in tree.nodes:
-        tree.hooks.set_before(node, before)
-        tree.hooks.set_after(node, lambda node, status: status)
+        tree.callbacks.set_pre_tick(node, before)
+        tree.callbacks.set_post_tick(node, lambda node, status: status)
     assert tree.tick_once() is S
     assert count == len(tree.nodes) == depth * trees + trees + 1

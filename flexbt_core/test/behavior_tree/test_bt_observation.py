@@ -3,22 +3,15 @@
 
 from __future__ import annotations
 
-import inspect
 import random
-import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeNode, builtin_registry
-from flexbt_core.behavior_tree.acceleration import inlining
-from flexbt_core.behavior_tree.acceleration.inlining import inlined_methods
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
-from flexbt_core.behavior_tree.nodes import decorators
-from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
-from flexbt_core.behavior_tree.observers import status_observer as observation
-from flexbt_core.behavior_tree.observers.status_log import LogReader
+from flexbt_core.behavior_tree import Blackboard, NodeStatus, StatusLog, Tree, TreeNode, log_reader
+from flexbt_core.behavior_tree.engine.control import ControlNode
+from flexbt_core.behavior_tree.model import acceleration_seam
 from flexbt_testing.behavior_trees import random_nodes as bt_random_nodes
 from flexbt_testing.behavior_trees import random_scripts as bt_random_scripts
 from flexbt_testing.behavior_trees import random_trees as bt_random_trees
@@ -34,19 +27,6 @@ def transition(uid: int, before: int, after: int) -> tuple[int, int, int]:
 
 
 Heard = list[tuple[int, NodeStatus, NodeStatus]]
-
-
-@pytest.fixture
-def no_inlining(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
-    """Call it, and what is observed from then on uses the property for every store."""
-
-    def switch() -> None:
-        monkeypatch.setattr(observation, 'inlined_methods', lambda node_class: {})
-        observation._observed_class.cache_clear()
-
-    yield switch
-    monkeypatch.undo()
-    observation._observed_class.cache_clear()
 
 
 def on_board(body: str, **options: Any) -> Tree:
@@ -80,18 +60,22 @@ def observed(body: str) -> tuple[Tree, Callable[[], Heard]]:
 
 def recorded(body: str) -> tuple[Tree, Callable[[], Heard]]:
     log: list[int] = []
-    tree = on_board(body, log=log)
-    reader = LogReader(tree.nodes, transition)
+    tree = on_board(body, observers=[StatusLog(log)])
+    reader = log_reader(tree.nodes, transition)
     return tree, lambda: [(uid, NodeStatus(one), NodeStatus(other)) for uid, one, other in reader.read(log)]
 
 
 @pytest.mark.filterwarnings('ignore')
 @pytest.mark.parametrize('block', range(3))
-def test_all_ways_of_watching_hear_the_same(block: int, no_inlining: Callable[[], None]) -> None:
+def test_all_ways_of_watching_hear_the_same(block: int) -> None:
     seeds = range(block * 70, (block + 1) * 70)
     told, logged = lives(seeds, observed), lives(seeds, recorded)
-    no_inlining()
-    plain = lives(seeds, observed)
+    installed = acceleration_seam.acceleration()
+    acceleration_seam.install(None)
+    try:
+        plain = lives(seeds, observed)
+    finally:
+        acceleration_seam.install(installed)
     for seed, one, two, three in zip(seeds, told, logged, plain, strict=True):
         assert one == two == three, f'seed {seed}: {random_body(seed)}'
     assert sum(map(len, plain)) > 1000
@@ -109,11 +93,12 @@ class RecordedRun(bt_scripted.Run):
         self.log: list[int] | None = None
 
     def _step(self, tree: Tree, op: list[Any]) -> dict[str, Any]:
-        if self.log is None and self._steps >= self._begin:
-            self._reader, self.log, self.began = LogReader(tree.nodes, transition), [], self._steps
-            tree.record(self.log)
-        if self._random.random() < 0.2:
-            tree.observe(self._random.choice((None, lambda *event: None)))
+        begins = self.log is None and self._steps >= self._begin
+        if begins:
+            self._reader, self.log, self.began = log_reader(tree.nodes, transition), [], self._steps
+        if begins or self._random.random() < 0.2:
+            others = self._random.choice(([], [lambda *event: None]))
+            tree.observe(*([] if self.log is None else [StatusLog(self.log)]), *others)
         step = super()._step(tree, op)
         self._steps += 1
         if self.log is not None:
@@ -151,7 +136,7 @@ def test_a_tree_can_be_recorded_and_observed_from_any_time_on(make_case: Callabl
 def test_a_tree_in_which_nothing_changes_logs_nothing() -> None:
     body = '<Parallel><Sequence><Inverter><Forever/></Inverter></Sequence><Fallback><Forever/></Fallback></Parallel>'
     log: list[int] = []
-    tree = make(body.replace('<Forever/>', '<Sleep msec="1000000"/>'), log=log)
+    tree = make(body.replace('<Forever/>', '<Sleep msec="1000000"/>'), observers=[StatusLog(log)])
     assert tree.tick_once() is RUNNING
     assert len(log) == len(tree.nodes)
     for _ in range(5):
@@ -159,22 +144,11 @@ def test_a_tree_in_which_nothing_changes_logs_nothing() -> None:
     assert len(log) == len(tree.nodes)
 
 
-def test_children_that_are_set_to_idle_are_one_entry() -> None:
-    log: list[int] = []
-    tree = make(f'<Sequence>{"<AlwaysSuccess/>" * 50}</Sequence>', log=log)
-    reader = LogReader(tree.nodes, transition)
-    assert tree.tick_once() is SUCCESS
-    assert len(log) == 50 + 4
-    transitions = reader.read(log)
-    assert len(transitions) == 2 * 50 + 3
-    assert transitions[51:53] == [(2, SUCCESS, IDLE), (3, SUCCESS, IDLE)]
-
-
 def test_each_round_of_a_tick_ends_with_a_call_also_when_it_raises() -> None:
     ends: list[int] = []
     log: list[int] = []
     tree = make('<Sequence><Repeat num_cycles="3"><AlwaysSuccess/></Repeat><Flip name="raise"/></Sequence>')
-    tree.record(log, lambda: ends.append(len(log)))
+    tree.observe(StatusLog(log), after_round=lambda: ends.append(len(log)))
     for _ in range(2):
         tree.tick_once()
     assert len(ends) == 3 + 1 + 2
@@ -182,39 +156,11 @@ def test_each_round_of_a_tick_ends_with_a_call_also_when_it_raises() -> None:
         for _ in range(9):
             tree.tick_once()
     assert ends == sorted(ends)
-    tree.record(None)
+    tree.observe()
     before = len(ends)
     tree.halt()
     tree.tick_once()
     assert len(ends) == before
-
-
-def test_of_the_engine_nothing_is_left_out() -> None:
-    """A method that stores a status and cannot be compiled anew works, but takes its time."""
-    registry = builtin_registry()
-    nav2_nodes.register(registry)
-    for manifest in registry:
-        node_class = manifest.node_class
-        methods = inlined_methods(node_class)
-        for name in dir(node_class):
-            if name != '__init__' and isinstance(getattr(node_class, name), types.FunctionType):
-                method = methods.get(name, getattr(node_class, name))
-                assert 'status' not in method.__code__.co_names, f'{node_class.__name__}.{name} uses the property'
-
-
-def test_a_file_that_was_replaced_meanwhile_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    source = inspect.getsource(decorators)
-    for text, compiled in (
-        (source, True),
-        (source.replace('self.status = FAILURE', 'self.status = RUNNING', 1), False),
-    ):
-        monkeypatch.setattr(inspect, 'getsource', lambda module: text)  # noqa: B023
-        inlining._inlined.cache_clear()
-        inlining._compiled.cache_clear()
-        assert ('execute' in inlined_methods(decorators.Inverter)) is compiled
-        assert 'execute' in inlined_methods(decorators.SubTree)
-    inlining._inlined.cache_clear()
-    inlining._compiled.cache_clear()
 
 
 def test_nodes_whose_source_is_not_to_be_had_are_watched_as_well() -> None:
@@ -228,8 +174,8 @@ def test_nodes_whose_source_is_not_to_be_had_are_watched_as_well() -> None:
         names,
     )
     log: list[int] = []
-    tree = make('<Inverter><Made/></Inverter>', more=(names['Made'],), log=log)
-    reader = LogReader(tree.nodes, transition)
+    tree = make('<Inverter><Made/></Inverter>', more=(names['Made'],), observers=[StatusLog(log)])
+    reader = log_reader(tree.nodes, transition)
     assert tree.tick_once() is FAILURE
     assert [(uid, after) for uid, _, after in reader.read(log)] == [
         (1, RUNNING),
@@ -245,12 +191,9 @@ def test_a_tree_is_as_it_was_when_nobody_watches_it_any_more() -> None:
     tree = on_board(random_body(7))
     entries = [node.execute for node in tree.nodes]
     classes = [type(node) for node in tree.nodes]
-    tree.record([])
-    tree.observe(lambda *event: None)
+    tree.observe(StatusLog([]), lambda *event: None)
     run_some(tree, 1)
-    assert [type(node) for node in tree.nodes] != classes
-    tree.record(None)
-    tree.observe(None)
+    tree.observe()
     run_some(tree, 3)
     assert [type(node) for node in tree.nodes] == classes
     assert [node.execute for node in tree.nodes] == entries

@@ -156,20 +156,20 @@ def test_a_hook_that_has_given_the_result_is_named(before: bool, conditions: str
     inner = tree.nodes[1]
     assert tree.tick_once() is NodeStatus.SUCCESS
     if before:
-        tree.hooks.set_before(inner, lambda node: NodeStatus.FAILURE)
+        tree.callbacks.set_pre_tick(inner, lambda node: NodeStatus.FAILURE)
     else:
-        tree.hooks.set_after(inner, lambda node, status: NodeStatus.FAILURE)
+        tree.callbacks.set_post_tick(inner, lambda node, status: NodeStatus.FAILURE)
     for _ in range(2):
         assert tree.tick_once() is NodeStatus.FAILURE
         assert tree.failure is not None
-        assert tree.failure.lines() == ['in: a hook has given FAILURE', 'top: Sequence: child 1 of 1 failed']
-    tree.hooks.set_before(inner, None)
-    tree.hooks.set_after(inner, None)
-    tree.hooks.set_after(tree.root, lambda node, status: NodeStatus.RUNNING)  # which replaces nothing
-    tree.hooks.set_before(tree.nodes[3], lambda node: NodeStatus.FAILURE)
+        assert tree.failure.lines() == ['in: Fallback: a callback gave FAILURE', 'top: Sequence: child 1 of 1 failed']
+    tree.callbacks.set_pre_tick(inner, None)
+    tree.callbacks.set_post_tick(inner, None)
+    tree.callbacks.set_post_tick(tree.root, lambda node, status: NodeStatus.RUNNING)  # which replaces nothing
+    tree.callbacks.set_pre_tick(tree.nodes[3], lambda node: NodeStatus.FAILURE)
     assert tree.tick_once() is NodeStatus.FAILURE
     assert tree.failure is not None
-    assert tree.failure.lines()[0] == 'S_1: a hook has given FAILURE'
+    assert tree.failure.lines()[0] == 'S_1: Step: a callback gave FAILURE'
 
 
 def test_of_very_many_reasons_those_in_the_middle_are_left_out() -> None:

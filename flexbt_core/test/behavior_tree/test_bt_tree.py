@@ -424,10 +424,9 @@ def test_an_observer_hears_every_transition_and_can_come_and_go() -> None:
     assert heard == [('s', 'IDLE', 'RUNNING'), ('c', 'IDLE', 'SUCCESS'), ('a', 'IDLE', 'RUNNING')]
     assert isinstance(running.nodes[2], Work)
     assert 'Work' in repr(running.nodes[2])
-    running.observe(None)
+    running.observe()
     running.tick_once()
     assert len(heard) == 3
-    assert type(running.nodes[2]) is Work
     running.observe(hear)
     running.observe(hear)
     running.halt()
@@ -437,7 +436,7 @@ def test_an_observer_hears_every_transition_and_can_come_and_go() -> None:
 def test_two_trees_of_one_library_are_apart() -> None:
     shared = library('<Work name="a"/>')
     heard: list[TreeNode] = []
-    first = Tree(shared, 'Main', services={}, on_transition=lambda node, before, after: heard.append(node))
+    first = Tree(shared, 'Main', services={}, observers=[lambda node, before, after: heard.append(node)])
     second = Tree(shared, 'Main', services={'a': [SUCCESS]})
     assert second.tick_once() is SUCCESS
     assert heard == []
@@ -469,8 +468,8 @@ def test_depth_is_no_limit(wrap: str) -> None:
     ]
     services: dict[str, Any] = {}
     running = tree(*trees, services=services)
-    for observer in (None, lambda *event: None):
-        running.observe(observer)
+    for observers in ([], [lambda *event: None]):
+        running.observe(*observers)
         services['leaf'] = [RUNNING, 'deep']
         assert running.tick_once() is RUNNING
         running.halt()

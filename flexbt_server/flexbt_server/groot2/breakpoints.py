@@ -71,7 +71,7 @@ class Breakpoints:
     """
 
     def __init__(self, tree: Tree, on_reached: Callable[[int], None], on_held: Callable[[bool], None]) -> None:
-        self._hooks = tree.hooks
+        self._callbacks = tree.callbacks
         self._nodes = {node.uid: node for node in tree.nodes}
         self._on_reached = on_reached
         self._on_held = on_held
@@ -79,7 +79,7 @@ class Breakpoints:
         self._muted = False
         self._holding: _Hook | None = None
         self._news = threading.Condition()
-        self._hooks.on_release = self._look
+        self._callbacks.on_release = self._look
 
     @property
     def held(self) -> bool:
@@ -128,9 +128,9 @@ class Breakpoints:
                 return
             hook = self._placed[place] = _Hook(settings)
             if settings.position == 0:
-                self._hooks.set_before(node, lambda node: self._reach(hook, node))
+                self._callbacks.set_pre_tick(node, lambda node: self._reach(hook, node))
             else:
-                self._hooks.set_after(node, lambda node, status: self._reach(hook, node))
+                self._callbacks.set_post_tick(node, lambda node, status: self._reach(hook, node))
 
     def remove(self, document: Any) -> None:
         """Removes the hook of a node. Raises RequestError."""
@@ -183,7 +183,7 @@ class Breakpoints:
             if hook.settings.mode == Mode.BREAKPOINT:
                 self._hold(hook)
                 hook.ready = False
-            if self._hooks.released:
+            if self._callbacks.released:
                 raise TickAbandoned(node.path, node.id, 'the tree was stopped while a breakpoint held this node up')
             settings = hook.settings
             if not settings.enabled or self._muted:
@@ -204,15 +204,15 @@ class Breakpoints:
             self._on_held(False)
 
     def _goes_on(self, hook: _Hook) -> bool:
-        return hook.ready or not hook.settings.enabled or self._muted or self._hooks.released
+        return hook.ready or not hook.settings.enabled or self._muted or self._callbacks.released
 
     def _drop(self, after: bool, uid: int) -> None:
         hook = self._placed.pop((after, uid))
         hook.settings.enabled = False
         if after:
-            self._hooks.set_after(self._nodes[uid], None)
+            self._callbacks.set_post_tick(self._nodes[uid], None)
         else:
-            self._hooks.set_before(self._nodes[uid], None)
+            self._callbacks.set_pre_tick(self._nodes[uid], None)
         self._news.notify_all()
 
     def _look(self) -> None:

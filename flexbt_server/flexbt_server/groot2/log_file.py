@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError
 from flexbt_core.behavior_tree.engine.node import node_path
 from flexbt_core.behavior_tree.model.source import Source
-from flexbt_core.behavior_tree.observers.status_log import LogReader
+from flexbt_core.behavior_tree.observers.status_log import log_reader
 from flexbt_core.behavior_tree.xml.parser import Element, parse
 
 from . import protocol
@@ -64,7 +64,7 @@ class LogWriter:
         self._start = start
         self._write = write
         self._on_error = on_error
-        self._reader = LogReader(tree.nodes, _change)
+        self._reader = log_reader(tree.nodes, _change)
         self._ended = len(tree.nodes) > protocol.MAX_UID
         if self._ended:
             on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')

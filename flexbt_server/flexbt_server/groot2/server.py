@@ -13,7 +13,7 @@ from typing import Final
 
 import zmq
 
-from flexbt_core.behavior_tree import JsonTypes, Tree
+from flexbt_core.behavior_tree import JsonTypes, StatusLog, StatusObserver, Tree
 
 from . import protocol
 from .json_requests import RequestError, parse
@@ -227,23 +227,25 @@ _WITH_CONTENT: Final[dict[int, Callable[[WatchedTree, bytes], bytes | None]]] = 
 
 
 class Watch:
-    """Shows a tree while the context is open. The tree is recorded for that (:meth:`Tree.record`)."""
+    """Shows a tree while the context is open. The tree is observed for that (:meth:`Tree.observe`)."""
 
     def __init__(self, server: Groot2Server, tree: Tree) -> None:
         self._server = server
         self._tree = tree
         self._watched: WatchedTree | None = None
+        self._observers: tuple[StatusObserver, ...] = ()
 
     def __enter__(self) -> Watch:
         log = MarkLog(clock)
         self._watched = self._server.add(self._tree, log)
         if self._watched is not None:
-            self._tree.record(log, self._watched.settle)
+            self._observers = self._tree.observers
+            self._tree.observe(*self._observers, StatusLog(log), after_round=self._watched.settle)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         if self._watched is not None:
-            self._tree.record(None)
+            self._tree.observe(*self._observers)
             self._server.remove(self._watched)

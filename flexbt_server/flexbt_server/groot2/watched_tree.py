@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgpack
 
 from flexbt_core.behavior_tree import Blackboard, JsonTypes, Tree, TreeNode, show_blackboard
-from flexbt_core.behavior_tree.observers.status_log import LogReader
+from flexbt_core.behavior_tree.observers.status_log import log_reader
 
 from . import protocol
 from .breakpoints import Breakpoints
@@ -66,7 +66,7 @@ class WatchedTree:
                 self._statuses += protocol.status_bytes(node.uid, node.status)
                 self._places[node.uid] = len(self._statuses) - 1
         self._log = log
-        self._reader = LogReader(tree.nodes, self._change)
+        self._reader = log_reader(tree.nodes, self._change)
         self._reading = threading.Lock()
         self._recorded: deque[tuple[int, int, int]] = deque(maxlen=RECORDED)
         self._recorded_from = 0

@@ -16,7 +16,7 @@ from flexbt_common.lifecycle import SHUTTING_DOWN, run_managed_node
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import JsonTypes
-from flexbt_core.behavior_tree.observers.status_observer import prepare
+from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError
@@ -46,7 +46,7 @@ class BtServer:
             lambda source, error: logger.error(f'nodes of [{source}] not added: {error!r}'), parameters.nav2_dialect
         )
         if parameters.publish_statuses:
-            prepare(manifest.node_class for manifest in registry)
+            acceleration().prepare(manifest.node_class for manifest in registry)
         store = TreeStore(registry, parameters.allowed_directories, parameters.max_file_size, parameters.max_depth)
         self._preload(store, parameters.preload)
         boards = Blackboards()

@@ -15,7 +15,7 @@ from typing import Any, Final
 from rclpy.serialization import serialize_message
 
 from flexbt_core.behavior_tree import TreeNode
-from flexbt_core.behavior_tree.observers.status_log import LogReader
+from flexbt_core.behavior_tree.observers.status_log import log_reader
 from flexbt_msgs import msg
 
 _MOST_REMEMBERED: Final = 20_000
@@ -33,7 +33,7 @@ class RoundReader:
     """
 
     def __init__(self, nodes: Sequence[TreeNode]) -> None:
-        self._reader = LogReader(nodes, _END.pack)
+        self._reader = log_reader(nodes, _END.pack)
         self._rounds: dict[tuple[bytes, tuple[int, ...]], tuple[list[bytes], bytes]] = {}
         self._remembered = 0
 

@@ -24,6 +24,7 @@ from flexbt_core.behavior_tree import (
     TreeKey,
     TreeLibrary,
 )
+from flexbt_core.behavior_tree.observers.status_log import StatusLog
 from flexbt_core.clock import Clock, WakeEvent
 from flexbt_msgs.action import BtExecute
 from flexbt_server.trees import NO_RECOVERIES, Value, write_all
@@ -124,7 +125,7 @@ class TreeRun(Generic[Client]):
                 self._rest_by = rest_by
         self._wake_event.set()
         if self.tree is not None:
-            self.tree.hooks.release()
+            self.tree.callbacks.release()
         if sooner:
             self._steady.call_at(rest_by + _GRACE, self._abort)
 
@@ -188,6 +189,7 @@ class TreeRun(Generic[Client]):
 
     def _execute(self) -> RunOutcome:
         write_all(self._board, [*self._values, NO_RECOVERIES])
+        log = self._observer.log
         tree = self.tree = Tree(
             self._library,
             self.key.id,
@@ -196,7 +198,7 @@ class TreeRun(Generic[Client]):
             clock=self._clock,
             services=self._services,
             on_wake=self.wake,
-            log=self._observer.log,
+            observers=() if log is None else [StatusLog(log)],
             after_round=self._tell_of_round,
         )
         self._observer.started(tree)
@@ -211,10 +213,10 @@ class TreeRun(Generic[Client]):
             try:
                 status = self._control.tick(tree)
             except TickAbandoned:
-                if not tree.hooks.released:
+                if not tree.callbacks.released:
                     raise
                 continue
-            if tree.context.hooks is None:  # breakpoints are not to be blamed on leaves
+            if not tree.callbacks.active:  # breakpoints are not to be blamed on leaves
                 self._overruns.note(began, self._steady.now())
             if status is not None and status is not NodeStatus.RUNNING:
                 return outcome_of_tree(tree, status)

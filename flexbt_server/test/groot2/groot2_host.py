@@ -24,7 +24,7 @@ from typing import Any
 
 import zmq
 
-from flexbt_core.behavior_tree import Tree, TreeLibrary, load_xml
+from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import SteadyClock
 from flexbt_server.groot2 import Groot2Server, LogOfSeveral, LogWriter, MarkLog, protocol
 from flexbt_server.groot2.watched_tree import clock
@@ -64,7 +64,7 @@ class EngineHost:
         self._watched = self._server.add(self._tree, self._log, self._on_held)
         assert self._watched is not None
         self._writer: LogWriter | None = None
-        self._tree.record(self._log, self._watched.settle)
+        self._tree.observe(StatusLog(self._log), after_round=self._watched.settle)
 
     def _on_held(self, held: bool) -> None:
         if held:
@@ -87,7 +87,7 @@ class EngineHost:
             path = Path(command.removeprefix('log '))
             log = MarkLog(clock, timed=True)
             self._writer = LogWriter(path, self._tree, log, clock(), time.time(), on_error=sys.exit)
-            self._tree.record(LogOfSeveral([self._log, log]), self._writer.flush)
+            self._tree.observe(StatusLog(LogOfSeveral([self._log, log])), after_round=self._writer.flush)
             status = 'logging'
         if self._writer is not None:
             self._writer.flush()

@@ -18,7 +18,7 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
+from flexbt_core.behavior_tree import Blackboard, NodeStatus, StatusLog, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
 from flexbt_server.groot2 import Groot2Server, MarkLog, WatchedTree
 from flexbt_server.groot2.protocol import RequestType, request_header
@@ -46,7 +46,7 @@ def observed(server: Groot2Server, shown: Tree) -> WatchedTree:
     log = MarkLog(clock)
     watched = server.add(shown, log)
     assert watched is not None
-    shown.record(log, watched.settle)
+    shown.observe(StatusLog(log), after_round=watched.settle)
     return watched
 
 
@@ -198,7 +198,7 @@ class Held:
         watched = server.add(shown, log, self._on_held)
         assert watched is not None
         self.watched = watched
-        shown.record(log, watched.settle)
+        shown.observe(StatusLog(log), after_round=watched.settle)
         ask(server, RequestType.HOOK_INSERT, breakpoint(uid))
         self.result: list[Any] = []
         self.thread = threading.Thread(target=self._tick, args=(shown,))

@@ -144,7 +144,7 @@ class Run:
     def __init__(self, case: Mapping[str, Any], *, observed: bool = True) -> None:
         """Without ``observed`` there are no changes of statuses in the trace, and the tree does not tell them."""
         self._case = case
-        self._observer = self._transition if observed else None
+        self._observers = (self._transition,) if observed else ()
         self._events: list[Event] = []
         self._clock = ManualClock()
 
@@ -161,7 +161,7 @@ class Run:
             main = next(iter(library.documents.values())).main
             if main is None:
                 return {'load_error': 'no main tree', 'steps': []}
-            tree = Tree(library, main, blackboard=board, clock=self._clock, on_transition=self._observer)
+            tree = Tree(library, main, blackboard=board, clock=self._clock, observers=self._observers)
         except BehaviorTreeError as error:
             return {'load_error': str(error), 'steps': []}
         for node, definition in zip(tree.nodes, tree.definitions, strict=True):

@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree import (
     ConversionError,
     NodeExecutionError,
     NodeStatus,
+    StatusLog,
     Tree,
     TreeKey,
     TreeLibrary,
@@ -87,9 +88,16 @@ class MockRun:
         if log is not None:
             marks = MarkLog(lambda: round(self.time * 1e9), timed=True)
             self._log = LogWriter(log, self.tree, marks, 0, time.time(), on_error=_cannot_write)
-            self.tree.record(marks, self._log.flush)
+            self.tree.observe(StatusLog(marks), after_round=self._log.flush)
+        self._kept = self.tree.observers
         if on_transition is not None:
-            self.tree.observe(lambda node, before, after: on_transition(self.time, node, before, after))
+            heard = on_transition
+            after_round = None if self._log is None else self._log.flush
+            self.tree.observe(
+                *self._kept,
+                lambda node, before, after: heard(self.time, node, before, after),
+                after_round=after_round,
+            )
 
     @property
     def time(self) -> float:
@@ -123,7 +131,8 @@ class MockRun:
 
     def close(self) -> None:
         """Halts what runs. Raises UsageError when the log cannot be written."""
-        self.tree.observe(None)
+        after_round = None if self._log is None else self._log.flush
+        self.tree.observe(*self._kept, after_round=after_round)
         with contextlib.suppress(NodeExecutionError):
             self.tree.halt()
         if self._log is not None:

@@ -16,7 +16,7 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
     TreeLoadError,
 )
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
+from flexbt_core.behavior_tree.engine.control import ControlNode
 from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.behavior_tree.model.port_types import STRING, is_fixed
 from flexbt_tools.trees import (

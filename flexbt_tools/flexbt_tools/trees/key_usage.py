@@ -25,7 +25,7 @@ from flexbt_core.behavior_tree import (
     TreeKey,
     TreeLibrary,
 )
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
+from flexbt_core.behavior_tree.engine.control import ControlNode
 from flexbt_core.behavior_tree.model.definition import NO_CONDITIONS
 
 from .keys import KeyUse, uses

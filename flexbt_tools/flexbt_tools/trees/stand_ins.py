@@ -23,7 +23,8 @@ from flexbt_core.behavior_tree import (
     TreeDocument,
     TreeNode,
 )
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, DecoratorNode
+from flexbt_core.behavior_tree.engine.control import ControlNode
+from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
 from flexbt_core.behavior_tree.model import port_types as types
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT

@@ -68,7 +68,7 @@ def ticked(library: TreeLibrary, scripts: dict[str, str]) -> set[int]:
         seen.add(tree.definitions[tree.nodes.index(node)].offset)
 
     clock = ManualClock()
-    tree = Tree(library, 'Main', clock=clock, services=scripts, on_transition=note, max_rounds=20)
+    tree = Tree(library, 'Main', clock=clock, services=scripts, observers=[note], max_rounds=20)
     try:
         for _ in range(TICKS):
             tree.tick_once()

@@ -4,26 +4,26 @@
 The status of an observed node is a property, whose calls take several times as long as the tick of a simple node. So
 for observed nodes the methods of the engine are compiled anew, from their own source, with these stores written out::
 
-    self.status = SUCCESS             self.stored = SUCCESS
+    self.status = SUCCESS             self._stored_status = SUCCESS
                                       self.context.log.append(self.marks[2])
 
-    self.status = status              if self.stored is not status:
-                                          self.stored = status
+    self.status = status              if self._stored_status is not status:
+                                          self._stored_status = status
                                           self.context.log.append(self.marks[status])
 
-    self.child.status = IDLE          self.child.stored = IDLE
-    self.status = SUCCESS             self.stored = SUCCESS
+    self.child.status = IDLE          self.child._stored_status = IDLE
+    self.status = SUCCESS             self._stored_status = SUCCESS
                                       self.context.log.append(self.marks[FIRST_CHILDREN_IDLE + 2])
 
     for child in self.children:       for child in self.children:
-        if child.status is RUNNING:       if child.stored is RUNNING:
-            child.halt()                      self.context.log.append(self.marks[EARLIER_CHILDREN_IDLE])
-        child.status = IDLE                   child.halt()
-                                          child.stored = IDLE
+        if child.status is RUNNING:       if child._stored_status is RUNNING:
+            child.halt_node()                 self.context.log.append(self.marks[EARLIER_CHILDREN_IDLE])
+        child.status = IDLE                   child.halt_node()
+                                          child._stored_status = IDLE
                                       self.context.log.append(self.marks[CHILDREN_IDLE])
 
-``stored`` is the slot below the property. Every other store goes through the property, as all do in a method whose
-source is not to be had, or is not that of its code any more: this saves time, and changes nothing else.
+``_stored_status`` is the slot below the property. Every other store goes through the property, as all do in a method
+whose source is not to be had, or is not that of its code any more: this saves time, and changes nothing else.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
-from flexbt_core.behavior_tree.observers.status_log import CHILDREN_IDLE, EARLIER_CHILDREN_IDLE, FIRST_CHILDREN_IDLE
+
+from .joined_marks import CHILDREN_IDLE, EARLIER_CHILDREN_IDLE, FIRST_CHILDREN_IDLE
 
 _PACKAGE: Final = 'flexbt_core.behavior_tree.'
 
@@ -103,6 +104,7 @@ def _inner_code(code: types.CodeType) -> Iterator[types.CodeType]:
             yield from _inner_code(inner)
 
 
+_SLOT: Final = '_stored_status'
 _JOINED: Final = 'status_after_that_of_child'
 _FIRST_PLACES: Final = {'status': 0, _JOINED: FIRST_CHILDREN_IDLE}
 
@@ -117,7 +119,7 @@ class _Inliner(ast.NodeTransformer):
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         self.generic_visit(node)
         if node.attr == 'status' and isinstance(node.ctx, ast.Load):
-            node.attr = 'stored'
+            node.attr = _SLOT
         return node
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST | list[ast.stmt]:
@@ -133,14 +135,16 @@ class _Inliner(ast.NodeTransformer):
                 target=ast.Name(child),
                 iter=ast.Attribute(ast.Name('self'), 'children'),
                 body=[
-                    ast.If(body=[ast.Expr(ast.Call(ast.Attribute(ast.Name(halted), 'halt')))], orelse=[]) as halting,
+                    ast.If(
+                        body=[ast.Expr(ast.Call(ast.Attribute(ast.Name(halted), 'halt_node')))], orelse=[]
+                    ) as halting,
                     ast.Assign([ast.Attribute(ast.Name(reset), 'status') as target], ast.Name('IDLE')),
                 ],
                 orelse=[],
             ) if child == halted == reset:
                 self.generic_visit(halting)
                 halting.body[:0] = _statements(halting, _append('self', EARLIER_CHILDREN_IDLE))
-                target.attr = 'stored'
+                target.attr = _SLOT
                 return [node, *_statements(node, _append('self', CHILDREN_IDLE))]
         return self.generic_visit(node)
 
@@ -153,7 +157,7 @@ def _join_stores(block: list[ast.stmt]) -> None:
                 ast.Assign([ast.Attribute(ast.Attribute(ast.Name('self'), 'child'), 'status') as of_child], idle),
                 ast.Assign([ast.Attribute(ast.Name('self'), 'status') as own], ast.Name()),
             ) if ast.unparse(idle) == 'IDLE':
-                of_child.attr = 'stored'
+                of_child.attr = _SLOT
                 own.attr = _JOINED
 
 
@@ -161,7 +165,7 @@ def _store(owner: str, value: ast.expr, first: int) -> list[str]:
     """The lines that store a status and log it; ``first`` is added to the place of the mark."""
     status = ast.unparse(value)
     if status in _NEW:
-        return [f'{owner}.stored = {status}', _append(owner, first + _NEW[status])]
+        return [f'{owner}.{_SLOT} = {status}', _append(owner, first + _NEW[status])]
     lines = []
     if not isinstance(value, ast.Name):
         lines.append(f'_status = {status}')
@@ -169,10 +173,10 @@ def _store(owner: str, value: ast.expr, first: int) -> list[str]:
     # As an index a number is far quicker than a NodeStatus.
     other = f'{first + FAILURE} if {status} is FAILURE else {first} + {status}'
     place = str(RUNNING.value) if status == 'RUNNING' else f'{first + SUCCESS} if {status} is SUCCESS else {other}'
-    store, append = f'{owner}.stored = {status}', _append(owner, place)
+    store, append = f'{owner}.{_SLOT} = {status}', _append(owner, place)
     if first:
         return [store, append]
-    return [*lines, f'if {owner}.stored is not {status}:', f'    {store}', f'    {append}']
+    return [*lines, f'if {owner}.{_SLOT} is not {status}:', f'    {store}', f'    {append}']
 
 
 def _append(owner: str, place: int | str) -> str:

@@ -58,14 +58,14 @@ def specialize_gate(
     pre-conditions.
 
     Each condition is a script, and whether it decides by being true, or by being false. ``conditions.decide(place)`` is
-    called for the first that does, ``execute()`` when none does; ``conditions.decided`` is None then, if it is
+    called for the first that does, ``execute()`` when none does; ``node.decided_by`` is None then, if it is
     ``forgetful``. The last condition is asked while the node is RUNNING as well when it is ``ongoing``. Raises
     NotSpecializable.
     """
     gate = ['status = node.status', 'if status is IDLE or status is SKIPPED:']
     gate += _indented(_decision(conditions, 0, variables, enums))
     if forgetful:
-        gate.append('    conditions.decided = None')
+        gate.append('    node.decided_by = None')
     if ongoing:
         gate.append('elif status is RUNNING:')
         gate += _indented(_decision(conditions[-1:], len(conditions) - 1, variables, enums))

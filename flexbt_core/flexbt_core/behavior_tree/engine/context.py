@@ -6,20 +6,25 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
+from flexbt_core.behavior_tree.model.definition import Scripts
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock import Clock
 
-if TYPE_CHECKING:
-    from flexbt_core.behavior_tree.model.definition import Scripts
-    from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-    from flexbt_core.behavior_tree.model.status import NodeStatus
-    from flexbt_core.behavior_tree.observers.hooks import TickHooks
-    from flexbt_core.behavior_tree.observers.status_log import Log
+Tick = Callable[[], NodeStatus]
+"""What ticks a node: gives the status that the tick gives, after it was stored."""
 
-    from .node import TreeNode
 
-TransitionObserver = Callable[['TreeNode', 'NodeStatus', 'NodeStatus'], None]
+class CallbackWrapping(Protocol):
+    """Puts callbacks around the ticks of nodes."""
+
+    def before(self, node: Any, tick: Tick) -> Tick:
+        """``tick`` of the node with its pre-tick callback."""
+
+    def after(self, node: Any, tick: Tick) -> Tick:
+        """``tick`` of the node with its post-tick callback."""
 
 
 class UnfinishedWork:
@@ -42,9 +47,10 @@ class TreeContext:
 
     ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
-    work that needs ticks. ``exchanged`` are nodes that have another ``execute`` now, which their parents may fetch.
-    ``hooks`` are the hooks of the nodes, while there are any.
-    ``log`` is where changes of statuses are written, while the tree is watched.
+    work that needs ticks. ``rewrapped`` are nodes for which their parents have to fetch another tick function.
+    ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
+    ``observers`` are called for every change of the status of a node, with node, status before, and status after.
+    ``log`` is for what is installed as acceleration.
     """
 
     def __init__(self, clock: Clock, services: Any, scripts: Scripts) -> None:
@@ -53,13 +59,14 @@ class TreeContext:
         self.scripts = scripts
         self.woken = False
         self.on_wake: Callable[[], None] | None = None
-        self.log: Log | None = None
-        self.deadlines: dict[TreeNode, float] = {}
+        self.observers: tuple[Callable[[Any, NodeStatus, NodeStatus], None], ...] = ()
+        self.log: Any = None
+        self.deadlines: dict[object, float] = {}
         # No deadline is earlier.
         self.earliest = math.inf
         self.halt_errors: list[NodeExecutionError] = []
-        self.exchanged: list[TreeNode] = []
-        self.hooks: TickHooks | None = None
+        self.rewrapped: list[object] = []
+        self.callbacks: CallbackWrapping | None = None
         self.advancing = False
         self._unfinished: list[UnfinishedWork] = []
         self._lock = threading.Lock()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The base of all nodes: identity, status, wake-ups, ports, errors.
 
-A parent ticks a child through a callable that it fetched once, when the tree was built (``entry_point`` of
-``inner_nodes``). That callable runs the node and *stores the status itself*; there is no layer around it that a node
-which needs none of it would have to pay for. The rules that every ``execute`` keeps:
+A parent ticks a child through a callable that it fetched once, when the tree was built (``ticking.tick_function``).
+For most nodes that is :meth:`TreeNode.execute` itself, which *stores the status*; only what a node has of conditions
+and callbacks is wrapped around it. The rules that every ``execute`` keeps:
 
 * it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
-* of the statuses of children it keeps what ``inner_nodes`` says.
+* of the statuses of children it keeps what ``control`` and ``decorator`` say.
 """
 
 from __future__ import annotations
@@ -15,21 +15,19 @@ import reprlib
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Blackboard, Entry
 from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError, NodeExecutionError, PortError
 from flexbt_core.behavior_tree.model.port_types import cast
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue
-from flexbt_core.behavior_tree.model.status import IDLE, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, SUCCESS, NodeKind, NodeStatus
 from flexbt_core.clock import Clock
 
-from .context import TreeContext
+from .context import Tick, TreeContext
 
-if TYPE_CHECKING:
-    from .pre_conditions import Conditions
-
-Execute = Callable[[], NodeStatus]
+StatusObserver = Callable[['TreeNode', NodeStatus, NodeStatus], None]
+"""Hears of a change of a status: the node, the status before, and the one after. On the ticking thread, at once."""
 
 NO_PORTS: Mapping[str, Port] = {}
 NOTHING_READ: dict[str, Any] = {}
@@ -48,41 +46,56 @@ class NodeConfig(NamedTuple):
     values: Mapping[str, PortValue]
 
 
+class NodeConditions(Protocol):
+    """The pre- and post-conditions of a node."""
+
+    def around(self, tick: Tick) -> Tick:
+        """``tick`` with the conditions around it."""
+
+    def complete(self, status: NodeStatus) -> None:
+        """The node is about to store this result."""
+
+    def halted(self) -> None:
+        """The node was halted."""
+
+
 class TreeNode(ABC):
-    """A node of a running tree. Derive from the bases in ``leaves``, or from Decorator or Control.
+    """A node of a running tree. Derive from the bases in ``leaf``, or from Decorator or Control.
 
     ``ports`` declares the ports of the class. A class that needs room for the state of a run makes it in ``__init__``
     (which takes the NodeConfig and hands it on).
     """
 
     __slots__ = (
-        '_conditions',
         '_entries',
         '_scope',
+        '_stored_status',
         '_values',
         'blackboard',
+        'conditions',
         'context',
+        'decided_by',
         'id',
         'marks',
         'name',
-        'status',
         'uid',
     )
 
     ports: ClassVar[Mapping[str, Port]] = NO_PORTS
     kind: ClassVar[NodeKind]
-    running_first: ClassVar[bool | None] = False
-    """Whether a tick that completes the node has stored RUNNING before: always, never, or None when it depends."""
 
+    conditions: NodeConditions | None
+    """The pre- and post-conditions, if it has any."""
+    decided_by: object
+    """What has decided the last result in the place of a tick, as text says it: a pre-condition, or a callback. None:
+    the tick itself."""
     marks: tuple[int, ...]
-    """What is logged for each status, see ``transition_log``; only of observed nodes."""
-
-    _conditions: Conditions
-    bare_execute: Execute
-    """Only of nodes that have pre- or post-conditions: those, and ``execute`` without them."""
+    """For what is installed as acceleration."""
 
     def __init__(self, config: NodeConfig) -> None:
-        self.status: NodeStatus = IDLE
+        self._stored_status: NodeStatus = IDLE
+        self.conditions = None
+        self.decided_by = None
         self.id = config.id
         self.name = config.name
         self.uid = config.uid
@@ -94,6 +107,26 @@ class TreeNode(ABC):
 
     def __repr__(self) -> str:
         return f'<{self.id} [{self.path}] {self.status.name}>'
+
+    @property
+    def status(self) -> NodeStatus:
+        """What the node remembers of its last tick. To store a result runs the post-conditions first."""
+        return self._stored_status
+
+    @status.setter
+    def status(self, status: NodeStatus) -> None:
+        conditions = self.conditions
+        if conditions is not None and (status is SUCCESS or status is FAILURE):
+            conditions.complete(status)
+        self.store_status(status)
+
+    def store_status(self, status: NodeStatus) -> None:
+        """Stores a status and tells the observers, if it is another one than before."""
+        before = self._stored_status
+        if status is not before:
+            self._stored_status = status
+            for observer in self.context.observers:
+                observer(self, before, status)
 
     @property
     def path(self) -> str:
@@ -121,6 +154,12 @@ class TreeNode(ABC):
     def halt(self) -> None:
         """Stops what the node is doing, and sets it to IDLE. Must be harmless on a node that does nothing."""
         self.status = IDLE
+
+    def halt_node(self) -> None:
+        """What halts a node from outside: :meth:`halt`, and the script that runs after it, as haltNode() there."""
+        self.halt()
+        if self.conditions is not None:
+            self.conditions.halted()
 
     def failure_cause(self) -> TreeNode | None:
         """The child because of which this node failed just now; None when it failed by itself."""

@@ -15,7 +15,8 @@ from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, pointer_key
 from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.behavior_tree.script.compiled_script import ScriptLibrary
 
-from .control_decorator import ControlNode, DecoratorNode
+from .control import ControlNode
+from .decorator import DecoratorNode
 from .leaf import LeafNode
 from .node import TreeNode
 

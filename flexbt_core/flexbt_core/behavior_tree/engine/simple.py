@@ -20,9 +20,8 @@ from typing import Any
 
 from flexbt_core.behavior_tree.model.ports import Port
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
-from flexbt_core.behavior_tree.observers.status_observer import set_and_tell
 
-from .control_decorator import Decorator
+from .decorator import Decorator
 from .leaf import Condition, SyncAction
 from .node import NO_PORTS
 
@@ -40,8 +39,6 @@ class SimpleAction(SyncAction):
 
     __slots__ = ()
 
-    running_first = None
-
     @abstractmethod
     def call(self) -> NodeStatus:
         """Does the work."""
@@ -50,7 +47,7 @@ class SimpleAction(SyncAction):
         if self.status is IDLE:
             self.status = RUNNING
         status = self.checked(self.call())
-        set_and_tell(self, status)
+        self.store_status(status)
         return status
 
 

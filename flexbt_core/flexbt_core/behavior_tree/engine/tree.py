@@ -5,24 +5,25 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeDefinition
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError
 from flexbt_core.behavior_tree.model.failure_trace import Reasons, failure_of, trace_of
 from flexbt_core.behavior_tree.model.library import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
-from flexbt_core.behavior_tree.observers.hooks import TickHooks
-from flexbt_core.behavior_tree.observers.status_log import Log
-from flexbt_core.behavior_tree.observers.status_observer import watch
 from flexbt_core.clock import Clock, SteadyClock
 
 from .call_stack import with_room
-from .context import TransitionObserver, TreeContext
-from .control_decorator import ControlNode, DecoratorNode, entry_point
-from .node import Execute, TreeNode
+from .context import Tick, TreeContext
+from .control import ControlNode
+from .decorator import DecoratorNode
+from .node import StatusObserver, TreeNode
+from .tick_callbacks import TickCallbacks
+from .ticking import tick_function
 from .tree_builder import Substitute, SubTreeInstance, instantiate
 
 _logger = logging.getLogger(__name__)
@@ -31,9 +32,8 @@ _logger = logging.getLogger(__name__)
 class Tree:
     """A tree that can be ticked. One thread at a time may tick or halt it; ``wake`` may be called from any.
 
-    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``on_transition(node,
-    before, after)`` hears every change of a status, in order and at once, on the ticking thread; ``log`` and
-    ``after_round`` are those of :meth:`record`. ``on_wake()`` is called, from any thread, when a leaf asks for a tick,
+    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``observers`` and
+    ``after_round`` are those of :meth:`observe`. ``on_wake()`` is called, from any thread, when a leaf asks for a tick,
     and when unfinished work ends. ``substitute(definition, path)`` may give another definition for a node, such as a
     leaf that stands for it in a test.
     """
@@ -47,8 +47,7 @@ class Tree:
         blackboard: Blackboard | None = None,
         clock: Clock | None = None,
         services: Any = None,
-        on_transition: TransitionObserver | None = None,
-        log: Log | None = None,
+        observers: Sequence[StatusObserver] = (),
         after_round: Callable[[], None] | None = None,
         on_wake: Callable[[], None] | None = None,
         max_rounds: int = 10_000,
@@ -65,24 +64,21 @@ class Tree:
         self.context = TreeContext(
             clock if clock is not None else SteadyClock(), services, library.documents[key.file].scripts
         )
-        self.context.log = log
+        self.context.observers = tuple(observers)
         instance = instantiate(library, key, self.blackboard, self.context, substitute)
         self.nodes: tuple[TreeNode, ...] = instance.nodes
         self.definitions: tuple[NodeDefinition, ...] = instance.definitions
         self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
-        self.hooks = TickHooks(self.context, self.nodes)
+        acceleration().fit(self.nodes)
+        self.callbacks = TickCallbacks(self.context, self.nodes)
         self.root = self.nodes[0]
         self._depth = instance.depth
-        self._on_transition = on_transition
-        self._log = log
         self._after_round = after_round
         self._entry = self._fetch_entry()
         self._max_rounds = max_rounds
         self._failure: Reasons | None = None
         self._status = IDLE
         self.context.on_wake = on_wake
-        if on_transition is not None or log is not None:
-            watch(self.nodes, log, on_transition)
 
     # -- ticking -----------------------------------------------------------------------------------------------------
 
@@ -129,7 +125,7 @@ class Tree:
                 self.context.earliest = min(deadlines.values(), default=math.inf)
         if self.context.advancing:
             self.context.advance_unfinished()
-        if self.context.exchanged:
+        if self.context.rewrapped:
             self._fetch_ticks()
         try:
             status = self._entry()
@@ -143,20 +139,20 @@ class Tree:
         return status
 
     def _fetch_ticks(self) -> None:
-        """Has the parents of nodes fetch their callables anew, which were exchanged for faster ones."""
-        count = len(self.context.exchanged)  # other threads add to them when they set hooks
-        exchanged = set(self.context.exchanged[:count])
-        del self.context.exchanged[:count]
+        """Has the parents of nodes fetch the callables anew by which they tick them."""
+        count = len(self.context.rewrapped)  # other threads add to them when they set callbacks
+        rewrapped = set(self.context.rewrapped[:count])
+        del self.context.rewrapped[:count]
         for node in self.nodes:
-            if isinstance(node, ControlNode | DecoratorNode) and not exchanged.isdisjoint(node.attached):
+            if isinstance(node, ControlNode | DecoratorNode) and not rewrapped.isdisjoint(node.attached):
                 node.fetch_ticks()
-        if self.root in exchanged:
+        if self.root in rewrapped:
             self._entry = self._fetch_entry()
 
-    def _fetch_entry(self) -> Execute:
-        # A node with hooks has two more calls.
-        depth = self._depth if self.context.hooks is None else 2 * self._depth
-        entry = with_room(entry_point(self.root), depth)
+    def _fetch_entry(self) -> Tick:
+        # A node with callbacks has two more calls.
+        depth = 2 * self._depth if self.context.callbacks is not None else self._depth
+        entry = with_room(tick_function(self.root), depth)
         after = self._after_round
         if after is None:
             return entry
@@ -187,7 +183,7 @@ class Tree:
         # from one activation to the next, and scripts of _onHalted run for all, as in BehaviorTree.CPP.
         for node in (self.root, *self.nodes):
             try:
-                node.halt()
+                node.halt_node()
             except NodeExecutionError as error:
                 self.context.halt_errors.append(error)
         # A script of _onHalted that fails keeps the nodes above it from finishing their halt.
@@ -261,7 +257,7 @@ class Tree:
         """Why the last tick gave FAILURE, if it did. The nodes know until the next tick; nothing is put together before
         somebody asks."""
         if self._status is FAILURE and self._failure is None:
-            self._failure = failure_of(self.root, self.hooks.replaced)
+            self._failure = failure_of(self.root)
         return self._failure if self._status is FAILURE else None
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
@@ -269,17 +265,19 @@ class Tree:
         leaves = (NodeKind.ACTION, NodeKind.CONDITION)
         return [node.path for node in self.nodes if node.status is RUNNING and (not leaves_only or node.kind in leaves)]
 
-    def observe(self, on_transition: TransitionObserver | None) -> None:
-        """Tells every change of a status at once, from now on; None ends it. Not while another thread ticks."""
-        self._on_transition = on_transition
-        watch(self.nodes, self._log, on_transition)
+    @property
+    def observers(self) -> tuple[StatusObserver, ...]:
+        """Who hears of changes of statuses, see :meth:`observe`."""
+        return self.context.observers
 
-    def record(self, log: Log | None, after_round: Callable[[], None] | None = None) -> None:
-        """Writes every change of a status to ``log`` from now on, which costs far less than :meth:`observe`.
+    def observe(self, *observers: StatusObserver, after_round: Callable[[], None] | None = None) -> None:
+        """Tells every change of a status to these observers from now on, in order and at once, on the ticking thread,
+        and to no others; none: to nobody.
 
-        A LogReader says what it means. ``after_round()`` is called after each round of a tick, on its thread, also when
-        that raises. None ends it. Not while another thread ticks the tree.
+        ``after_round()`` is called after each round of a tick, on its thread, also when that raises. Not while another
+        thread ticks the tree.
         """
-        self._log = log
+        self.context.observers = observers
         self._after_round = after_round
-        watch(self.nodes, log, self._on_transition)
+        acceleration().fit(self.nodes)
+        self.context.rewrapped += self.nodes

@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition
 from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
 from flexbt_core.behavior_tree.model.library import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.port_types import STRING, is_fixed
 from flexbt_core.behavior_tree.model.ports import PortValue, pointer_key
-from flexbt_core.behavior_tree.observers.status_observer import make_observed
 
+from .conditions import Conditions
 from .context import TreeContext
-from .control_decorator import ControlNode, DecoratorNode
+from .control import ControlNode
+from .decorator import DecoratorNode
 from .node import NodeConfig, TreeNode, node_path
-from .pre_conditions import add_conditions
 
 Substitute = Callable[[NodeDefinition, str], NodeDefinition]
 """Says what is made in the place of a node, from its definition and its path: that definition, or another one."""
@@ -113,19 +114,19 @@ class _Builder:
             definition.values,
         )
         try:
-            if self._context.log is None or definition.conditions:
-                node = manifest.node_class(config)
-            else:
-                node = make_observed(manifest.node_class, config)
+            node_class: type[TreeNode] = manifest.node_class
+            if not definition.conditions:
+                node_class = acceleration().node_class(node_class, self._context.observers)
+            node = node_class(config)
+            if definition.conditions:
+                node.conditions = acceleration().class_of(Conditions)(node, definition.conditions)
+                acceleration().fit([node])
         except PortError as error:
             self._errors.append(scope.tree.error(definition, f'port [{error.port}]: {error.reason}', error.port))
             return
         except ScriptError as error:
             self._errors.append(scope.tree.error(definition, str(error)))
             return
-        if definition.conditions:
-            compiled: Any = definition.conditions
-            add_conditions(node, compiled)
         self._nodes.append(node)
         self._definitions.append(definition)
         siblings.append(node)

@@ -7,7 +7,7 @@ that, until it is ticked again; the chain is put together when somebody asks.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 MOST_LINES: Final = 100
@@ -28,6 +28,10 @@ class TracedNode(Protocol):
     @property
     def attached(self) -> Sequence[Any]:
         """The children, which are such nodes, too."""
+
+    @property
+    def decided_by(self) -> object:
+        """What has decided the last result in the place of a tick, as text says it; None: the tick itself."""
 
     def failure_cause(self) -> Any:
         """The child because of which the node failed just now; None when it failed by itself."""
@@ -77,13 +81,13 @@ class Reasons(NamedTuple):
         return [*map(str, steps[:head]), between, *map(str, steps[len(steps) - tail :])]
 
 
-def failure_of(root: TracedNode, replaced: Container[TracedNode]) -> Reasons:
-    """Why ``root`` has failed in its last tick. Hooks have given the result of the nodes that are ``replaced``."""
+def failure_of(root: TracedNode) -> Reasons:
+    """Why ``root`` has failed in its last tick."""
     steps: list[Reason] = []
     node: TracedNode | None = root
     while node is not None:
-        if node in replaced:
-            steps.append(Reason(node.path, 'a hook has given FAILURE'))
+        if node.decided_by is not None:
+            steps.append(Reason(node.path, f'{node.id}: {node.decided_by}'))
             break
         steps.append(Reason(node.path, node.failure_reason()))
         node = node.failure_cause()

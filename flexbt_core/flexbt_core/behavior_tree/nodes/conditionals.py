@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, halt_child
+from flexbt_core.behavior_tree.engine.control import ControlNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.ticking import halt_child
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
@@ -72,7 +73,7 @@ class IfThenElse(_Conditional):
         # As reset_children does; a call would be much of the time that this takes.
         for child in self.children:
             if child.status is RUNNING:
-                child.halt()
+                child.halt_node()
             child.status = IDLE
         if status is not SKIPPED:
             self._failed = chosen
@@ -120,7 +121,7 @@ class WhileDoElse(_Conditional):
         # As reset_children does; a call would be much of the time that this takes.
         for child in self.children:
             if child.status is RUNNING:
-                child.halt()
+                child.halt_node()
             child.status = IDLE
         if status is not SKIPPED:
             self._failed = chosen

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode, halt_child
+from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.ticking import halt_child
 from flexbt_core.behavior_tree.model.blackboard import MISSING
 from flexbt_core.behavior_tree.model.errors import PortError
 from flexbt_core.behavior_tree.model.port_types import BOOL, INT
@@ -234,7 +235,6 @@ class RunOnce(DecoratorNode):
 
     __slots__ = ('_result', '_skip')
 
-    running_first = None
     ports = {
         'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
     }

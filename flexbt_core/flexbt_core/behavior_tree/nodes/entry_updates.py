@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode
+from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.blackboard import MISSING
@@ -27,7 +27,7 @@ def _key(config: NodeConfig) -> str:
     return given.text if given.key is None else given.key
 
 
-def _updated(node: _UpdateDecorator | WasEntryUpdated) -> bool:
+def _updated(node: UpdateDecorator | WasEntryUpdated) -> bool:
     """Whether the entry was written since the node has last seen so. One that is missing was not."""
     entry = node._entry
     if not entry.present:
@@ -39,12 +39,11 @@ def _updated(node: _UpdateDecorator | WasEntryUpdated) -> bool:
     return True
 
 
-class _UpdateDecorator(DecoratorNode):
+class UpdateDecorator(DecoratorNode):
     """Ticks the child when the entry was written since the last time, and then until the child is no longer RUNNING."""
 
     __slots__ = ('_child_running', '_entry', '_key', '_seen')
 
-    running_first = None
     ports = _PORTS
 
     def __init__(self, config: NodeConfig) -> None:
@@ -69,7 +68,7 @@ class _UpdateDecorator(DecoratorNode):
         super().halt()
 
 
-class SkipUnlessUpdated(_UpdateDecorator):
+class SkipUnlessUpdated(UpdateDecorator):
     """Runs the child when ``entry`` was written since the last time; SKIPPED otherwise. A halt does not undo that."""
 
     __slots__ = ()
@@ -81,7 +80,7 @@ class SkipUnlessUpdated(_UpdateDecorator):
         return self._run()
 
 
-class WaitValueUpdate(_UpdateDecorator):
+class WaitValueUpdate(UpdateDecorator):
     """Waits, RUNNING, until ``entry`` is written, and then runs the child. A halt does not undo what was seen.
 
     The write itself asks for no wake-up: what makes it, a leaf of the tree or its host, has to tick the tree.

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, ClassVar, Final
 
-from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode
+from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.model.blackboard import MISSING, Entry
 from flexbt_core.behavior_tree.model.errors import ConversionError
@@ -49,7 +49,6 @@ class Loop(DecoratorNode):
 
     __slots__ = ('_child_failed', '_child_running', '_constant', '_python_type', '_queue', '_rest', '_target')
 
-    running_first = None
     element: ClassVar[PortType]
     queue: ClassVar[PortType]
     """How a queue is written as text."""

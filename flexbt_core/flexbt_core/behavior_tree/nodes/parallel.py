@@ -7,8 +7,9 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from operator import length_hint
 
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode
-from flexbt_core.behavior_tree.engine.node import Execute, NodeConfig
+from flexbt_core.behavior_tree.engine.context import Tick
+from flexbt_core.behavior_tree.engine.control import ControlNode
+from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.port_types import INT
 from flexbt_core.behavior_tree.model.ports import input_port
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
@@ -40,7 +41,7 @@ class _ParallelControl(ControlNode):
     def _strike_out(self) -> None:
         """Makes the row of ticks, without the children that have completed."""
         pairs = zip(self._ticks, self.children, strict=True)
-        self._row: Sequence[Execute] = [
+        self._row: Sequence[Tick] = [
             _completed if child.status is SUCCESS or child.status is FAILURE else tick for tick, child in pairs
         ]
 
@@ -73,7 +74,7 @@ class _ParallelControl(ControlNode):
         self._row = self._ticks
         for child in self.children:
             if child.status is RUNNING:
-                child.halt()
+                child.halt_node()
             child.status = IDLE
         self.status = status
         return status

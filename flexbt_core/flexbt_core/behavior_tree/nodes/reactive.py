@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from operator import length_hint
 
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, halt_child
+from flexbt_core.behavior_tree.engine.control import ControlNode
+from flexbt_core.behavior_tree.engine.ticking import halt_child
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 

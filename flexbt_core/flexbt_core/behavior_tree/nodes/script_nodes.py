@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode
+from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.model.errors import ScriptError
@@ -110,7 +110,6 @@ class Precondition(DecoratorNode):
 
     __slots__ = ('_blocked', '_holds', '_script')
 
-    running_first = False
     ports = {
         'if': input_port(STRING, literal=CONDITION, description='the script'),
         'else': input_port(NODE_STATUS, default='FAILURE', description='result when the script is false'),

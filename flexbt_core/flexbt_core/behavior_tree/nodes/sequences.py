@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from operator import length_hint
 
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, halt_child
+from flexbt_core.behavior_tree.engine.control import ControlNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.ticking import halt_child
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
@@ -74,7 +75,7 @@ class Sequence(_OrderedControl):
             # As reset_children does; a call would be much of the time that a short sequence takes.
             for child in self.children:
                 if child.status is RUNNING:
-                    child.halt()
+                    child.halt_node()
                 child.status = IDLE
             self._index = 0
             self.status = SUCCESS
@@ -121,7 +122,7 @@ class Fallback(_OrderedControl):
                 return self._finish(FAILURE)
             for child in self.children:
                 if child.status is RUNNING:
-                    child.halt()
+                    child.halt_node()
                 child.status = IDLE
             self._index = 0
             self.status = FAILURE
@@ -173,7 +174,7 @@ class _YieldingControl(_OrderedControl):
         # As reset_children does.
         for child in self.children:
             if child.status is RUNNING:
-                child.halt()
+                child.halt_node()
             child.status = IDLE
         self._index = 0
         self.status = passing

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from flexbt_core.behavior_tree.engine.control_decorator import ControlNode, halt_child
+from flexbt_core.behavior_tree.engine.control import ControlNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.ticking import halt_child
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Entry
 from flexbt_core.behavior_tree.model.errors import ConversionError, PortError
 from flexbt_core.behavior_tree.model.port_types import STRING, cast, number_from_text
@@ -16,7 +17,7 @@ from flexbt_core.behavior_tree.model.status import RUNNING, SKIPPED, NodeStatus
 from flexbt_core.behavior_tree.script.values import SAME_NUMBER
 
 
-class _Switch(ControlNode):
+class Switch(ControlNode):
     """Ticks the child of the first case that equals ``variable``, or the last child, the default, when none does.
 
     Two texts are equal when they are the same, or are, as a whole, the same decimal number; the name of an enum
@@ -28,7 +29,6 @@ class _Switch(ControlNode):
 
     __slots__ = ('_choice', '_constant', '_incomplete', '_running', '_text', '_variable')
 
-    running_first = False
     cases: ClassVar[tuple[str, ...]]
     """The ports of the cases."""
 
@@ -127,21 +127,21 @@ class _Switch(ControlNode):
         super().halt()
 
 
-class Switch2(_Switch, count=2):
+class Switch2(Switch, count=2):
     __slots__ = ()
 
 
-class Switch3(_Switch, count=3):
+class Switch3(Switch, count=3):
     __slots__ = ()
 
 
-class Switch4(_Switch, count=4):
+class Switch4(Switch, count=4):
     __slots__ = ()
 
 
-class Switch5(_Switch, count=5):
+class Switch5(Switch, count=5):
     __slots__ = ()
 
 
-class Switch6(_Switch, count=6):
+class Switch6(Switch, count=6):
     __slots__ = ()

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import math
 
-from flexbt_core.behavior_tree.engine.control_decorator import DecoratorNode, halt_child
+from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
 from flexbt_core.behavior_tree.engine.leaf import StatefulAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.ticking import halt_child
 from flexbt_core.behavior_tree.model.blackboard import MISSING
 from flexbt_core.behavior_tree.model.port_types import UNSIGNED
 from flexbt_core.behavior_tree.model.ports import input_port
@@ -79,7 +80,6 @@ class Delay(DecoratorNode):
 
     __slots__ = ('_begun', '_delay')
 
-    running_first = False
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
 
     def __init__(self, config: NodeConfig) -> None:

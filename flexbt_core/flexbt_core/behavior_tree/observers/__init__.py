@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who watches the ticks of a tree."""
+"""What watches the ticks of a tree, and what Groot2 and the status stream stand on."""

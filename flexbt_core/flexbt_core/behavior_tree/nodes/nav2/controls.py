@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flexbt_core.behavior_tree.engine.control_decorator import Control
+from flexbt_core.behavior_tree.engine.control import Control
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.model.port_types import BOOL, INT
 from flexbt_core.behavior_tree.model.ports import input_port

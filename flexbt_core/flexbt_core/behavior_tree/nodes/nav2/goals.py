@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.engine.control_decorator import Decorator
+from flexbt_core.behavior_tree.engine.decorator import Decorator
 from flexbt_core.behavior_tree.engine.leaf import Condition
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.model.ports import Port, input_port

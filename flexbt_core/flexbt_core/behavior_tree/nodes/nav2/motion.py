@@ -7,7 +7,7 @@ import math
 from abc import abstractmethod
 from typing import Any
 
-from flexbt_core.behavior_tree.engine.control_decorator import Decorator
+from flexbt_core.behavior_tree.engine.decorator import Decorator
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.port_types import DOUBLE, STRING
 from flexbt_core.behavior_tree.model.ports import input_port

@@ -7,7 +7,7 @@ import threading
 from enum import Enum
 from typing import Final
 
-from flexbt_core.behavior_tree.engine.control_decorator import Control
+from flexbt_core.behavior_tree.engine.control import Control
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.port_types import STRING
 from flexbt_core.behavior_tree.model.ports import input_port

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Final, Literal, get_args
 
-from flexbt_core.behavior_tree.engine.control_decorator import Decorator
+from flexbt_core.behavior_tree.engine.decorator import Decorator
 from flexbt_core.behavior_tree.engine.leaf import Condition
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry

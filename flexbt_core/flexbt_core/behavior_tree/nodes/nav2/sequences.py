@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from flexbt_core.behavior_tree.engine.control_decorator import Control
+from flexbt_core.behavior_tree.engine.control import Control
 from flexbt_core.behavior_tree.model.port_types import INT
 from flexbt_core.behavior_tree.model.ports import inout_port
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus

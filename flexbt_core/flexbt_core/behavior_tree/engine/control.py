@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes that have children: decorators and controls, and the bases of those of one's own.
+"""Nodes with several children, and the base of those of one's own.
 
-A decorator sets its child back to IDLE as soon as that has completed; a control keeps the statuses of its completed
-children until it completes itself.
+A control keeps the statuses of its completed children until it completes itself.
 """
 
 from __future__ import annotations
@@ -12,59 +11,11 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, NodeKind, NodeStatus
 
-from .node import Execute, NodeConfig, TreeNode
-
-
-def entry_point(node: TreeNode) -> Execute:
-    """The callable by which a parent, or the tree, ticks ``node``. It stays valid when there is a faster one."""
-    hooks = node.context.hooks
-    return node.execute if hooks is None else hooks.around(node, node.execute)
-
-
-def halt_child(child: TreeNode) -> None:
-    """Halts the child when it is RUNNING, and sets it to IDLE in any case."""
-    status = child.status
-    if status is not IDLE:
-        if status is RUNNING:
-            child.halt()
-        child.status = IDLE
-
-
-class DecoratorNode(TreeNode):
-    """A node with one child. The nodes of the engine derive from it; others from :class:`Decorator`."""
-
-    __slots__ = ('_tick', 'child')
-
-    kind = NodeKind.DECORATOR
-    running_first: ClassVar[bool | None] = True
-
-    child: TreeNode
-    _tick: Execute
-
-    def attach(self, children: Sequence[TreeNode]) -> None:
-        """Takes the child, while the tree is being built."""
-        (self.child,) = children
-        self.fetch_ticks()
-
-    @property
-    def attached(self) -> tuple[TreeNode, ...]:
-        return (self.child,)
-
-    def fetch_ticks(self) -> None:
-        """Fetches the callable by which the child is ticked, which may have been exchanged."""
-        self._tick = entry_point(self.child)
-
-    def halt(self) -> None:
-        halt_child(self.child)
-        self.status = IDLE
-
-    def failure_cause(self) -> TreeNode | None:
-        return self.child
-
-    def failure_reason(self) -> str:
-        return super().failure_reason() if self.failure_cause() is None else f'{self.id}: the child failed'
+from .context import Tick
+from .node import NodeConfig, TreeNode
+from .ticking import halt_child, tick_function
 
 
 class ControlNode(TreeNode):
@@ -73,7 +24,6 @@ class ControlNode(TreeNode):
     __slots__ = ('_failed', '_ticks', 'children')
 
     kind = NodeKind.CONTROL
-    running_first: ClassVar[bool | None] = True
     children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
     """Least and greatest number of children."""
     tickable_with: ClassVar[tuple[int, int] | None] = None
@@ -84,7 +34,7 @@ class ControlNode(TreeNode):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self.children: tuple[TreeNode, ...] = ()
-        self._ticks: tuple[Execute, ...] = ()
+        self._ticks: tuple[Tick, ...] = ()
         self._failed: int | None = None
 
     def attach(self, children: Sequence[TreeNode]) -> None:
@@ -109,13 +59,13 @@ class ControlNode(TreeNode):
 
     def fetch_ticks(self) -> None:
         """Fetches the callables by which the children are ticked; some of them may have been exchanged."""
-        self._ticks = tuple(entry_point(child) for child in self.children)
+        self._ticks = tuple(tick_function(child) for child in self.children)
 
     def reset_children(self) -> None:
         """Halts the children that are RUNNING, and sets all to IDLE, in their order."""
         for child in self.children:
             if child.status is RUNNING:
-                child.halt()
+                child.halt_node()
             child.status = IDLE
 
     def halt_children_except(self, index: int) -> None:
@@ -145,66 +95,10 @@ class ControlNode(TreeNode):
         return failed[-1] if failed else None
 
 
-class Decorator(DecoratorNode):
-    """Base of decorators of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
-
-    __slots__ = ('_child_failed',)
-
-    running_first = None
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
-        self._child_failed = False
-
-    @abstractmethod
-    def tick(self) -> NodeStatus:
-        """One tick; ticks the child by :meth:`tick_child` or not."""
-
-    def on_halt(self) -> None:
-        """Called when the node is halted, before its child is."""
-
-    def tick_child(self) -> NodeStatus:
-        status = self._tick()
-        self._child_failed = status is FAILURE
-        return status
-
-    def halt_child(self) -> None:
-        halt_child(self.child)
-
-    @property
-    def active(self) -> bool:
-        """Whether the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
-        return self.status is not IDLE
-
-    def failure_cause(self) -> TreeNode | None:
-        return self.child if self._child_failed else None
-
-    def execute(self) -> NodeStatus:
-        self._child_failed = False
-        try:
-            status = self.tick()
-        except NodeExecutionError:
-            raise
-        except BaseException as error:
-            raise self.fault(error) from error
-        if status is not SKIPPED:
-            self.status = self.checked(status)
-        child = self.child
-        if child.status is SUCCESS or child.status is FAILURE:
-            child.status = IDLE
-        return status
-
-    def halt(self) -> None:
-        self.stop_by(self.on_halt)
-        super().halt()
-
-
 class Control(ControlNode):
     """Base of controls of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
 
     __slots__ = ()
-
-    running_first = None
 
     @abstractmethod
     def tick(self) -> NodeStatus:
