@@ -80,6 +80,13 @@ def test_every_page_of_the_documentation_is_in_a_table_of_contents() -> None:
     assert listed == set(docs.rglob('*.md'))
 
 
+def test_the_files_and_folders_that_the_instructions_name_exist() -> None:
+    page = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    named = re.findall(r'`((?:flexbt_|docs|test|tools|benchmarks)[\w./]*/[\w./]*)`', page)
+    assert len(named) > 20
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
 def test_what_is_included_exists() -> None:
     for page in pages():
         for name in INCLUDE.findall(page.read_text(encoding='utf-8')):
