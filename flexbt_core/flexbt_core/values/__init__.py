@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from .escaping import lines, one_line
 from .nested_json import load_json
-from .sendable import sendable
+from .message_text import sendable
 
 if TYPE_CHECKING:
     from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml

@@ -36,7 +36,7 @@ import yaml
 from flexbt_core.state_machine.model import Autonomy, Child, EventState, MachineDefinition, MachineError, hint
 from flexbt_core.values import YamlError, compose_yaml, construct_yaml
 
-from .define import define
+from .checked_definition import define
 from .machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
 
 States = Mapping[str, Callable[..., EventState]]
