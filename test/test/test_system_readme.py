@@ -18,7 +18,7 @@ from flexbt_core.state_machine import Child, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 from flexbt_testing.operator.probe import Probe
 from flexbt_testing.processes.stack import Stack
-from flexbt_testing.state_machines.bench import Bench
+from flexbt_testing.state_machines import Bench
 
 README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
 IMPORTS_OF_THE_MISSION = """

@@ -4,8 +4,8 @@
 from typing import TYPE_CHECKING, Any
 
 from .escaping import lines, one_line
-from .nested_json import load_json
 from .message_text import sendable
+from .nested_json import load_json
 
 if TYPE_CHECKING:
     from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml

@@ -7,8 +7,8 @@ import itertools
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, OperatableStateMachine, StateMachineError, define
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine, StateMachineError, define
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
 
 LEVELS = (Autonomy.Off, Autonomy.Low, Autonomy.High, Autonomy.Full)
 UNDECLARED = -1
@@ -21,8 +21,8 @@ BLOCKED_AT = {UNDECLARED: 0, Autonomy.Off: 1, Autonomy.Low: 2, Autonomy.High: 3,
 def gated(required: int, *, on_machine: bool) -> OperatableStateMachine:
     """A state that ends at once, in a machine; the outcome of one of the two requires a level."""
     level = {'done': required} if required != UNDECLARED else {}
-    inner = machine(Place('B', passing(), {'done': 'done'}, {} if on_machine else level), outcomes=['done'])
-    return machine(Place('A', inner, {'done': 'ended'}, level if on_machine else {}))
+    inner = machine(Child('B', passing(), {'done': 'done'}, {} if on_machine else level), outcomes=['done'])
+    return machine(Child('A', inner, {'done': 'ended'}, level if on_machine else {}))
 
 
 def test_the_table_blocks_as_many_levels_as_is_required() -> None:
@@ -38,13 +38,13 @@ def test_a_transition_happens_alone_iff_it_requires_less_than_there_is(
     bench = Bench(gated(required, on_machine=on_machine), autonomy=current)
     if PASSES[required, current]:
         assert bench.outcome == 'ended'
-        assert all(not picture.decisions for picture in bench.pictures)
+        assert all(not snapshot.decisions for snapshot in bench.snapshots)
         return
     assert bench.outcome is None
     decision = bench.decision
     assert (decision.path, decision.outcome) == ('/A' if on_machine else '/A/B', 'done')
     assert (decision.required, decision.outcomes) == (required, ('done',))
-    assert bench.pictures[-1].decisions == (decision,), 'the operator was told'
+    assert bench.snapshots[-1].decisions == (decision,), 'the operator was told'
     bench.pass_time(1000.0)
     assert bench.decision == decision
     assert bench.confirm() is None
@@ -60,7 +60,7 @@ def test_a_level_that_is_raised_releases_what_waits_as_soon_as_it_allows_it(requ
         assert bench.set_autonomy(current) is None
         assert (bench.outcome == 'ended') is PASSES[required, current]
         if bench.outcome is not None:
-            assert bench.pictures[-1].decisions == ()
+            assert bench.snapshots[-1].decisions == ()
             return
         assert bench.decision == decision, 'the same decision, as nothing has happened'
     assert required == Autonomy.Full
@@ -71,7 +71,7 @@ def ring_of(*states: Scripted, required: int) -> OperatableStateMachine:
     labels = [f'M{number}' for number in range(len(states))]
     return machine(
         *(
-            Place(label, nested(state, 'S', {'done': required}), {'done': labels[(number + 1) % len(labels)]})
+            Child(label, nested(state, 'S', {'done': required}), {'done': labels[(number + 1) % len(labels)]})
             for number, (label, state) in enumerate(zip(labels, states, strict=True))
         )
     )
@@ -110,7 +110,7 @@ def test_a_sub_tree_has_a_level_of_its_own_until_one_is_set_for_what_is_around_i
 
 def test_a_path_that_only_begins_alike_is_not_in_the_sub_tree() -> None:
     bench = Bench(
-        machine(Place('A', Scripted(), {'done': 'AB'}), Place('AB', Scripted(), {'done': 'ended'})),
+        machine(Child('A', Scripted(), {'done': 'AB'}), Child('AB', Scripted(), {'done': 'ended'})),
         autonomy=Autonomy.Off,
     )
     assert bench.set_autonomy(Autonomy.Full, '/A') is None

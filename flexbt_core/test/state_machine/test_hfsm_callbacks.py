@@ -7,17 +7,17 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, ExitReason, OperatableStateMachine, Severity, StateError
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+from flexbt_core.state_machine import Autonomy, Child, ExitReason, OperatableStateMachine, Severity, StateError
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
 
 
 def two_levels(first: Scripted, inner: Scripted, last: Scripted) -> OperatableStateMachine:
     """First, then Middle with Inner, then Last, which may also go back to Middle."""
-    middle = machine(Place('Inner', inner, {'done': 'left'}), outcomes=['left'])
+    middle = machine(Child('Inner', inner, {'done': 'left'}), outcomes=['left'])
     return machine(
-        Place('First', first, {'done': 'Middle'}),
-        Place('Middle', middle, {'left': 'Last'}),
-        Place('Last', last, {'done': 'ended', 'again': 'Middle'}),
+        Child('First', first, {'done': 'Middle'}),
+        Child('Middle', middle, {'left': 'Last'}),
+        Child('Last', last, {'done': 'ended', 'again': 'Middle'}),
     )
 
 
@@ -52,8 +52,8 @@ def test_states_that_are_never_visited_are_started_and_stopped_too() -> None:
     never = Scripted()
     bench = Bench(
         machine(
-            Place('One', passing(outcomes=['done', 'other']), {'done': 'ended', 'other': 'Never'}),
-            Place('Never', never, {'done': 'ended'}),
+            Child('One', passing(outcomes=['done', 'other']), {'done': 'ended', 'other': 'Never'}),
+            Child('Never', never, {'done': 'ended'}),
         )
     )
     assert bench.outcome == 'ended'
@@ -139,7 +139,7 @@ def test_the_reason_is_that_of_leaving_not_of_what_the_state_had_wanted_before(l
 def test_an_old_reason_is_forgotten_when_the_state_is_entered_again() -> None:
     seen: list[Any] = []
     state = Scripted('done', 'again', do={'on_enter': lambda state, _: seen.append(state.exit_reason)})
-    bench = Bench(machine(Place('One', state, {'done': 'ended', 'again': 'One'})))
+    bench = Bench(machine(Child('One', state, {'done': 'ended', 'again': 'One'})))
     assert bench.force('/One', 'again') is None
     assert seen == [None, None]
     state.end('done')
@@ -149,14 +149,14 @@ def test_an_old_reason_is_forgotten_when_the_state_is_entered_again() -> None:
 
 def test_the_operator_sees_a_state_before_its_on_enter_which_may_take_long() -> None:
     def look(state: Scripted, _: Any) -> None:
-        shown.append(bench[0].pictures[-1].active if bench else ())
+        shown.append(bench[0].snapshots[-1].active if bench else ())
 
     shown: list[Any] = []
     bench: list[Bench] = []
     second = Scripted(do={'on_enter': look})
-    inner = machine(Place('Second', second, {'done': 'ended'}))
+    inner = machine(Child('Second', second, {'done': 'ended'}))
     first = Scripted()
-    bench.append(Bench(machine(Place('First', first, {'done': 'Inner'}), Place('Inner', inner, {'ended': 'ended'}))))
+    bench.append(Bench(machine(Child('First', first, {'done': 'Inner'}), Child('Inner', inner, {'ended': 'ended'}))))
     first.end('done')
     bench[0].settle()
     assert shown == [('/Inner/Second',)]

@@ -10,6 +10,7 @@ import pytest
 
 from flexbt_core.state_machine import (
     Autonomy,
+    Child,
     ConcurrencyContainer,
     MachineError,
     OperatableStateMachine,
@@ -17,7 +18,7 @@ from flexbt_core.state_machine import (
     define,
 )
 from flexbt_core.state_machine.engine import ContainerRun
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
 
 EITHER_FAILS = [('failed', [('A', 'failed')]), ('failed', [('B', 'failed')])]
 BOTH = [*EITHER_FAILS, ('done', [('A', 'done'), ('B', 'done')])]
@@ -26,8 +27,8 @@ BOTH = [*EITHER_FAILS, ('done', [('A', 'done'), ('B', 'done')])]
 def two(**options: Any) -> tuple[Scripted, Scripted, OperatableStateMachine]:
     """FlexBE's example: it fails as soon as one does, and is done when both are."""
     one, other = (Scripted('done', 'failed', **options) for _ in range(2))
-    both = machine(Place('A', one), Place('B', other), outcomes=['done', 'failed'], conditions=BOTH)
-    return one, other, machine(Place('Both', both, {'done': 'done', 'failed': 'failed'}), outcomes=['done', 'failed'])
+    both = machine(Child('A', one), Child('B', other), outcomes=['done', 'failed'], conditions=BOTH)
+    return one, other, machine(Child('Both', both, {'done': 'done', 'failed': 'failed'}), outcomes=['done', 'failed'])
 
 
 def test_all_children_are_active_and_it_ends_when_the_last_one_has() -> None:
@@ -94,8 +95,8 @@ def test_each_child_has_a_decision_of_its_own_and_they_are_answered_in_any_order
     levels = {'done': Autonomy.High, 'failed': Autonomy.High}
     one, other = Scripted('done', 'failed', outcome='done'), Scripted('done', 'failed', outcome='failed')
     both = machine(
-        Place('A', one, autonomy=levels),
-        Place('B', other, autonomy=levels),
+        Child('A', one, autonomy=levels),
+        Child('B', other, autonomy=levels),
         outcomes=['done', 'failed'],
         conditions=[*EITHER_FAILS, ('done', [('B', 'done'), ('A', 'done')])],
     )
@@ -120,8 +121,8 @@ def test_forcing_the_container_leaves_each_child() -> None:
 
 def test_a_container_that_is_entered_again_begins_anew() -> None:
     one, other = Scripted('done', outcome='done'), Scripted('done')
-    both = machine(Place('A', one), Place('B', other), outcomes=['done'], conditions=[('done', [('B', 'done')])])
-    bench = Bench(machine(Place('Both', both, {'done': 'Both'})))
+    both = machine(Child('A', one), Child('B', other), outcomes=['done'], conditions=[('done', [('B', 'done')])])
+    bench = Bench(machine(Child('Both', both, {'done': 'Both'})))
     other.end('done')
     other.do['on_enter'] = lambda state, _: setattr(state, 'outcome', None)
     bench.settle()
@@ -150,7 +151,7 @@ def test_a_stop_in_a_callback_comes_before_what_would_follow(callback: str, numb
 
     states = [Scripted(), Scripted()]
     both = machine(
-        *(Place(label, state) for label, state in zip('AB', states, strict=True)),
+        *(Child(label, state) for label, state in zip('AB', states, strict=True)),
         conditions=[('ended', [('A', 'done'), ('B', 'done')])],
     )
     states[number].do[callback] = stop
@@ -176,13 +177,13 @@ def test_children_share_the_userdata_of_the_container_and_see_what_is_written_me
     reader = Scripted(input_keys=['shared'], do={'execute': lambda _, userdata: seen.append(userdata.shared)})
     writer = Scripted(output_keys=['shared'])
     both = machine(
-        Place('A', reader),
-        Place('B', writer),
+        Child('A', reader),
+        Child('B', writer),
         defaults={'shared': [0]},
         output_keys=['shared'],
         conditions=[('ended', [('A', 'done')])],
     )
-    bench = Bench(machine(Place('Both', both, {'ended': 'ended'}), output_keys=['shared']))
+    bench = Bench(machine(Child('Both', both, {'ended': 'ended'}), output_keys=['shared']))
     writer.do['execute'] = lambda _, userdata: userdata.__setitem__('shared', [1])
     writer.wake()
     bench.settle()
@@ -195,7 +196,7 @@ def test_children_share_the_userdata_of_the_container_and_see_what_is_written_me
 def test_nested_containers_are_all_active() -> None:
     def pair(one: Scripted | OperatableStateMachine, other: Scripted | OperatableStateMachine) -> ConcurrencyContainer:
         last = 'done' if isinstance(one, Scripted) else 'ended'
-        made = machine(Place('A', one), Place('B', other), conditions=[('ended', [('A', last)])])
+        made = machine(Child('A', one), Child('B', other), conditions=[('ended', [('A', last)])])
         assert isinstance(made, ConcurrencyContainer)
         return made
 
@@ -211,7 +212,7 @@ def test_nested_containers_are_all_active() -> None:
 def test_polling_rates_of_children_are_kept() -> None:
     """FlexBE's test: 15 and 10 Hz for one second."""
     fast, slow = Scripted(rate=15.0), Scripted(rate=10.0)
-    both = machine(Place('A', fast), Place('B', slow), conditions=[('ended', [('A', 'done')])])
+    both = machine(Child('A', fast), Child('B', slow), conditions=[('ended', [('A', 'done')])])
     bench = Bench(both)
     bench.pass_time(1.0)
     assert 14 <= fast.calls('execute') <= 16
@@ -262,26 +263,26 @@ def test_a_problem_of_conditions_is_named(conditions: Any, problem: str) -> None
 
 
 def test_outcomes_by_which_a_child_never_ends_need_no_condition() -> None:
-    inner = machine(Place('S', Scripted('done'), {'done': 'good'}), outcomes=['good', 'bad'])
-    made = machine(Place('A', inner), outcomes=['done'], conditions=[('done', [('A', 'good')])])
+    inner = machine(Child('S', Scripted('done'), {'done': 'good'}), outcomes=['good', 'bad'])
+    made = machine(Child('A', inner), outcomes=['done'], conditions=[('done', [('A', 'good')])])
     assert define(made).structure()[1].targets == ('=done', '')
 
 
 def test_outcomes_that_a_nested_machine_reaches_need_one() -> None:
     def inner(way: str) -> OperatableStateMachine:
-        return machine(Place('S', Scripted('a', 'b'), {'a': 'good', 'b': way}), outcomes=['good', 'bad'])
+        return machine(Child('S', Scripted('a', 'b'), {'a': 'good', 'b': way}), outcomes=['good', 'bad'])
 
     def around(child: OperatableStateMachine) -> OperatableStateMachine:
-        return machine(Place('A', child), outcomes=['done'], conditions=[('done', [('A', 'good')])])
+        return machine(Child('A', child), outcomes=['done'], conditions=[('done', [('A', 'good')])])
 
     text = "/: when its children have ended A by 'bad', no condition holds"
     for child in (
         inner('bad'),
-        machine(Place('M', inner('bad'), {'good': 'good', 'bad': 'bad'}), outcomes=['good', 'bad']),
+        machine(Child('M', inner('bad'), {'good': 'good', 'bad': 'bad'}), outcomes=['good', 'bad']),
     ):
         with pytest.raises(MachineError, match=text):
             define(around(child))
-    both = machine(Place('S', Scripted()), outcomes=['good', 'bad'], conditions=[('bad', [('S', 'done')])])
+    both = machine(Child('S', Scripted()), outcomes=['good', 'bad'], conditions=[('bad', [('S', 'done')])])
     with pytest.raises(MachineError, match=text):
         define(around(both))
     define(around(inner('good')))
@@ -289,7 +290,7 @@ def test_outcomes_that_a_nested_machine_reaches_need_one() -> None:
 
 def test_children_lead_to_outcomes_of_the_container_only() -> None:
     made = machine(
-        Place('A', Scripted(), {'done': 'B'}), Place('B', Scripted()), conditions=[('ended', [('A', 'done')])]
+        Child('A', Scripted(), {'done': 'B'}), Child('B', Scripted()), conditions=[('ended', [('A', 'done')])]
     )
     with pytest.raises(
         MachineError, match=r"/A: the outcome 'done' leads to 'B', which is no outcome of the container"
@@ -302,16 +303,16 @@ def test_what_the_check_cannot_exclude_is_a_fault_when_it_happens(monkeypatch: p
     monkeypatch.setattr('flexbt_core.state_machine.checks.condition_check._SEARCHED', 1)
     for outcomes, outcome in ((['ended', 'failed'], 'failed'), (['ended'], 'error')):
         one, other = Scripted('done', 'lost', outcome='lost'), Scripted(outcome='done')
-        both = machine(Place('A', one), Place('B', other), outcomes=outcomes, conditions=[('ended', [('A', 'done')])])
+        both = machine(Child('A', one), Child('B', other), outcomes=outcomes, conditions=[('ended', [('A', 'done')])])
         bench = Bench(both)
         text = "all of its children have ended (A by 'lost', B by 'done'), and no condition holds; add one for that"
         assert (bench.outcome, bench.faults) == (outcome, [('/', text)])
 
 
 def test_the_structure_tells_the_kinds() -> None:
-    both = machine(Place('A', passing()), conditions=[('ended', [('A', 'done')])])
-    first = machine(Place('P', passing(), {'done': 'ended'}), priority=True)
-    made = machine(Place('Both', both, {'ended': 'First'}), Place('First', first, {'ended': 'ended'}))
+    both = machine(Child('A', passing()), conditions=[('ended', [('A', 'done')])])
+    first = machine(Child('P', passing(), {'done': 'ended'}), priority=True)
+    made = machine(Child('Both', both, {'ended': 'First'}), Child('First', first, {'ended': 'ended'}))
     shown = {one.path: (one.kind, one.type_name, one.targets) for one in define(made).structure()}
     assert shown['/Both'] == (StateKind.CONCURRENCY, 'ConcurrencyContainer', ('/First',))
     assert shown['/Both/A'] == (StateKind.STATE, 'Scripted', ('=ended',))
@@ -328,14 +329,14 @@ class Priority:
         self.beside, self.urgent = Scripted(rate=1.0), Scripted('done', 'failed')
         self.before = Scripted(do={'on_enter': lambda state, _: setattr(state, 'outcome', None)})
         urgent = machine(
-            Place('U', self.urgent, {'done': 'done', 'failed': 'failed'}), outcomes=['done', 'failed'], priority=True
+            Child('U', self.urgent, {'done': 'done', 'failed': 'failed'}), outcomes=['done', 'failed'], priority=True
         )
         line = machine(
-            Place('Before', self.before, {'done': 'Urgent'}),
-            Place('Urgent', urgent, {'done': 'ended', 'failed': 'Before'}),
+            Child('Before', self.before, {'done': 'Urgent'}),
+            Child('Urgent', urgent, {'done': 'ended', 'failed': 'Before'}),
         )
         conditions = [('ended', [('Beside', 'done')]), ('ended', [('Line', 'ended'), ('Beside', 'done')])]
-        self.bench = Bench(machine(Place('Line', line), Place('Beside', self.beside), conditions=conditions))
+        self.bench = Bench(machine(Child('Line', line), Child('Beside', self.beside), conditions=conditions))
 
     def begin(self) -> None:
         self.before.end('done')
@@ -414,10 +415,10 @@ def test_a_state_that_raises_in_on_pause_or_on_resume_fails() -> None:
 
 def test_priority_within_priority() -> None:
     inner_state, inner_beside, outer_beside = Scripted(), Scripted(), Scripted()
-    inner = machine(Place('I', inner_state, {'done': 'ended'}), priority=True)
-    pair = machine(Place('X', inner_beside), Place('Inner', inner), conditions=[('ended', [('Inner', 'ended')])])
-    outer = machine(Place('Pair', pair, {'ended': 'Rest'}), Place('Rest', Scripted(), {'done': 'ended'}), priority=True)
-    made = machine(Place('Y', outer_beside), Place('Outer', outer), conditions=[('ended', [('Outer', 'ended')])])
+    inner = machine(Child('I', inner_state, {'done': 'ended'}), priority=True)
+    pair = machine(Child('X', inner_beside), Child('Inner', inner), conditions=[('ended', [('Inner', 'ended')])])
+    outer = machine(Child('Pair', pair, {'ended': 'Rest'}), Child('Rest', Scripted(), {'done': 'ended'}), priority=True)
+    made = machine(Child('Y', outer_beside), Child('Outer', outer), conditions=[('ended', [('Outer', 'ended')])])
     bench = Bench(made)
     paused = [leaf.path for leaf in bench.run.active_states() if leaf.is_paused]
     assert (bench.run.pausing.priority, paused) == ('/Outer/Pair/Inner', ['/Y', '/Outer/Pair/X'])

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, DecisionKind, ExitReason
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+from flexbt_core.state_machine import Autonomy, Child, DecisionKind, ExitReason
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
 
 
 class Stubborn(Scripted):
@@ -22,8 +22,8 @@ def subject() -> tuple[Scripted, Bench]:
     state = Scripted('done', 'failed')
     levels = {'done': Autonomy.Low, 'failed': Autonomy.High}
     ways = {'done': 'done', 'failed': 'failed'}
-    inner = machine(Place('subject', state, ways, levels), outcomes=['done', 'failed'])
-    return state, Bench(machine(Place('M', inner, ways), outcomes=['done', 'failed']))
+    inner = machine(Child('subject', state, ways, levels), outcomes=['done', 'failed'])
+    return state, Bench(machine(Child('M', inner, ways), outcomes=['done', 'failed']))
 
 
 # -- pause -----------------------------------------------------------------------------------------------------------
@@ -74,7 +74,7 @@ def test_the_time_of_a_state_stands_still_while_it_is_paused(pauses: tuple[float
         return None
 
     state = Scripted(do={'on_enter': enter, 'execute': execute})
-    bench = Bench(machine(Place('A', state, {'done': 'ended'})), start=False)
+    bench = Bench(machine(Child('A', state, {'done': 'ended'})), start=False)
     bench.clock.set(1234.5)
     began = 1234.5
     bench.run.start()
@@ -110,7 +110,7 @@ def test_an_alarm_that_is_due_in_a_pause_rings_after_it_unless_it_was_cancelled(
 def test_what_comes_to_rest_in_a_pause_is_followed_after_it() -> None:
     busy = ['braking']
     first, then = Scripted(do={'halting': lambda *_: busy[0] if busy else None}, outcome='done'), Scripted()
-    bench = Bench(machine(Place('A', first, {'done': 'B'}), Place('B', then, {'done': 'ended'})))
+    bench = Bench(machine(Child('A', first, {'done': 'B'}), Child('B', then, {'done': 'ended'})))
     bench.pause()
     assert 'on_pause' not in first.trace, 'it was left already'
     busy.clear()
@@ -149,8 +149,8 @@ def test_a_lock_holds_back_what_would_leave_it(path: str) -> None:
 
 def test_what_is_inside_a_locked_machine_goes_on() -> None:
     first, last = Scripted(), Scripted()
-    inner = machine(Place('A', first, {'done': 'B'}), Place('B', last, {'done': 'ended'}))
-    bench = Bench(machine(Place('M', inner, {'ended': 'ended'})))
+    inner = machine(Child('A', first, {'done': 'B'}), Child('B', last, {'done': 'ended'}))
+    bench = Bench(machine(Child('M', inner, {'ended': 'ended'})))
     bench.lock('/M')
     first.end('done')
     last.do['on_enter'] = lambda state, _: setattr(state, 'outcome', 'done')
@@ -187,7 +187,7 @@ def test_a_forced_outcome_is_held_back_and_a_stop_is_not() -> None:
 
 def test_a_child_whose_end_would_end_a_concurrency_container_is_held_back_by_a_lock_on_another() -> None:
     one, other = Scripted(), Scripted()
-    both = machine(Place('A', one), Place('B', other), conditions=[('ended', [('A', 'done')])])
+    both = machine(Child('A', one), Child('B', other), conditions=[('ended', [('A', 'done')])])
     bench = Bench(both)
     bench.lock('/B')
     one.end('done')
@@ -321,7 +321,7 @@ def test_what_such_a_state_was_forced_to_or_failed_by_stands() -> None:
 
 def test_levels_of_sub_trees_are_told_where_they_differ() -> None:
     bench = Bench(
-        machine(Place('M', nested(Scripted(), 'A/B'), {'done': 'N'}), Place('N', passing(), {'done': 'ended'}))
+        machine(Child('M', nested(Scripted(), 'A/B'), {'done': 'N'}), Child('N', passing(), {'done': 'ended'}))
     )
     bench.set_autonomy(Autonomy.Low, '/M')
     bench.set_autonomy(Autonomy.Full, '/M/A/B')
@@ -337,5 +337,5 @@ def test_a_state_that_takes_longer_than_its_period_is_left_all_the_same() -> Non
         return 'done'
 
     slow = Stubborn(do={'execute': take_long}, rate=10.0)
-    bench = Bench(machine(Place('Slow', slow, {'done': 'ended'})))
+    bench = Bench(machine(Child('Slow', slow, {'done': 'ended'})))
     assert (bench.outcome, slow.calls('execute')) == ('ended', 1)

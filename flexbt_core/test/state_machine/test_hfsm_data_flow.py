@@ -13,8 +13,8 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import HealthCheck, given, reject, settings
 
-from flexbt_core.state_machine import MachineError, OperatableStateMachine, Race, define, races, unsure_reads
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine
+from flexbt_core.state_machine import Child, MachineError, OperatableStateMachine, Race, define, races, unsure_reads
+from flexbt_testing.state_machines import Bench, Scripted, machine
 
 
 def keyed(*outcomes: str, reads: str = '', writes: str = '') -> Scripted:
@@ -23,9 +23,9 @@ def keyed(*outcomes: str, reads: str = '', writes: str = '') -> Scripted:
 
 def test_a_key_that_is_written_only_later_is_named_with_both_ends() -> None:
     made = machine(
-        Place('A', keyed(writes='x'), {'done': 'B'}),
-        Place('B', keyed(reads='x y'), {'done': 'C'}, remapping={'y': 'z'}),
-        Place('C', keyed(writes='z'), {'done': 'ended'}),
+        Child('A', keyed(writes='x'), {'done': 'B'}),
+        Child('B', keyed(reads='x y'), {'done': 'C'}, remapping={'y': 'z'}),
+        Child('C', keyed(writes='z'), {'done': 'ended'}),
     )
     with pytest.raises(MachineError) as caught:
         define(made)
@@ -36,8 +36,8 @@ def test_a_key_that_is_written_only_later_is_named_with_both_ends() -> None:
 
 def test_a_key_that_is_written_in_a_loop_is_unsure() -> None:
     made = machine(
-        Place('B', keyed(reads='x'), {'done': 'C'}),
-        Place('C', keyed('again', 'done', writes='x'), {'again': 'B', 'done': 'ended'}),
+        Child('B', keyed(reads='x'), {'done': 'C'}),
+        Child('C', keyed('again', 'done', writes='x'), {'again': 'B', 'done': 'ended'}),
     )
     (read,) = unsure_reads(define(made))
     assert (str(read), read.writers) == ("/B: reads userdata key 'x'", ('/C',))
@@ -46,10 +46,10 @@ def test_a_key_that_is_written_in_a_loop_is_unsure() -> None:
 def test_what_both_ways_write_is_sure() -> None:
     def made(second: str) -> OperatableStateMachine:
         return machine(
-            Place('A', keyed('left', 'right'), {'left': 'L', 'right': 'R'}),
-            Place('L', keyed(writes='x'), {'done': 'End'}),
-            Place('R', keyed(writes=second), {'done': 'End'}),
-            Place('End', keyed(reads='x'), {'done': 'ended'}),
+            Child('A', keyed('left', 'right'), {'left': 'L', 'right': 'R'}),
+            Child('L', keyed(writes='x'), {'done': 'End'}),
+            Child('R', keyed(writes=second), {'done': 'End'}),
+            Child('End', keyed(reads='x'), {'done': 'ended'}),
         )
 
     assert unsure_reads(define(made('x'))) == []
@@ -58,15 +58,15 @@ def test_what_both_ways_write_is_sure() -> None:
 
 def test_a_machine_writes_what_it_hands_out_by_the_outcome_that_it_ends_by() -> None:
     inner = machine(
-        Place('Ask', keyed('yes', 'no'), {'yes': 'Write', 'no': 'without'}),
-        Place('Write', keyed(writes='x'), {'done': 'with'}),
+        Child('Ask', keyed('yes', 'no'), {'yes': 'Write', 'no': 'without'}),
+        Child('Write', keyed(writes='x'), {'done': 'with'}),
         outcomes=['with', 'without'],
         output_keys=['x'],
     )
     made = machine(
-        Place('M', inner, {'with': 'Good', 'without': 'Bad'}, remapping={'x': 'y'}),
-        Place('Good', keyed(reads='y'), {'done': 'ended'}),
-        Place('Bad', keyed(reads='y'), {'done': 'ended'}),
+        Child('M', inner, {'with': 'Good', 'without': 'Bad'}, remapping={'x': 'y'}),
+        Child('Good', keyed(reads='y'), {'done': 'ended'}),
+        Child('Bad', keyed(reads='y'), {'done': 'ended'}),
     )
     with pytest.raises(MachineError) as caught:
         define(made)
@@ -77,29 +77,29 @@ def test_a_machine_writes_what_it_hands_out_by_the_outcome_that_it_ends_by() -> 
 
 def test_children_of_a_concurrency_container_may_read_what_others_write_meanwhile() -> None:
     both = machine(
-        Place('A', keyed(reads='x')),
-        Place('B', keyed('done', 'not', writes='x')),
+        Child('A', keyed(reads='x')),
+        Child('B', keyed('done', 'not', writes='x')),
         outcomes=['both', 'one'],
         output_keys=['x'],
         conditions=[('both', [('A', 'done'), ('B', 'done')]), ('one', [('A', 'done')])],
     )
     made = machine(
-        Place('Both', both, {'both': 'End', 'one': 'Other'}),
-        Place('End', keyed(reads='x'), {'done': 'ended'}),
-        Place('Other', keyed(reads='x'), {'done': 'ended'}),
+        Child('Both', both, {'both': 'End', 'one': 'Other'}),
+        Child('End', keyed(reads='x'), {'done': 'ended'}),
+        Child('Other', keyed(reads='x'), {'done': 'ended'}),
     )
     assert [read.path for read in unsure_reads(define(made))] == ['/Both/A', '/Other']
 
 
 def test_several_writers_of_what_is_read_inside_a_container() -> None:
     both = machine(
-        Place('A', keyed(reads='x', writes='x')),
-        Place('B', keyed(writes='y'), remapping={'y': 'x'}),
-        Place('C', keyed(writes='z')),
-        Place('D', keyed(writes='z')),
+        Child('A', keyed(reads='x', writes='x')),
+        Child('B', keyed(writes='y'), remapping={'y': 'x'}),
+        Child('C', keyed(writes='z')),
+        Child('D', keyed(writes='z')),
         conditions=[('ended', [(label, 'done') for label in 'ABCD'])],
     )
-    made = machine(Place('Both', both, {'ended': 'ended'}), defaults={'x': 0})
+    made = machine(Child('Both', both, {'ended': 'ended'}), defaults={'x': 0})
     assert list(races(define(made))) == [Race('/Both', 'x', ('/Both/A', '/Both/B'))], 'nobody reads z'
 
 
@@ -120,19 +120,19 @@ def test_who_is_the_last_of_several_writers_depends_on_their_order(data: st.Data
             inner_map, outer_map = (dict(zip('xyz', one, strict=True)) for one in (inner_names, outer_names))
             known = {inner_map[key] for key in written} | set(defaults)
             inner = machine(
-                Place('S', states[label], {'done': 'done'}, remapping=_of(inner_map, written)),
+                Child('S', states[label], {'done': 'done'}, remapping=_of(inner_map, written)),
                 outcomes=['done'],
                 output_keys=[key for key in handed_out if key in known],
                 defaults=dict.fromkeys(defaults, 'default'),
             )
-            places.append(Place(label, inner, remapping=_of(outer_map, inner.output_keys)))
+            places.append(Child(label, inner, remapping=_of(outer_map, inner.output_keys)))
         writers = {place.remapping[key] for place in places for key in place.state.output_keys}
         container = machine(
             *places,
             output_keys=[key for key in outputs if key in writers],
             conditions=[('ended', [(label, 'done') for label in labels])],
         )
-        return machine(Place('Both', container, {'ended': 'ended'}))
+        return machine(Child('Both', container, {'ended': 'ended'}))
 
     values: dict[str, set[object]] = defaultdict(set)
     for order in permutations(labels):
@@ -201,7 +201,7 @@ def _random_machine(random: Random, depth: int) -> tuple[OperatableStateMachine,
             states.append(state)
         ways = {outcome: random.choice([*labels, 'x', 'y']) for outcome in state.outcomes}
         ways['x'] = labels[number + 1] if number + 1 < len(labels) else 'x'
-        places.append(Place(label, state, ways))
+        places.append(Child(label, state, ways))
     outputs = random.sample(keys, random.randint(0, 1))
     written = {key for state in states for key in state.output_keys}
     made = machine(

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, DecisionKind, ExitReason, OperatableStateMachine
-from flexbt_testing.state_machines.bench import Bench, Do, Place, Scripted, machine, nested
+from flexbt_core.state_machine import Autonomy, Child, DecisionKind, ExitReason, OperatableStateMachine
+from flexbt_testing.state_machines import Bench, Do, Scripted, machine, nested
 
 HIGH = {'done': Autonomy.High, 'failed': Autonomy.Off}
 
@@ -16,13 +16,13 @@ HIGH = {'done': Autonomy.High, 'failed': Autonomy.Off}
 def two(first: Scripted, second: Scripted) -> OperatableStateMachine:
     """Inner with First and Second; each outcome 'failed' leads out, 'done' of First to Second and back."""
     inner = machine(
-        Place('First', first, {'done': 'Second', 'failed': 'out'}, HIGH),
-        Place('Second', second, {'done': 'First', 'failed': 'out'}, HIGH),
+        Child('First', first, {'done': 'Second', 'failed': 'out'}, HIGH),
+        Child('Second', second, {'done': 'First', 'failed': 'out'}, HIGH),
         outcomes=['out', 'never'],
     )
     return machine(
-        Place('Inner', inner, {'out': 'After', 'never': 'ended'}, {'out': Autonomy.High}),
-        Place('After', Scripted(), {'done': 'ended'}),
+        Child('Inner', inner, {'out': 'After', 'never': 'ended'}, {'out': Autonomy.High}),
+        Child('After', Scripted(), {'done': 'ended'}),
     )
 
 
@@ -197,13 +197,13 @@ def test_a_state_that_asks_and_answers_itself_is_not_asked_about() -> None:
 
     bench = Bench(nested(Scripted(do={'execute': ask_and_answer}), 'A'))
     assert bench.outcome == 'done'
-    assert all(not picture.decisions for picture in bench.pictures)
+    assert all(not snapshot.decisions for snapshot in bench.snapshots)
 
 
 def test_a_question_ends_with_the_visit() -> None:
     questions = iter([asking(), lambda *_: None])
     state = Scripted('again', 'done', do={'on_enter': lambda *arguments: next(questions)(*arguments)})
-    bench = Bench(machine(Place('A', state, {'again': 'A', 'done': 'ended'})))
+    bench = Bench(machine(Child('A', state, {'again': 'A', 'done': 'ended'})))
     assert bench.force('/A', 'again') is None
     assert bench.run.decisions == []
     assert state.calls('execute') == 1, 'of the second visit'
@@ -226,8 +226,8 @@ def test_commands_that_callbacks_give_are_applied_each_once() -> None:
     bench.append(
         Bench(
             machine(
-                Place('A', first, {'done': 'B'}),
-                Place('B', Scripted(), {'done': 'ended'}),
+                Child('A', first, {'done': 'B'}),
+                Child('B', Scripted(), {'done': 'ended'}),
             )
         )
     )

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, ExitReason
-from flexbt_testing.state_machines.bench import Bench, Do, Place, Scripted, machine, nested, passing
+from flexbt_core.state_machine import Autonomy, Child, ExitReason
+from flexbt_testing.state_machines import Bench, Do, Scripted, machine, nested, passing
 
 
 class Nonsense:
@@ -31,9 +31,9 @@ def boom(state: Scripted, userdata: Any) -> Any:
 def bench_of(state: Scripted, depth: int, autonomy: int = Autonomy.Full) -> Bench:
     """The state below ``depth`` machines, initial in each of them, and after it a state for each of its outcomes."""
     inner = nested(state, '/'.join('ABC'[:depth])) if depth else state
-    after = [Place(f'After_{name}', passing(), {'done': name}) for name in state.outcomes]
+    after = [Child(f'After_{name}', passing(), {'done': name}) for name in state.outcomes]
     ways = {name: f'After_{name}' for name in state.outcomes}
-    return Bench(machine(Place('Top', inner, ways), *after, outcomes=state.outcomes), autonomy=autonomy)
+    return Bench(machine(Child('Top', inner, ways), *after, outcomes=state.outcomes), autonomy=autonomy)
 
 
 DEPTHS = pytest.mark.parametrize('depth', [0, 1, 3])
@@ -98,7 +98,7 @@ def test_what_raises_in_on_start_ends_the_run_before_anything_is_entered() -> No
     states = [passing(), Scripted(outcome='done', do={'on_start': boom}), passing()]
     labels = [*(f'S{number}' for number in range(3)), 'ended']
     bench = Bench(
-        machine(*(Place(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states))),
+        machine(*(Child(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states))),
     )
     assert bench.outcome == 'error'
     assert '/S1 raised in on_start' in bench.run.message
@@ -109,7 +109,7 @@ def test_what_raises_in_on_start_ends_the_run_before_anything_is_entered() -> No
 def test_what_raises_in_on_stop_is_shown_and_changes_neither_the_outcome_nor_the_others() -> None:
     states = [Scripted(outcome='done', do={'on_stop': boom}) for _ in range(3)]
     labels = [*(f'S{number}' for number in range(3)), 'ended']
-    bench = Bench(machine(*(Place(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states))))
+    bench = Bench(machine(*(Child(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states))))
     assert bench.outcome == 'ended'
     assert [path for path, _ in bench.faults] == ['/S0', '/S1', '/S2']
     assert all(state.calls('on_stop') == 1 for state in states)
@@ -130,7 +130,7 @@ def test_nobody_knows_whether_a_state_that_raises_in_settled_is_at_rest() -> Non
 
 def test_a_state_that_raised_in_settled_is_asked_again_in_its_next_visit() -> None:
     state = Scripted('again', outcome='again', do={'halting': boom})
-    bench = Bench(machine(Place('A', state, {'again': 'A'})))
+    bench = Bench(machine(Child('A', state, {'again': 'A'})))
     state.outcome = None
     bench.pass_time(3.0)
     assert (len(bench.faults), state.calls('on_enter')) == (2, 2)
@@ -208,7 +208,7 @@ def test_what_even_escapes_from_the_engine_leaves_each_callback_called_once(call
 
     first, second = passing(), Scripted('done', 'failed', outcome='done', do={callback: once(leave)})
     bench = Escaping(
-        machine(Place('One', first, {'done': 'Two'}), Place('Two', second, {'done': 'ended', 'failed': 'ended'}))
+        machine(Child('One', first, {'done': 'Two'}), Child('Two', second, {'done': 'ended', 'failed': 'ended'}))
     )
     bench.settle()
     assert bench.outcome == ('ended' if callback == 'on_stop' else 'error')
@@ -222,7 +222,7 @@ def test_what_escapes_from_on_start_ends_the_run_in_order() -> None:
 
     states = [Scripted(do={'on_start': leave}), Scripted()]
     bench = Escaping(
-        machine(Place('One', states[0], {'done': 'Two'}), Place('Two', states[1], {'done': 'ended'})), start=False
+        machine(Child('One', states[0], {'done': 'Two'}), Child('Two', states[1], {'done': 'ended'})), start=False
     )
     with pytest.raises(SystemExit):
         bench.run.start()
@@ -230,6 +230,16 @@ def test_what_escapes_from_on_start_ends_the_run_in_order() -> None:
     assert not bench.run.step()
     assert (bench.outcome, bench.run.message) == ('error', 'SystemExit escaped')
     assert [state.trace for state in states] == [['on_start', 'on_stop'], ['on_stop']]
+
+
+def test_nothing_is_entered_any_more_when_a_state_has_ended_the_run() -> None:
+    """The children of a concurrency container are entered one after the other; the first is executed before the second
+    is entered."""
+    first, second = Scripted(do={'execute': boom}), Scripted()
+    both = machine(Child('A', first), Child('B', second), conditions=[('ended', [('A', 'done'), ('B', 'done')])])
+    bench = Bench(machine(Child('Both', both, {'ended': 'ended'})))
+    assert (bench.outcome, first.trace[-2:]) == ('error', ['on_exit FAULT', 'on_stop'])
+    assert second.trace == ['on_start', 'on_stop']
 
 
 def once(do: Do) -> Do:

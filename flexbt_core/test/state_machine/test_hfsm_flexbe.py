@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, MachineError, UserData
-from flexbt_testing.state_machines.bench import Bench, Do, Place, Scripted, machine
+from flexbt_core.state_machine import Autonomy, Child, MachineError, UserData
+from flexbt_testing.state_machines import Bench, Do, Scripted, machine
 
 
 def subject(autonomy: int = Autonomy.Full) -> tuple[Scripted, Bench]:
     """FlexBE's fixture: one state with two outcomes that require levels 1 and 2, in a machine that repeats both."""
     state = Scripted('done', 'failed')
     levels = {'done': Autonomy.Low, 'failed': Autonomy.High}
-    made = machine(Place('subject', state, {'done': 'done', 'failed': 'failed'}, levels), outcomes=['done', 'failed'])
+    made = machine(Child('subject', state, {'done': 'done', 'failed': 'failed'}, levels), outcomes=['done', 'failed'])
     return state, Bench(made, autonomy=autonomy)
 
 
@@ -83,7 +83,7 @@ class TestPreemptableState:
     def test_a_stop_holds_for_its_run_only(self) -> None:
         state, bench = subject()
         bench.stop()
-        made = machine(Place('subject', state, {'done': 'ended', 'failed': 'ended'}))
+        made = machine(Child('subject', state, {'done': 'ended', 'failed': 'ended'}))
         again = Bench(made)
         assert again.active == ('/subject',)
 
@@ -103,8 +103,8 @@ class TestManuallyTransitionableState:
 
     def test_differs_a_state_of_the_same_name_elsewhere_is_not_meant(self) -> None:
         """FlexBE goes by the name alone, so that a late command for one state fires on another."""
-        places = [machine(Place('Work', Scripted(), {'done': 'ended'})) for _ in range(2)]
-        bench = Bench(machine(Place('I1', places[0], {'ended': 'I2'}), Place('I2', places[1], {'ended': 'ended'})))
+        places = [machine(Child('Work', Scripted(), {'done': 'ended'})) for _ in range(2)]
+        bench = Bench(machine(Child('I1', places[0], {'ended': 'I2'}), Child('I2', places[1], {'ended': 'ended'})))
         assert bench.force('/I1/Work', 'done') is None
         assert bench.force('/I1/Work', 'done') == '/I1/Work is not active (active: /I2/Work)'
         assert bench.active == ('/I2/Work',)
@@ -135,7 +135,7 @@ class TestUserData:
         state = Scripted(outcome='done', do={'execute': work}, input_keys=['data_in'], output_keys=['data_out'])
         bench = Bench(
             machine(
-                Place('One', state, {'done': 'ended'}, {}, {'data_in': 'given', 'data_out': 'made'}),
+                Child('One', state, {'done': 'ended'}, {}, {'data_in': 'given', 'data_out': 'made'}),
                 defaults={'given': 1},
             )
         )
@@ -149,7 +149,7 @@ class TestUserData:
         seen: list[Any] = []
         keys = {'input_keys': ['own', 'outer'], 'output_keys': ['kept', 'shown'], 'io_keys': ['both']}
         inner = machine(
-            Place('Work', Scripted(outcome='done', do={'execute': work}, **keys), {'done': 'ended'}),  # type: ignore[arg-type]
+            Child('Work', Scripted(outcome='done', do={'execute': work}, **keys), {'done': 'ended'}),  # type: ignore[arg-type]
             input_keys=['outer'],
             output_keys=['shown'],
             io_keys=['both'],
@@ -159,8 +159,8 @@ class TestUserData:
         reader = Scripted(outcome='done', do={'execute': read('shown', last)}, input_keys=['shown'])
         bench = Bench(
             machine(
-                Place('Inner', inner, {'ended': 'Last'}, {}, {'outer': 'given', 'both': 'counter'}),
-                Place('Last', reader, {'done': 'ended'}),
+                Child('Inner', inner, {'ended': 'Last'}, {}, {'outer': 'given', 'both': 'counter'}),
+                Child('Last', reader, {'done': 'ended'}),
                 defaults={'given': 2, 'counter': 7},
             )
         )
@@ -188,17 +188,17 @@ class TestExceptions:
     )
     def test_the_error_is_kept_and_the_state_is_not_tried_again(self, do: Do, error: str) -> None:
         state = Scripted(do={'execute': do}, input_keys=['absent', 'table'])
-        bench = Bench(machine(Place('A', state, {'done': 'ended'}), input_keys=['absent', 'table']))
+        bench = Bench(machine(Child('A', state, {'done': 'ended'}), input_keys=['absent', 'table']))
         assert bench.outcome == 'error'
         assert f'{error}: ' in bench.faults[0][1]
         assert state.calls('execute') == 1
 
     def test_differs_a_transition_to_nowhere_is_found_before_the_machine_runs(self) -> None:
-        inner = machine(Place('A', Scripted(), {'done': 'nowhere'}))
+        inner = machine(Child('A', Scripted(), {'done': 'nowhere'}))
         with pytest.raises(MachineError, match="/Inner/A: the outcome 'done' leads to 'nowhere'"):
-            Bench(machine(Place('Inner', inner, {'ended': 'ended'})))
+            Bench(machine(Child('Inner', inner, {'ended': 'ended'})))
 
     def test_differs_an_input_is_a_copy_so_that_changing_it_in_place_changes_nothing(self) -> None:
         state = Scripted(outcome='done', do={'execute': change}, input_keys=['table'])
-        bench = Bench(machine(Place('A', state, {'done': 'ended'}), input_keys=['table']), userdata={'table': {}})
+        bench = Bench(machine(Child('A', state, {'done': 'ended'}), input_keys=['table']), userdata={'table': {}})
         assert (bench.outcome, bench.run.userdata()) == ('ended', {'table': {}})

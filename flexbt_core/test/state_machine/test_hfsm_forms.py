@@ -22,7 +22,7 @@ from flexbt_core.state_machine import (
     read_machine,
 )
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
-from flexbt_testing.state_machines.bench import Scripted
+from flexbt_testing.state_machines import Scripted
 
 TEXT = """
 machine:

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import ExitReason, OperatableStateMachine
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested
+from flexbt_core.state_machine import Child, ExitReason, OperatableStateMachine
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested
 
 
 class Braking(Scripted):
@@ -33,7 +33,7 @@ def before_next(state: Scripted, next_state: Scripted | None = None) -> Operatab
     """The state in machines that it ends, and another one after them."""
     ways = dict.fromkeys(state.outcomes, 'Next')
     return machine(
-        Place('Inner', nested(state, 'A/B'), ways), Place('Next', next_state or Scripted(), {'done': 'ended'})
+        Child('Inner', nested(state, 'A/B'), ways), Child('Next', next_state or Scripted(), {'done': 'ended'})
     )
 
 
@@ -146,11 +146,11 @@ def test_nothing_in_a_machine_that_is_being_left_can_be_forced(path: str) -> Non
 def test_a_machine_that_was_forced_while_it_came_to_rest_is_as_new_when_it_is_entered_again() -> None:
     state = Braking('done', 'again', outcome='done')
     inner = machine(
-        Place('B', state, {'done': 'C', 'again': 'again'}),
-        Place('C', Scripted(), {'done': 'again'}),
+        Child('B', state, {'done': 'C', 'again': 'again'}),
+        Child('C', Scripted(), {'done': 'again'}),
         outcomes=['again'],
     )
-    bench = Bench(machine(Place('A', inner, {'again': 'A'})))
+    bench = Bench(machine(Child('A', inner, {'again': 'A'})))
     assert bench.force('/A', 'again') is None
     state.outcome = None
     state.rest()
@@ -166,8 +166,8 @@ def test_a_machine_that_was_forced_while_it_came_to_rest_is_as_new_when_it_is_en
 
 def test_the_time_for_rest_is_not_that_of_an_earlier_visit() -> None:
     state = Braking('done', outcome='done')
-    inner = machine(Place('B', state, {'done': 'out'}), outcomes=['out'])
-    bench = Bench(machine(Place('A', inner, {'out': 'A'})))
+    inner = machine(Child('B', state, {'done': 'out'}), outcomes=['out'])
+    bench = Bench(machine(Child('A', inner, {'out': 'A'})))
     bench.pass_time(1.0)
     assert bench.force('/A', 'out') is None
     state.outcome = None
@@ -186,7 +186,7 @@ def test_the_time_for_rest_is_not_that_of_an_earlier_visit() -> None:
 
 def test_each_visit_has_the_full_time_again() -> None:
     state = Braking('again', outcome='again')
-    bench = Bench(machine(Place('A', state, {'again': 'A'})))
+    bench = Bench(machine(Child('A', state, {'again': 'A'})))
     for number in range(1, 4):
         bench.pass_time(3.0)
         assert len(bench.faults) == number

@@ -7,21 +7,21 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import MAX_TRANSITIONS, OperatableStateMachine
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, passing
+from flexbt_core.state_machine import MAX_TRANSITIONS, Child, OperatableStateMachine
+from flexbt_testing.state_machines import Bench, Scripted, machine, passing
 
 
 def deep(depth: int) -> OperatableStateMachine:
     """Machines whose only states end at once."""
     state = deep(depth - 1) if depth else passing()
-    return machine(Place(f'L{depth}', state, {('ended' if depth else 'done'): 'ended'}))
+    return machine(Child(f'L{depth}', state, {('ended' if depth else 'done'): 'ended'}))
 
 
 def loop_of(*inner: OperatableStateMachine) -> OperatableStateMachine:
     """Machines in a ring."""
     labels = [f'M{number}' for number in range(len(inner))]
     places = (
-        Place(label, one, {'ended': labels[(number + 1) % len(labels)]})
+        Child(label, one, {'ended': labels[(number + 1) % len(labels)]})
         for number, (label, one) in enumerate(zip(labels, inner, strict=True))
     )
     return machine(*places)
@@ -30,7 +30,7 @@ def loop_of(*inner: OperatableStateMachine) -> OperatableStateMachine:
 def test_a_chain_of_instantaneous_states_is_one_step() -> None:
     count = 200
     labels = [*(f'S{number}' for number in range(count)), 'ended']
-    bench = Bench(machine(*(Place(labels[i], passing(), {'done': labels[i + 1]}) for i in range(count))))
+    bench = Bench(machine(*(Child(labels[i], passing(), {'done': labels[i + 1]}) for i in range(count))))
     assert (bench.outcome, bench.steps, len(bench.transitions)) == ('ended', 1, count)
 
 
@@ -54,7 +54,7 @@ def test_a_loop_that_waits_now_and_then_goes_on() -> None:
         return None if state.calls('execute') % 100 == 0 else 'again'
 
     state = Scripted('again', do={'execute': execute}, rate=10.0)
-    bench = Bench(machine(Place('A', state, {'again': 'A'})))
+    bench = Bench(machine(Child('A', state, {'again': 'A'})))
     bench.pass_time(10.0)
     assert bench.active == ('/A',)
     assert state.calls('on_enter') > MAX_TRANSITIONS
@@ -66,7 +66,7 @@ def test_a_stop_gets_through_in_the_middle_of_a_loop() -> None:
             state.services.run.preempt('by another thread')
         return 'again'
 
-    bench = Bench(machine(Place('A', Scripted('again', do={'execute': execute}), {'again': 'A'})))
+    bench = Bench(machine(Child('A', Scripted('again', do={'execute': execute}), {'again': 'A'})))
     assert bench.outcome == 'preempted'
     assert len(bench.transitions) == 49
 
@@ -79,14 +79,14 @@ def test_a_level_that_is_lowered_gets_through_in_the_middle_of_a_loop() -> None:
             state.services.run.set_autonomy(0, '', answers.append)
         return 'again'
 
-    bench = Bench(machine(Place('A', Scripted('again', do={'execute': execute}), {'again': 'A'}, {'again': 0})))
+    bench = Bench(machine(Child('A', Scripted('again', do={'execute': execute}), {'again': 'A'}, {'again': 0})))
     assert answers == [None]
     assert bench.decision.path == '/A'
     assert len(bench.transitions) == 49
 
 
 def test_confirming_without_end_is_no_livelock() -> None:
-    bench = Bench(machine(Place('A', passing(outcome='again', outcomes=['again']), {'again': 'A'}, {'again': 3})))
+    bench = Bench(machine(Child('A', passing(outcome='again', outcomes=['again']), {'again': 'A'}, {'again': 3})))
     for _ in range(2 * MAX_TRANSITIONS):
         assert bench.confirm() is None
     assert bench.active == ('/A',)

@@ -10,13 +10,14 @@ import pytest
 
 from flexbt_core.state_machine import (
     Autonomy,
+    Child,
     MachineError,
     OperatableStateMachine,
     StateKind,
     StateMachineError,
     define,
 )
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
 
 END = {'done': 'ended'}
 
@@ -36,82 +37,82 @@ def keyed(inputs: str = '', outputs: str = '') -> Scripted:
     ('places', 'options', 'problem'),
     [
         ([], {}, '/: the machine has no states'),
-        ([Place('A', Scripted(), {'done': 'A'})], {'outcomes': []}, '/: the machine has no outcomes'),
-        ([Place('A', Scripted(), {})], {}, "/A: the outcome 'done' leads nowhere; add it to transitions"),
+        ([Child('A', Scripted(), {'done': 'A'})], {'outcomes': []}, '/: the machine has no outcomes'),
+        ([Child('A', Scripted(), {})], {}, "/A: the outcome 'done' leads nowhere; add it to transitions"),
         (
-            [Place('A', Scripted(), {'done': 'endet'})],
+            [Child('A', Scripted(), {'done': 'endet'})],
             {},
             "/A: the outcome 'done' leads to 'endet', which is neither a state nor an outcome of the machine; "
             "did you mean 'ended'?",
         ),
         (
-            [Place('A', Scripted(), END | {'dome': 'ended'})],
+            [Child('A', Scripted(), END | {'dome': 'ended'})],
             {},
             "/A: transition of 'dome', which is no outcome of it; did you mean 'done'?",
         ),
-        ([Place('A', Scripted(), END, {'x': 1})], {}, "/A: autonomy of 'x', which is no outcome of it (done)"),
+        ([Child('A', Scripted(), END, {'x': 1})], {}, "/A: autonomy of 'x', which is no outcome of it (done)"),
         (
-            [Place('A', Scripted(), END, {'done': 4})],
+            [Child('A', Scripted(), END, {'done': 4})],
             {},
             "/A: autonomy 4 of 'done' is none of the levels Off 0, Low 1, High 2, Full 3",
         ),
         (
-            [Place('A', keyed('goal'), END, {}, {'gaol': 'x'})],
+            [Child('A', keyed('goal'), END, {}, {'gaol': 'x'})],
             {'input_keys': ['goal']},
             "/A: remaps 'gaol', which is none of its keys; did you mean 'goal'?",
         ),
-        ([Place('A', Scripted(), {'done': 'A'}), Place('A', Scripted(), END)], {}, "/A: the label 'A' is used twice"),
+        ([Child('A', Scripted(), {'done': 'A'}), Child('A', Scripted(), END)], {}, "/A: the label 'A' is used twice"),
         (
-            [Place('ended', Scripted(), {'done': 'ended'})],
+            [Child('ended', Scripted(), {'done': 'ended'})],
             {},
             "/ended: 'ended' is both a state and an outcome of its machine, so that a transition to it is ambiguous",
         ),
         (
-            [Place('A', Scripted(), END), Place('B', Scripted(), END)],
+            [Child('A', Scripted(), END), Child('B', Scripted(), END)],
             {},
             '/B: no transition leads to it from the initial state',
         ),
         (
-            [Place('A', Scripted(), {'done': 'preempted'})],
+            [Child('A', Scripted(), {'done': 'preempted'})],
             {'outcomes': ['preempted']},
             "/: the outcome 'preempted' is reserved for runs that were stopped or failed; rename it",
         ),
         (
-            [Place('A', Scripted(), {'done': 'error'})],
+            [Child('A', Scripted(), {'done': 'error'})],
             {'outcomes': ['error']},
             "/: the outcome 'error' is reserved for runs that were stopped or failed; rename it",
         ),
         (
-            [Place('A', keyed('_x'), END)],
+            [Child('A', keyed('_x'), END)],
             {'input_keys': ['_x']},
             "/: '_x' cannot be a userdata key: it is empty or begins with an underscore",
         ),
         (
-            [Place('A', keyed('', '_x'), END)],
+            [Child('A', keyed('', '_x'), END)],
             {},
             "/A: '_x' cannot be a userdata key: it is empty or begins with an underscore",
         ),
         (
-            [Place('A', Scripted(), END)],
+            [Child('A', Scripted(), END)],
             {'output_keys': ['result']},
             "/: the output key 'result' of the machine is written by none of its states",
         ),
     ],
 )
-def test_a_problem_is_named_with_its_place(places: list[Place], options: dict[str, Any], problem: str) -> None:
+def test_a_problem_is_named_with_its_place(places: list[Child], options: dict[str, Any], problem: str) -> None:
     assert problem in problems(machine(*places, **options))
 
 
 @pytest.mark.parametrize('label', ['', 'A/B', ' A', 'A ', '/'])
 def test_a_label_that_cannot_be_part_of_a_path_is_refused(label: str) -> None:
-    assert any(f"'{label}' cannot be a label" in one for one in problems(machine(Place(label, Scripted(), END))))
+    assert any(f"'{label}' cannot be a label" in one for one in problems(machine(Child(label, Scripted(), END))))
 
 
 def test_a_key_that_nobody_can_have_written_is_named_with_both_ends() -> None:
-    inner = machine(Place('Use', keyed('pose'), END), input_keys=['pose'])
+    inner = machine(Child('Use', keyed('pose'), END), input_keys=['pose'])
     made = machine(
-        Place('Find', keyed('', 'place'), {'done': 'Go'}),
-        Place('Go', inner, {'ended': 'ended'}, {}, {'pose': 'plaza'}),
+        Child('Find', keyed('', 'place'), {'done': 'Go'}),
+        Child('Go', inner, {'ended': 'ended'}, {}, {'pose': 'plaza'}),
     )
     assert problems(made) == (
         "/Go: reads userdata key 'pose' (remapped to 'plaza'); no state of / writes it, and it is neither an input nor "
@@ -124,15 +125,15 @@ def test_a_key_may_come_from_an_input_a_default_a_sibling_or_a_default_of_its_ow
     seen: list[Any] = []
     use = Scripted(outcome='done', do={'execute': lambda _, userdata: seen.append(userdata.key)}, input_keys=['key'])
     own = {'key': 1} if source == 'own default' else {}
-    inner = machine(Place('Use', use, END), input_keys=['key'], defaults=own)
+    inner = machine(Child('Use', use, END), input_keys=['key'], defaults=own)
     give = Scripted(
         outcome='done',
         do={'execute': lambda _, userdata: userdata.__setitem__('key', 1)} if source == 'sibling' else {},
         output_keys=['key'] if source == 'sibling' else [],
     )
     made = machine(
-        Place('Give', give, {'done': 'Inner'}),
-        Place('Inner', inner, {'ended': 'ended'}),
+        Child('Give', give, {'done': 'Inner'}),
+        Child('Inner', inner, {'ended': 'ended'}),
         input_keys=['key'] if source == 'input' else [],
         defaults={'key': 1} if source == 'default' else {},
     )
@@ -142,12 +143,12 @@ def test_a_key_may_come_from_an_input_a_default_a_sibling_or_a_default_of_its_ow
 
 def test_all_problems_of_all_levels_are_in_one_report() -> None:
     inner = machine(
-        Place('One', Scripted(), {'done': 'Two'}),
-        Place('Lost', keyed('x'), {'done': 'ended'}),
+        Child('One', Scripted(), {'done': 'Two'}),
+        Child('Lost', keyed('x'), {'done': 'ended'}),
     )
     made = machine(
-        Place('First', Scripted('error'), {'error': 'Inner'}, {'nope': 9}),
-        Place('Inner', inner, {'ended': 'nowhere'}),
+        Child('First', Scripted('error'), {'error': 'Inner'}, {'nope': 9}),
+        Child('Inner', inner, {'ended': 'nowhere'}),
         output_keys=['y'],
     )
     expected = [
@@ -166,13 +167,13 @@ def test_all_problems_of_all_levels_are_in_one_report() -> None:
 
 def test_one_object_in_two_places_is_refused() -> None:
     state = Scripted()
-    inner = machine(Place('C', state, END))
-    made = machine(Place('A', state, {'done': 'B'}), Place('B', inner, {'ended': 'ended'}))
+    inner = machine(Child('C', state, END))
+    made = machine(Child('A', state, {'done': 'B'}), Child('B', inner, {'ended': 'ended'}))
     assert problems(made) == ('/B/C: the same state object is also /A; make one for each place',)
 
 
 def test_a_machine_in_itself_is_refused_once() -> None:
-    made = machine(Place('A', Scripted(), {'done': 'B'}))
+    made = machine(Child('A', Scripted(), {'done': 'B'}))
     with made:
         OperatableStateMachine.add('B', made, {'ended': 'ended'})
     assert problems(made) == ('/B: the same state object is also /; make one for each place',)
@@ -219,7 +220,7 @@ def test_machines_are_built_in_threads_at_the_same_time() -> None:
 
 def test_a_definition_does_not_change_with_what_it_was_made_of() -> None:
     transitions, autonomy = {'done': 'ended'}, {'done': Autonomy.High}
-    made = machine(Place('A', Scripted(), transitions, autonomy), defaults={'x': 1})
+    made = machine(Child('A', Scripted(), transitions, autonomy), defaults={'x': 1})
     definition = define(made)
     before = definition.structure()
     transitions['done'] = 'A'
@@ -232,8 +233,8 @@ def test_a_definition_does_not_change_with_what_it_was_made_of() -> None:
 
 
 def test_the_structure_says_where_each_outcome_leads_and_what_it_requires() -> None:
-    inner = machine(Place('C', Scripted('x', 'y'), {'x': 'C', 'y': 'out'}, {'y': Autonomy.Full}), outcomes=['out'])
-    made = machine(Place('A', Scripted(), {'done': 'B'}), Place('B', inner, {'out': 'ended'}, {'out': Autonomy.Off}))
+    inner = machine(Child('C', Scripted('x', 'y'), {'x': 'C', 'y': 'out'}, {'y': Autonomy.Full}), outcomes=['out'])
+    made = machine(Child('A', Scripted(), {'done': 'B'}), Child('B', inner, {'out': 'ended'}, {'out': Autonomy.Off}))
     shown = [
         (one.path, one.kind, one.children, one.outcomes, one.targets, one.autonomy) for one in define(made).structure()
     ]
@@ -247,6 +248,6 @@ def test_the_structure_says_where_each_outcome_leads_and_what_it_requires() -> N
 
 def test_a_state_or_an_inner_machine_may_use_the_names_of_the_ends_of_runs() -> None:
     """In FlexBE an outcome 'preempted' of any state ends the whole behavior, whatever it is connected to."""
-    inner = machine(Place('One', Scripted('error', outcome='error'), {'error': 'preempted'}), outcomes=['preempted'])
-    bench = Bench(machine(Place('Inner', inner, {'preempted': 'Last'}), Place('Last', Scripted(), END)))
+    inner = machine(Child('One', Scripted('error', outcome='error'), {'error': 'preempted'}), outcomes=['preempted'])
+    bench = Bench(machine(Child('Inner', inner, {'preempted': 'Last'}), Child('Last', Scripted(), END)))
     assert (bench.outcome, bench.active) == (None, ('/Last',))

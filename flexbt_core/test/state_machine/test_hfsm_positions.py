@@ -11,6 +11,7 @@ import pytest
 
 from flexbt_core.state_machine import (
     Autonomy,
+    Child,
     EventState,
     OperatableStateMachine,
     Position,
@@ -19,14 +20,14 @@ from flexbt_core.state_machine import (
     position_of,
     start_at,
 )
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
 
 
 def line(*states: EventState | OperatableStateMachine, **options: Any) -> OperatableStateMachine:
     """States one after the other."""
     labels = [*(f'S{number}' for number in range(len(states))), 'ended']
     places = [
-        Place(labels[number], state, dict.fromkeys(state.outcomes, labels[number + 1]))
+        Child(labels[number], state, dict.fromkeys(state.outcomes, labels[number + 1]))
         for number, state in enumerate(states)
     ]
     return machine(*places, **options)
@@ -52,7 +53,7 @@ def test_a_run_goes_on_with_its_userdata_and_settings_and_tells_the_state_so() -
             Scripted(input_keys=['x'], do={'on_enter': read}),
         ]
         inner = line(*states, io_keys=['x'])
-        return states, machine(Place('M', inner, {'ended': 'ended'}), defaults={'x': 0})
+        return states, machine(Child('M', inner, {'ended': 'ended'}), defaults={'x': 0})
 
     seen: list[Any] = []
     _, first = made()
@@ -107,8 +108,8 @@ def test_what_was_being_left_is_passed_on() -> None:
 
 def test_what_had_to_wait_for_something_with_priority_is_not_resumed_but_entered() -> None:
     def made(urgent: Scripted, beside: Scripted) -> OperatableStateMachine:
-        first = machine(Place('U', urgent, {'done': 'ended'}), priority=True)
-        return machine(Place('P', first), Place('B', beside), conditions=[('ended', [('B', 'done')])])
+        first = machine(Child('U', urgent, {'done': 'ended'}), priority=True)
+        return machine(Child('P', first), Child('B', beside), conditions=[('ended', [('B', 'done')])])
 
     before = Bench(made(Scripted(), Scripted()))
     position = through_json(position_of(before.run))
@@ -116,7 +117,7 @@ def test_what_had_to_wait_for_something_with_priority_is_not_resumed_but_entered
     urgent, beside = Scripted(), Scripted()
     after = Bench(made(urgent, beside), at=position)
     assert position_of(after.run) == position
-    assert (urgent.trace, beside.trace) == (['on_start', 'on_enter again', 'execute'], ['on_start'])
+    assert (urgent.trace, beside.trace) == (['on_start', 'on_enter resumed', 'execute'], ['on_start'])
     urgent.end('done')
     after.settle()
     assert beside.trace == ['on_start', 'on_enter', 'execute']
@@ -130,7 +131,7 @@ def test_a_paused_run_goes_on_when_it_is_resumed() -> None:
     assert (state.trace, after.run.is_paused) == (['on_start'], True)
     assert position_of(after.run) == position_of(before.run)
     after.resume()
-    assert state.trace == ['on_start', 'on_enter again', 'execute']
+    assert state.trace == ['on_start', 'on_enter resumed', 'execute']
 
 
 def test_positions_are_whole_whenever_the_observer_is_told_something() -> None:
@@ -151,8 +152,8 @@ def test_positions_are_whole_whenever_the_observer_is_told_something() -> None:
 
     def made() -> OperatableStateMachine:
         both = machine(
-            Place('A', nested(passing(), 'X')),
-            Place('B', line(passing(), passing())),
+            Child('A', nested(passing(), 'X')),
+            Child('B', line(passing(), passing())),
             conditions=[('ended', [('A', 'done'), ('B', 'ended')])],
         )
         return line(passing(), both, nested(passing(), 'A/B'))
@@ -208,17 +209,17 @@ def test_a_switch_keeps_the_active_state_and_its_data_and_follows_the_new_transi
     state = Scripted(
         'done', io_keys=['x'], do={'execute': lambda _, userdata: userdata.__setitem__('x', userdata.x + 1)}
     )
-    inner = machine(Place('A', state, {'done': 'ended'}), io_keys=['x'])
-    bench = Bench(machine(Place('M', inner, {'ended': 'ended'}), defaults={'x': 1}))
+    inner = machine(Child('A', state, {'done': 'ended'}), io_keys=['x'])
+    bench = Bench(machine(Child('M', inner, {'ended': 'ended'}), defaults={'x': 1}))
     follow, replaced = Scripted(), Scripted('done', io_keys=['x'])
     inner = machine(
-        Place('A', replaced, {'done': 'B'}),
-        Place('B', follow, {'done': 'C'}),
-        Place('C', passing(outcomes=['e', 'n']), {'e': 'ended', 'n': 'new'}),
+        Child('A', replaced, {'done': 'B'}),
+        Child('B', follow, {'done': 'C'}),
+        Child('C', passing(outcomes=['e', 'n']), {'e': 'ended', 'n': 'new'}),
         outcomes=['ended', 'new'],
         io_keys=['x'],
     )
-    made = machine(Place('M', inner, {'ended': 'ended', 'new': 'ended'}), defaults={'x': 100, 'y': 5})
+    made = machine(Child('M', inner, {'ended': 'ended', 'new': 'ended'}), defaults={'x': 100, 'y': 5})
     assert bench.switch(made) is None
     assert (bench.active, state.trace[-1]) == (('/M/A',), 'execute')
     assert (bench.run.userdata(), replaced.trace, follow.trace) == ({'x': 2, 'y': 5}, ['on_start'], ['on_start'])
@@ -240,7 +241,7 @@ def test_a_switch_keeps_the_active_state_and_its_data_and_follows_the_new_transi
 def test_what_waits_for_the_operator_is_asked_again_after_a_switch() -> None:
     bench = Bench(line(Scripted(outcome='done'), passing()), autonomy=Autonomy.Full)
     assert bench.outcome == 'ended'
-    made = [machine(Place('A', Scripted(outcome='done'), {'done': 'ended'}, {'done': Autonomy.Full})) for _ in range(2)]
+    made = [machine(Child('A', Scripted(outcome='done'), {'done': 'ended'}, {'done': Autonomy.Full})) for _ in range(2)]
     bench = Bench(made[0])
     old = bench.decision
     assert bench.switch(made[1]) is None
@@ -256,34 +257,34 @@ class Other(Scripted):
 @pytest.mark.parametrize(
     ('made', 'reason'),
     [
-        (machine(Place('B', Scripted(), {'done': 'ended'})), "the machine has no state '/A'"),
+        (machine(Child('B', Scripted(), {'done': 'ended'})), "the machine has no state '/A'"),
         (
-            machine(Place('A', Other(), {'done': 'ended'})),
+            machine(Child('A', Other(), {'done': 'ended'})),
             f'/A is active, and would be of class {__name__}.Other '
             'instead of flexbt_testing.state_machines.bench.Scripted',
         ),
         (
-            machine(Place('A', Scripted('done', 'x'), {'done': 'ended', 'x': 'ended'})),
+            machine(Child('A', Scripted('done', 'x'), {'done': 'ended', 'x': 'ended'})),
             '/A is active, and would have other outcomes (x)',
         ),
         (
-            machine(Place('A', Scripted(output_keys=['k']), {'done': 'ended'})),
+            machine(Child('A', Scripted(output_keys=['k']), {'done': 'ended'})),
             '/A is active, and would have other output keys (k)',
         ),
         (
-            machine(Place('A', nested(Scripted(), 'B'), {'done': 'ended'})),
+            machine(Child('A', nested(Scripted(), 'B'), {'done': 'ended'})),
             '/A is active, and would be a container of kind MACHINE instead of a state',
         ),
         (
-            machine(Place('A', Scripted(), {}), conditions=[('ended', [('A', 'done')])]),
+            machine(Child('A', Scripted(), {}), conditions=[('ended', [('A', 'done')])]),
             '/ is active, and would be a container of kind CONCURRENCY instead of a container of kind MACHINE',
         ),
-        (machine(Place('A', Scripted(), {'done': 'ended'}), input_keys=['k']), "nobody has given the input 'k'"),
+        (machine(Child('A', Scripted(), {'done': 'ended'}), input_keys=['k']), "nobody has given the input 'k'"),
     ],
 )
 def test_a_switch_that_cannot_be_is_refused_and_changes_nothing(made: OperatableStateMachine, reason: str) -> None:
     state = Scripted()
-    bench = Bench(machine(Place('A', state, {'done': 'ended'})))
+    bench = Bench(machine(Child('A', state, {'done': 'ended'})))
     before = bench.run.definition
     refusal = bench.switch(made)
     assert refusal is not None
@@ -315,14 +316,14 @@ def test_a_switch_is_refused_while_something_is_left_and_when_a_new_state_cannot
 
 def test_inputs_of_the_new_machine_come_from_the_userdata_or_its_defaults() -> None:
     def made(**options: Any) -> OperatableStateMachine:
-        return machine(Place('A', Scripted(), {'done': 'ended'}), input_keys=['k'], **options)
+        return machine(Child('A', Scripted(), {'done': 'ended'}), input_keys=['k'], **options)
 
     bench = Bench(made(), userdata={'k': 1})
     assert bench.switch(made()) is None
     assert bench.switch(made(defaults={'k': 2})) is None
     assert bench.run.userdata() == {'k': 1}
     bench = Bench(line(Scripted()))
-    inner = machine(Place('S0', Scripted(), {'done': 'ended'}), input_keys=['k'], defaults={'k': 2})
+    inner = machine(Child('S0', Scripted(), {'done': 'ended'}), input_keys=['k'], defaults={'k': 2})
     assert bench.switch(inner) is None
     assert bench.run.userdata() == {'k': 2}
 

@@ -16,9 +16,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from flexbt_core.state_machine import ExitReason, OperatableStateMachine, Position, position_of
-from flexbt_testing.state_machines.bench import Bench
-from flexbt_testing.state_machines.random_machines import Node, Puppet, build, random_machine
-from flexbt_testing.state_machines.reference_model import LIVELOCK, Model
+from flexbt_testing.state_machines import LIVELOCK, Bench, Model, Node, Puppet, build, random_machine
 
 KINDS = {'TRANSITION': 'transition', 'CHOICE': 'choice'}
 CALLBACKS = ('on_enter', 'on_exit', 'on_pause', 'on_resume')
@@ -281,16 +279,16 @@ class RandomRun(RuleBasedStateMachine):
 
     @invariant()
     def the_operator_was_shown_what_is(self) -> None:
-        before = self.bench.pictures[-1]
+        before = self.bench.snapshots[-1]
         self.bench.changed()
-        assert self.bench.pictures.pop() == before
+        assert self.bench.snapshots.pop() == before
 
     @invariant()
     def another_step_would_change_nothing(self) -> None:
         """Nothing is left that somebody would have to ring for."""
-        events, pictures = len(self.bench.trace), len(self.bench.pictures)
+        events, snapshots = len(self.bench.trace), len(self.bench.snapshots)
         self.bench.run.step()
-        assert (len(self.bench.trace), len(self.bench.pictures)) == (events, pictures)
+        assert (len(self.bench.trace), len(self.bench.snapshots)) == (events, snapshots)
 
     def teardown(self) -> None:
         if not hasattr(self, 'bench'):

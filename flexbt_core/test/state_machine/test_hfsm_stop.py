@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, OperatableStateMachine, StateMachineError
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine, nested, passing
+from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine, StateMachineError
+from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
 
 CALLBACKS = ('on_start', 'on_enter', 'execute', 'on_exit', 'on_stop')
 
@@ -20,9 +20,9 @@ def stop_run(state: Scripted, _: Any) -> None:
 def three(states: list[Scripted]) -> OperatableStateMachine:
     """The second is in machines of its own."""
     return machine(
-        Place('One', states[0], {'done': 'Two'}),
-        Place('Two', nested(states[1], 'A/B'), {'done': 'Three'}),
-        Place('Three', states[2], {'done': 'ended'}),
+        Child('One', states[0], {'done': 'Two'}),
+        Child('Two', nested(states[1], 'A/B'), {'done': 'Three'}),
+        Child('Three', states[2], {'done': 'ended'}),
     )
 
 
@@ -72,12 +72,12 @@ def test_a_run_starts_once() -> None:
 def test_a_stop_while_something_waits_for_the_operator(kind: str) -> None:
     state = passing() if kind != 'choice' else Scripted(do={'execute': lambda state, _: state.ask('?')})
     level = {'done': Autonomy.Full}
-    inner = machine(Place('A', state, {'done': 'done'}, level if kind != 'machine' else {}), outcomes=['done'])
-    bench = Bench(machine(Place('M', inner, {'done': 'ended'}, level)))
+    inner = machine(Child('A', state, {'done': 'done'}, level if kind != 'machine' else {}), outcomes=['done'])
+    bench = Bench(machine(Child('M', inner, {'done': 'ended'}, level)))
     decision = bench.decision
     bench.stop()
     assert bench.outcome == 'preempted'
-    assert bench.pictures[-1].decisions == ()
+    assert bench.snapshots[-1].decisions == ()
     assert bench.confirm(decision.id) == 'the run has ended'
     assert (state.calls('on_enter'), state.calls('on_exit')) == (1, 1)
 
@@ -158,7 +158,7 @@ def test_a_command_before_the_start_is_kept_for_it() -> None:
 
 def test_of_two_commands_each_has_its_effect_before_the_other_is_looked_at() -> None:
     first, second = Scripted(), Scripted()
-    bench = Bench(machine(Place('A', first, {'done': 'B'}), Place('B', second, {'done': 'ended'})))
+    bench = Bench(machine(Child('A', first, {'done': 'B'}), Child('B', second, {'done': 'ended'})))
     answers: list[str | None] = []
     bench.run.force('/A', 'done', '', answers.append)
     bench.run.force('/A', 'done', '', answers.append)

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
-from flexbt_core.state_machine import Autonomy, EventState, MachineRun, StateError, define
-from flexbt_testing.state_machines.bench import Bench, Do, Place, Scripted, machine, nested
+from flexbt_core.state_machine import Autonomy, Child, EventState, MachineRun, StateError, define
+from flexbt_testing.state_machines import Bench, Do, Scripted, machine, nested
 
 
 def times_into(seen: list[float]) -> Do:
@@ -30,7 +30,7 @@ def test_while_nothing_happens_nothing_runs() -> None:
 def test_transitions_leave_no_timers_behind() -> None:
     """Each would be a wake-up for nothing, some seconds later."""
     states = [Scripted(), Scripted()]
-    bench = Bench(machine(Place('A', states[0], {'done': 'B'}), Place('B', states[1], {'done': 'A'})))
+    bench = Bench(machine(Child('A', states[0], {'done': 'B'}), Child('B', states[1], {'done': 'A'})))
     for number in range(20):
         states[number % 2].end('done')
         bench.settle()
@@ -89,7 +89,7 @@ def test_a_timeout_is_exactly_at_its_time(callback: str, rate: float | None) -> 
     state.wake()
     bench.pass_time(20.0)
     assert bench.outcome == 'done'
-    assert bench.pictures[-1].active == ()
+    assert bench.snapshots[-1].active == ()
     (left,) = [event for event in state.trace if event.startswith('on_exit')]
     assert left == 'on_exit OUTCOME'
 
@@ -114,7 +114,7 @@ def test_times_that_were_asked_for_end_with_the_visit() -> None:
 
     seen: list[float] = []
     state = Scripted('again', do={'on_enter': arm, 'execute': times_into(seen)})
-    bench = Bench(machine(Place('A', state, {'again': 'A'})))
+    bench = Bench(machine(Child('A', state, {'again': 'A'})))
     bench.pass_time(1.0)
     assert bench.force('/A', 'again') is None
     bench.pass_time(10.0)
@@ -146,7 +146,7 @@ def test_news_that_come_while_the_state_is_executed_are_not_lost() -> None:
 
 def test_news_for_a_state_that_is_not_active_are_nothing() -> None:
     states = [Scripted(), Scripted()]
-    bench = Bench(machine(Place('A', states[0], {'done': 'B'}), Place('B', states[1], {'done': 'ended'})))
+    bench = Bench(machine(Child('A', states[0], {'done': 'B'}), Child('B', states[1], {'done': 'ended'})))
     states[1].wake()
     bench.settle()
     assert states[1].trace == ['on_start']
@@ -161,7 +161,7 @@ def test_news_from_other_threads_are_never_lost() -> None:
     clock, wake_event = SteadyClock(), WakeEvent()
     states = [Scripted() for _ in range(length)]
     labels = [*(f'S{number}' for number in range(length)), 'ended']
-    made = machine(*(Place(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states)))
+    made = machine(*(Child(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states)))
     bench = Bench(made, start=False)
     run = MachineRun(define(made), clock, bench, on_wake=wake_event.set)
     entered = [threading.Event() for _ in states]

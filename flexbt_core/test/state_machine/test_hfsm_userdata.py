@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import OperatableStateMachine, UserData
-from flexbt_testing.state_machines.bench import Bench, Do, Place, Scripted, machine, passing
+from flexbt_core.state_machine import Child, OperatableStateMachine, UserData
+from flexbt_testing.state_machines import Bench, Do, Scripted, machine, passing
 
 
 def read(key: str, into: list[Any]) -> Do:
@@ -41,7 +41,7 @@ def wired(state: Scripted, *, inputs: bool) -> OperatableStateMachine:
     """A state in three machines, each of which remaps its key."""
     made: Scripted | OperatableStateMachine = state
     for own, outer in itertools.pairwise(NAMES):
-        place = Place('In', made, {'done': 'done', 'failed': 'failed'}, {}, {own: outer})
+        place = Child('In', made, {'done': 'done', 'failed': 'failed'}, {}, {own: outer})
         keys = {'input_keys' if inputs else 'output_keys': [outer]}
         made = machine(place, outcomes=['done', 'failed'], **keys)  # type: ignore[arg-type]
     assert isinstance(made, OperatableStateMachine)
@@ -74,7 +74,7 @@ def test_an_output_is_written_through_three_levels_of_remapping() -> None:
 def test_what_is_not_declared_or_not_there_is_a_fault_that_says_what_to_do(do: Do, words: str) -> None:
     state = Scripted('done', 'failed', outcome='done', do={'execute': do}, input_keys=['given', 'missing'])
     root = machine(
-        Place('Work', state, {'done': 'done', 'failed': 'failed'}, {}, {'missing': 'absent'}),
+        Child('Work', state, {'done': 'done', 'failed': 'failed'}, {}, {'missing': 'absent'}),
         outcomes=['done', 'failed'],
         input_keys=['given', 'absent'],
     )
@@ -94,7 +94,7 @@ def test_what_there_is_can_be_listed() -> None:
     seen: list[Any] = []
     state = Scripted(outcome='done', do={'execute': look}, input_keys=['a', 'b'])
     bench = Bench(
-        machine(Place('One', state, {'done': 'ended'}, {}, {'a': 'z'}), input_keys=['z', 'b', 'c']),
+        machine(Child('One', state, {'done': 'ended'}, {}, {'a': 'z'}), input_keys=['z', 'b', 'c']),
         userdata={'z': 'zebra', 'c': 3},
     )
     assert bench.outcome == 'ended'
@@ -110,7 +110,7 @@ def test_what_is_only_read_is_a_copy_and_what_is_written_too_is_the_thing_itself
     mine = Scripted(outcome='done', do={'execute': change}, input_keys=['items'])
     ours = Scripted(outcome='done', do={'execute': change}, io_keys=['items'])
     bench = Bench(
-        machine(Place('Mine', mine, {'done': 'Ours'}), Place('Ours', ours, {'done': 'ended'}), input_keys=['items']),
+        machine(Child('Mine', mine, {'done': 'Ours'}), Child('Ours', ours, {'done': 'ended'}), input_keys=['items']),
         userdata={'items': [0]},
     )
     assert bench.outcome == 'ended'
@@ -127,7 +127,7 @@ def test_one_key_of_the_machine_as_input_and_output_of_a_state_can_be_read_after
     seen: list[Any] = []
     state = Scripted(outcome='done', do={'execute': update}, input_keys=['before'], output_keys=['after'])
     bench = Bench(
-        machine(Place('One', state, {'done': 'ended'}, {}, {'before': 'items', 'after': 'items'}), io_keys=['items']),
+        machine(Child('One', state, {'done': 'ended'}, {}, {'before': 'items', 'after': 'items'}), io_keys=['items']),
         userdata={'items': [1]},
     )
     assert bench.outcome == 'ended'
@@ -148,7 +148,7 @@ def test_a_value_that_cannot_be_copied_is_shared_only_with_who_declares_to() -> 
 
 def nested_in_root(state: Scripted) -> OperatableStateMachine:
     return machine(
-        Place('One', state, {'done': 'done', 'failed': 'failed'}), outcomes=['done', 'failed'], input_keys=['lock']
+        Child('One', state, {'done': 'done', 'failed': 'failed'}), outcomes=['done', 'failed'], input_keys=['lock']
     )
 
 
@@ -161,8 +161,8 @@ def loop(inner: OperatableStateMachine, visits: int) -> OperatableStateMachine:
         return 'again' if left[0] else 'done'
 
     return machine(
-        Place('Inner', inner, {'ended': 'Check'}),
-        Place('Check', Scripted('again', 'done', do={'execute': decide}), {'again': 'Inner', 'done': 'ended'}),
+        Child('Inner', inner, {'ended': 'Check'}),
+        Child('Check', Scripted('again', 'done', do={'execute': decide}), {'again': 'Inner', 'done': 'ended'}),
         output_keys=['result'],
         defaults={'result': None},
     )
@@ -175,12 +175,12 @@ def test_each_visit_of_a_machine_and_each_run_begins_with_its_defaults() -> None
 
     seen: list[Any] = []
     state = Scripted(outcome='done', do={'execute': append}, io_keys=['items'])
-    inner = machine(Place('One', state, {'done': 'ended'}), defaults={'items': []})
+    inner = machine(Child('One', state, {'done': 'ended'}), defaults={'items': []})
     made = loop(inner, 3)
     assert Bench(made).outcome == 'ended'
     assert seen == [[0]] * 3
     state = Scripted(outcome='done', do={'execute': append}, io_keys=['items'])
-    root = machine(Place('One', state, {'done': 'ended'}), defaults={'items': []})
+    root = machine(Child('One', state, {'done': 'ended'}), defaults={'items': []})
     seen.clear()
     for _ in range(2):
         assert Bench(root).run.userdata() == {'items': [0]}
@@ -188,9 +188,9 @@ def test_each_visit_of_a_machine_and_each_run_begins_with_its_defaults() -> None
 
 def test_a_default_yields_to_what_is_around_the_machine() -> None:
     seen: list[Any] = []
-    place = Place('One', reader('speed', seen), {'done': 'ended', 'failed': 'ended'})
+    place = Child('One', reader('speed', seen), {'done': 'ended', 'failed': 'ended'})
     inner = machine(place, input_keys=['speed'], defaults={'speed': 1})
-    root = machine(Place('Inner', inner, {'ended': 'ended'}, {}, {'speed': 'limit'}), input_keys=['limit'])
+    root = machine(Child('Inner', inner, {'ended': 'ended'}, {}, {'speed': 'limit'}), input_keys=['limit'])
     assert Bench(root, userdata={'limit': 5}).outcome == 'ended'
     assert Bench(root).outcome == 'ended'
     assert seen == [5, 1]
@@ -199,11 +199,11 @@ def test_a_default_yields_to_what_is_around_the_machine() -> None:
 def test_the_default_of_an_output_is_what_the_machine_gives_when_no_state_writes_it() -> None:
     """The check of the machine counts it as written, so whoever reads it has to find it."""
     seen: list[Any] = []
-    quiet = machine(Place('Pass', passing(), {'done': 'ended'}), output_keys=['result'], defaults={'result': 'nothing'})
+    quiet = machine(Child('Pass', passing(), {'done': 'ended'}), output_keys=['result'], defaults={'result': 'nothing'})
     last = reader('found', seen)
     root = machine(
-        Place('Quiet', quiet, {'ended': 'Last'}, {}, {'result': 'found'}),
-        Place('Last', last, {'done': 'ended', 'failed': 'ended'}),
+        Child('Quiet', quiet, {'ended': 'Last'}, {}, {'result': 'found'}),
+        Child('Last', last, {'done': 'ended', 'failed': 'ended'}),
     )
     assert Bench(root).outcome == 'ended'
     assert seen == ['nothing']
@@ -211,22 +211,22 @@ def test_the_default_of_an_output_is_what_the_machine_gives_when_no_state_writes
 
 def test_what_a_machine_does_not_declare_stays_in_it() -> None:
     inner = machine(
-        Place('Write', writer(shown=1, hidden=2), {'done': 'ended', 'failed': 'ended'}), output_keys=['shown']
+        Child('Write', writer(shown=1, hidden=2), {'done': 'ended', 'failed': 'ended'}), output_keys=['shown']
     )
-    bench = Bench(machine(Place('Inner', inner, {'ended': 'ended'}), output_keys=['shown']))
+    bench = Bench(machine(Child('Inner', inner, {'ended': 'ended'}), output_keys=['shown']))
     assert bench.run.userdata() == {'shown': 1}
 
 
 def test_a_state_that_is_left_sees_its_userdata_in_on_exit() -> None:
     state = Scripted(do={'on_exit': write(last='seen')}, output_keys=['last'])
-    bench = Bench(machine(Place('One', state, {'done': 'ended'}), output_keys=['last']))
+    bench = Bench(machine(Child('One', state, {'done': 'ended'}), output_keys=['last']))
     bench.stop()
     assert bench.run.userdata() == {'last': 'seen'}
 
 
 def test_a_value_given_at_the_start_is_taken_over_a_default() -> None:
     seen: list[Any] = []
-    made = machine(Place('One', reader('a', seen), {'done': 'ended', 'failed': 'ended'}), defaults={'a': 1})
+    made = machine(Child('One', reader('a', seen), {'done': 'ended', 'failed': 'ended'}), defaults={'a': 1})
     assert Bench(made, userdata={'a': 2}).outcome == 'ended'
     assert Bench(made).outcome == 'ended'
     assert seen == [2, 1]

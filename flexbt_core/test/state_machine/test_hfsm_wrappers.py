@@ -9,6 +9,7 @@ import pytest
 
 from flexbt_core.state_machine import (
     Autonomy,
+    Child,
     EventState,
     MachineError,
     StateError,
@@ -16,13 +17,13 @@ from flexbt_core.state_machine import (
     with_retry,
     with_timeout,
 )
-from flexbt_testing.state_machines.bench import Bench, Place, Scripted, machine
+from flexbt_testing.state_machines import Bench, Scripted, machine
 
 
 def bench_of(state: EventState, **options: Any) -> Bench:
     """The machine hands out all outcomes."""
     ways = {outcome: outcome for outcome in state.outcomes}
-    return Bench(machine(Place('A', state, ways), outcomes=state.outcomes, io_keys=['x']), userdata={'x': 1}, **options)
+    return Bench(machine(Child('A', state, ways), outcomes=state.outcomes, io_keys=['x']), userdata={'x': 1}, **options)
 
 
 def failing(times: int, then: str | None = 'done') -> Scripted:
@@ -80,7 +81,7 @@ def test_the_time_stands_still_while_the_state_is_paused_and_begins_again_with_e
 
 def test_a_time_out_needs_the_approval_that_its_outcome_requires() -> None:
     state = with_timeout(Scripted(), 1.0)
-    made = machine(Place('A', state, {'done': 'ended', 'timeout': 'ended'}, {'timeout': Autonomy.Full}))
+    made = machine(Child('A', state, {'done': 'ended', 'timeout': 'ended'}, {'timeout': Autonomy.Full}))
     bench = Bench(made)
     bench.pass_time(2.0)
     assert (bench.decision.outcome, bench.decision.outcomes) == ('timeout', ('done', 'timeout'))
@@ -191,7 +192,7 @@ def test_a_wrapper_looks_like_the_state() -> None:
     both = with_timeout(with_retry(state, 3), 2.5)
     assert (both.outcomes, both.input_keys, both.output_keys) == (('done', 'failed', 'timeout'), ('a',), ('b',))
     assert (both.desired_rate, both.unwrapped) == (5.0, state)
-    made = machine(Place('A', both, dict.fromkeys(both.outcomes, 'ended')), input_keys=['a'])
+    made = machine(Child('A', both, dict.fromkeys(both.outcomes, 'ended')), input_keys=['a'])
     assert define(made).structure()[1].type_name == 'Scripted, up to 3 times, at most 2.5 s'
 
 
@@ -202,14 +203,14 @@ def test_what_cannot_be_wrapped_is_refused() -> None:
         with_retry(Scripted(), 2)
     with pytest.raises(StateError, match='0 attempts'):
         with_retry(Scripted('failed'), 0)
-    inner: Any = machine(Place('A', Scripted(), {'done': 'ended'}))
+    inner: Any = machine(Child('A', Scripted(), {'done': 'ended'}))
     with pytest.raises(StateError, match='only a state can have a time-out or further attempts'):
         with_timeout(inner, 1.0)
     with pytest.raises(StateError, match='only a state can have a time-out or further attempts'):
         with_retry(inner, 2)
     state = Scripted()
     made = machine(
-        Place('A', state, {'done': 'B'}), Place('B', with_timeout(state, 1.0), {'done': 'A', 'timeout': 'ended'})
+        Child('A', state, {'done': 'B'}), Child('B', with_timeout(state, 1.0), {'done': 'A', 'timeout': 'ended'})
     )
     with pytest.raises(MachineError, match='/B: the same state object is also /A'):
         define(made)

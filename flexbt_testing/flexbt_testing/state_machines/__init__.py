@@ -1,2 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Benches, random machines and a reference model."""
+"""Machines and states for tests, without ROS: a bench on a manual clock, random machines, a model to compare with."""
+
+from .bench import Bench, Do, Scripted, Snapshot, machine, nested, passing
+from .random_machines import Node, Puppet, build, random_machine
+from .reference_model import LIVELOCK, Model
+
+__all__ = [
+    'LIVELOCK',
+    'Bench',
+    'Do',
+    'Model',
+    'Node',
+    'Puppet',
+    'Scripted',
+    'Snapshot',
+    'build',
+    'machine',
+    'nested',
+    'passing',
+    'random_machine',
+]

@@ -3,13 +3,18 @@
 
 As the executive does, the host steps the run after each wake-up and when it is due, and never otherwise: what is
 forgotten here hangs there.
+
+A trace is a list of callbacks in the order of their calls: ``on_enter``, with `` resumed`` when the run goes on there;
+``on_exit`` with the name of the :class:`ExitReason`, as in ``on_exit PARENT_LEFT``; the others by their names alone.
+The common trace of a bench has the path of the state behind the name: ``on_exit /Outer/Inner OUTCOME``. Calls of
+``halting`` and ``activity`` are not in it.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from flexbt_core.clock import ManualClock
@@ -17,6 +22,7 @@ from flexbt_core.state_machine import (
     MAX_TRANSITIONS,
     Answer,
     Autonomy,
+    Child,
     ConcurrencyContainer,
     Decision,
     EventState,
@@ -39,7 +45,7 @@ STEPS_AT_ONCE = 50
 
 
 class Scripted(EventState):
-    """Keeps a trace of its callbacks; ``do`` says what each of them does besides, by its name.
+    """Keeps a ``trace`` of its callbacks; ``do`` says what each of them does besides, by its name.
 
     Unless ``execute`` gives something, the state is left by ``outcome``, as soon as there is one.
     """
@@ -65,7 +71,7 @@ class Scripted(EventState):
         return self._calls[callback]
 
     def end(self, outcome: str) -> None:
-        """News for the state: it is to be left by an outcome."""
+        """What the state waits for has happened: it is to be left by an outcome."""
         self.outcome = outcome
         self.wake()
 
@@ -73,7 +79,7 @@ class Scripted(EventState):
         self._called('on_start')
 
     def on_enter(self, userdata: Any) -> None:
-        self._called('on_enter', userdata, ' again' if self.is_resumed else '')
+        self._called('on_enter', userdata, ' resumed' if self.is_resumed else '')
 
     def execute(self, userdata: Any) -> str | None:
         own = self._called('execute', userdata)
@@ -108,19 +114,8 @@ def passing(*, outcome: str = 'done', outcomes: Iterable[str] = ('done',)) -> Sc
     return Scripted(*outcomes, outcome=outcome)
 
 
-@dataclass(frozen=True)
-class Place:
-    """A state or machine in a machine."""
-
-    label: str
-    state: EventState | OperatableStateMachine
-    transitions: Mapping[str, str] = field(default_factory=dict)
-    autonomy: Mapping[str, int] = field(default_factory=dict)
-    remapping: Mapping[str, str] = field(default_factory=dict)
-
-
 def machine(
-    *places: Place,
+    *children: Child,
     outcomes: Iterable[str] = ('ended',),
     input_keys: Iterable[str] = (),
     output_keys: Iterable[str] = (),
@@ -139,8 +134,8 @@ def machine(
     for key, value in (defaults or {}).items():
         made.userdata[key] = value
     with made:
-        for place in places:
-            OperatableStateMachine.add(place.label, place.state, place.transitions, place.autonomy, place.remapping)
+        for child in children:
+            OperatableStateMachine.add(child.label, child.state, child.transitions, child.autonomy, child.remapping)
     return made
 
 
@@ -149,11 +144,11 @@ def nested(state: EventState, labels: str, autonomy: Mapping[str, int] | None = 
     first, _, rest = labels.partition('/')
     inner = nested(state, rest, autonomy) if rest else state
     ways = {outcome: outcome for outcome in state.outcomes}
-    return machine(Place(first, inner, ways, (autonomy or {}) if not rest else {}), outcomes=state.outcomes)
+    return machine(Child(first, inner, ways, (autonomy or {}) if not rest else {}), outcomes=state.outcomes)
 
 
 @dataclass(frozen=True)
-class Picture:
+class Snapshot:
     """What the operator is shown at some time."""
 
     active: tuple[str, ...]
@@ -182,7 +177,7 @@ class Bench:
         self.faults: list[tuple[str, str]] = []
         self.lines: list[tuple[Severity, str, str]] = []
         self.transitions: list[tuple[str, str, str, ExitReason]] = []
-        self.pictures: list[Picture] = []
+        self.snapshots: list[Snapshot] = []
         self.steps = 0
         self._is_woken = False
         self.run = MachineRun(
@@ -214,7 +209,7 @@ class Bench:
             assert known.issuperset(decision.path for decision in decisions), (decisions, known)
         paused = tuple(leaf.path for leaf in self.run.active_states() if leaf.is_paused)
         controls: tuple[bool | str, ...] = (self.run.is_paused, *self.run.locked, '', *self.run.breakpoints)
-        self.pictures.append(Picture(active, decisions, paused, controls))
+        self.snapshots.append(Snapshot(active, decisions, paused, controls))
 
     def log(self, severity: Severity, path: str, text: str) -> None:
         self.lines.append((severity, path, text))

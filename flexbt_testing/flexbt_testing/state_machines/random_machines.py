@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any, Final
 
-from flexbt_core.state_machine import EventState, OperatableStateMachine, StateKind
+from flexbt_core.state_machine import Child, EventState, OperatableStateMachine, StateKind
 
-from .bench import Place, Scripted, machine
+from .bench import Scripted, machine
 
 DEPTH: Final = 4
 """Most machines around a state, the root not counted."""
@@ -167,7 +167,7 @@ class Puppet(Scripted):
 
 def build(node: Node) -> tuple[OperatableStateMachine, list[Puppet]]:
     """The machine of a node, and its states."""
-    places, puppets = [], []
+    children, puppets = [], []
     for child in node.children:
         state: EventState | OperatableStateMachine
         if child.children:
@@ -178,10 +178,10 @@ def build(node: Node) -> tuple[OperatableStateMachine, list[Puppet]]:
         puppets += inner
         ways = {name: way if isinstance(way, str) else way.path.rpartition('/')[2] for name, way in child.ways.items()}
         levels = {name: level for name, level in child.required.items() if level != UNDECLARED}
-        places.append(Place(child.path.rpartition('/')[2], state, ways, levels))
+        children.append(Child(child.path.rpartition('/')[2], state, ways, levels))
     conditions = [
-        (outcome, [(child.path.rpartition('/')[2], wanted) for child, wanted in children])
-        for outcome, children in node.conditions
+        (outcome, [(child.path.rpartition('/')[2], wanted) for child, wanted in ended])
+        for outcome, ended in node.conditions
     ]
-    made = machine(*places, outcomes=node.outcomes, conditions=conditions, priority=node.kind is StateKind.PRIORITY)
+    made = machine(*children, outcomes=node.outcomes, conditions=conditions, priority=node.kind is StateKind.PRIORITY)
     return made, puppets

@@ -452,7 +452,7 @@ class Model:
         seat.visit, seat.is_entered, seat.is_woken = visit, True, True
         seat.told = visit.outcome if visit.kind == 'go' else None
         seat.is_at_rest = visit.leaving != 'slow'
-        self.events.append(f'on_enter {node.path}{" again" if is_resumed else ""}')
+        self.events.append(f'on_enter {node.path}{" resumed" if is_resumed else ""}')
         if visit.kind == 'on_enter':
             self._fail(seat)
 

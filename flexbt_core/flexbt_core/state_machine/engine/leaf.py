@@ -153,14 +153,14 @@ class LeafRun:
             self._fail()
 
     def advance(self) -> bool:
-        """Execute the state if there is a reason to; whether it wants something now."""
+        """Execute the state if there is a reason to; whether it wants something now, or has raised."""
         if not self._is_running or not self._is_due():
             return False
         outcome = self.call('execute', self._execute)
         if outcome is _Raised.RAISED:
             self._fail()
-        else:
-            self.outcome = outcome
+            return True  # the run may end by that, and nothing else is to begin before
+        self.outcome = outcome
         return self.outcome is not None or self.choice is not None
 
     def leave(self, reason: ExitReason) -> None:

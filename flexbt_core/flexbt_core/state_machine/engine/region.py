@@ -168,6 +168,7 @@ class Region:
             if self._consider(child):
                 return True
             child.advance()
+            return self._consider(child) or child.exit_reason is ExitReason.FAULT
         return self._consider(child)
 
     # -- what the operator wants -------------------------------------------------------------------------------------
