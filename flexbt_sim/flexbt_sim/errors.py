@@ -28,7 +28,7 @@ class MapError(SimulationError):
 
 
 class NavigationError(SimulationError):
-    """A planner, controller or behavior gives up. ``code`` is the name of a constant of the action's result."""
+    """A planner, controller or behavior aborts its goal. ``code`` is the name of a constant of the action's result."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)

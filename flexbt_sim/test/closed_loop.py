@@ -10,13 +10,8 @@ from dataclasses import dataclass, field
 from sim_maps import room
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation.costmap import Costmap, Inflation
-from flexbt_sim.navigation.motions import STOP, Motion, Velocity
-from flexbt_sim.navigation.path_follower import FollowerLimits, PathFollower
-from flexbt_sim.navigation.planner import GridPlanner
-from flexbt_sim.world.geometry import Pose, wrap
-from flexbt_sim.world.occupancy_map import OccupancyMap
-from flexbt_sim.world.robot import Robot, RobotLimits
+from flexbt_sim.navigation import STOP, Costmap, FollowerLimits, GridPlanner, Inflation, Motion, PathFollower, Velocity
+from flexbt_sim.world import OccupancyMap, Pose, Robot, RobotLimits, wrap
 
 PERIOD = 0.03
 """Time from pose to pose, s."""

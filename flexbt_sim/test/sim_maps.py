@@ -10,8 +10,7 @@ import numpy
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, Pose
 
 RESOLUTION = 0.05
 

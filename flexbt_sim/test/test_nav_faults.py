@@ -12,11 +12,8 @@ from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes.motion_server import MotionArbiter
-from flexbt_sim.nodes.navigation_servers import Navigation
-from flexbt_sim.nodes.ros_messages import duration_message
-from flexbt_sim.nodes.simulator import Simulator
-from flexbt_sim.world.robot import RobotLimits
+from flexbt_sim.nodes import MotionArbiter, Navigation, Simulator, duration_message
+from flexbt_sim.world import RobotLimits
 from flexbt_testing.ros.sim_world import (
     DOCK,
     FAST,
@@ -57,16 +54,16 @@ def test_requests_that_are_canceled_while_they_wait_for_the_robot_end_canceled()
         assert [goal.wait().status for goal in goals] == [GoalStatus.CANCELED] * 3
 
 
-def test_one_look_for_the_robot_at_a_time_however_motions_take_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each takes over when the look for the motion before it is due, and has not been made."""
-    looks: list[float] = []
-    look = MotionArbiter._look_for_pose
+def test_one_check_of_the_pose_at_a_time_however_motions_take_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes over when the check for the motion before it is due, and has not been made."""
+    checks: list[float] = []
+    check = MotionArbiter._check_pose
 
     def count(*arguments: Any) -> None:
-        looks.append(time.monotonic())
-        look(*arguments)
+        checks.append(time.monotonic())
+        check(*arguments)
 
-    monkeypatch.setattr(MotionArbiter, '_look_for_pose', count)
+    monkeypatch.setattr(MotionArbiter, '_check_pose', count)
     with open_simulator(**FAST) as probe, open_navigation(pose_timeout=0.2) as navigation:
         for _ in range(6):
             with ThreadPoolExecutor() as pool:
@@ -74,9 +71,9 @@ def test_one_look_for_the_robot_at_a_time_however_motions_take_over(monkeypatch:
                 goal = probe.send(names.SPIN, target_yaw=1000.0, time_allowance=duration_message(1000.0))
             assert goal.accepted.wait(20.0)
         assert not goal.ended
-        looks.clear()
+        checks.clear()
         probe.later(10.0)  # 1 s on the wall
-        assert 1 <= len(looks) <= 10
+        assert 1 <= len(checks) <= 10
 
 
 def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back() -> None:

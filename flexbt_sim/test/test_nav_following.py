@@ -13,9 +13,8 @@ from nav2_msgs.action import FollowPath
 from nav_msgs.msg import Path
 
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes.simulator_parameters import built_in_map
-from flexbt_sim.world.occupancy_map import load_map
-from flexbt_sim.world.robot import RobotLimits
+from flexbt_sim.nodes import built_in_map
+from flexbt_sim.world import RobotLimits, load_map
 from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
 
 Result = FollowPath.Result

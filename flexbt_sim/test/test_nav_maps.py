@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes.ros_messages import grid_message, time_message
-from flexbt_sim.nodes.simulator_parameters import built_in_map
-from flexbt_sim.world.occupancy_map import OCCUPIED, UNKNOWN, OccupancyMap, load_map
+from flexbt_sim.nodes import built_in_map, grid_message, time_message
+from flexbt_sim.world import OCCUPIED, UNKNOWN, OccupancyMap, load_map
 from flexbt_testing.ros.sim_world import (
     DEADLINE,
     DOCK,

@@ -8,10 +8,8 @@ from nav2_msgs.action import FollowPath
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes.navigation_servers import Navigation
-from flexbt_sim.nodes.ros_messages import seconds_of
-from flexbt_sim.nodes.simulator import Simulator
-from flexbt_sim.world.robot import RobotLimits
+from flexbt_sim.nodes import Navigation, Simulator, seconds_of
+from flexbt_sim.world import RobotLimits
 from flexbt_testing.ros.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
 
 PLACE = '/fleet/robot1'

@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Duration
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_sim.nodes.ros_messages import duration_message, seconds_of
+from flexbt_sim.nodes import duration_message, seconds_of
 from flexbt_testing.ros.sim_world import DOCK, Probe, line, open_world
 
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import FAR, OccupancyMap
+from flexbt_sim.world import FAR, OccupancyMap, Pose
 
 thorough = settings(deadline=None, max_examples=60)
 

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, rooms, worlds
 
-from flexbt_sim.navigation.costmap import INSCRIBED, LETHAL, Costmap, Inflation
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.navigation import INSCRIBED, LETHAL, Costmap, Inflation
+from flexbt_sim.world import OccupancyMap, Pose
 
 inflations = st.builds(
     Inflation, robot_radius=st.floats(0.05, 0.5), radius=st.floats(0.0, 2.0), scaling=st.floats(0.1, 20.0)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from flexbt_sim.world.geometry import Pose, drive, wrap
+from flexbt_sim.world import Pose, drive, wrap
 
 ANGLE = st.floats(-math.pi, math.pi)
 SPEED = st.floats(-20.0, 20.0) | st.floats(-1e-6, 1e-6)

@@ -11,9 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, worlds
 
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.lidar import Lidar, LidarModel
-from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.world import Lidar, LidarModel, OccupancyMap, Pose
 
 BOX = drawn('#' * 62, *['#' + '.' * 60 + '#'] * 60, '#' * 62)
 """3 m by 3 m within walls of 5 cm."""

@@ -14,8 +14,7 @@ from map_files import grey, write
 from numpy.typing import NDArray
 from PIL import Image
 
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import FREE, OCCUPIED, UNKNOWN, load_map
+from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, Pose, load_map
 
 STOCK = Path(__file__).parents[3] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'
 in_directory = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

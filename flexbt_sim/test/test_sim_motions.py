@@ -13,10 +13,8 @@ from hypothesis import strategies as st
 from sim_maps import drawn, free_places, places, rooms, worlds
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation.costmap import Costmap, Inflation
-from flexbt_sim.navigation.motions import LOOK_AHEAD, DriveMotion, Motion, SpinMotion, Velocity, collides
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.navigation import LOOK_AHEAD, Costmap, DriveMotion, Inflation, Motion, SpinMotion, Velocity, collides
+from flexbt_sim.world import OccupancyMap, Pose
 
 OPEN = drawn(*['.' * 120] * 120)
 CENTRE = Pose(3.0, 3.0, 2.0)

@@ -21,11 +21,8 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.nodes.ros_messages import map_of, pose_of, seconds_of
-from flexbt_sim.nodes.simulator import Simulator
-from flexbt_sim.nodes.simulator_parameters import built_in_map
-from flexbt_sim.world.occupancy_map import load_map
-from flexbt_sim.world.robot import RobotLimits
+from flexbt_sim.nodes import Simulator, built_in_map, map_of, pose_of, seconds_of
+from flexbt_sim.world import RobotLimits, load_map
 from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
 
 LIMITS = RobotLimits()

@@ -9,8 +9,7 @@ import pytest
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.nodes.navigation_servers import Navigation
-from flexbt_sim.nodes.simulator import Simulator
+from flexbt_sim.nodes import Navigation, Simulator
 
 
 @pytest.mark.parametrize(

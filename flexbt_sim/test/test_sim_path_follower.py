@@ -14,12 +14,8 @@ from hypothesis import strategies as st
 from sim_maps import drawn, free_places, worlds
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation.costmap import Costmap, Inflation
-from flexbt_sim.navigation.path_follower import FollowerLimits, PathFollower, ProgressChecker
-from flexbt_sim.navigation.planner import GridPlanner
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import OccupancyMap
-from flexbt_sim.world.robot import Robot
+from flexbt_sim.navigation import Costmap, FollowerLimits, GridPlanner, Inflation, PathFollower, ProgressChecker
+from flexbt_sim.world import OccupancyMap, Pose, Robot
 
 OPEN = drawn(*['.' * 160] * 120)
 WALL = drawn(*['.' * 80 + '##' + '.' * 78] * 120)

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import OccupancyMap
-from flexbt_sim.world.placement import check_place
+from flexbt_sim.world import OccupancyMap, Pose, check_place
 
 
 @settings(deadline=None)

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from sim_maps import drawn, places, room, rooms, worlds
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation.costmap import Costmap, Inflation
-from flexbt_sim.navigation.planner import END_TOLERANCE, SPACING, GridPlanner
-from flexbt_sim.world.geometry import Pose, wrap
-from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.navigation import END_TOLERANCE, SPACING, Costmap, GridPlanner, Inflation
+from flexbt_sim.world import OccupancyMap, Pose, wrap
 
 INFLATION = Inflation()
 RADIUS = INFLATION.robot_radius

@@ -12,9 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import OccupancyMap
-from flexbt_sim.world.robot import HOP, TICK, Robot, RobotLimits
+from flexbt_sim.world import COLLISION_CHECK_DISTANCE, TICK, OccupancyMap, Pose, Robot, RobotLimits
 
 LIMITS = RobotLimits()
 ROUNDING = 1e-6
@@ -185,7 +183,7 @@ def test_a_wall_stops_it_where_it_touches(heading: float, speed: float, duration
         robot.step(now, duration)
     assert robot.in_contact
     assert robot.linear == 0.0
-    assert LIMITS.radius - ROUNDING <= room(BOX, robot.pose.x, robot.pose.y) <= LIMITS.radius + HOP
+    assert LIMITS.radius - ROUNDING <= room(BOX, robot.pose.x, robot.pose.y) <= LIMITS.radius + COLLISION_CHECK_DISTANCE
     assert robot.pose.bearing(1.55, 1.55) == pytest.approx(math.copysign(math.pi, robot.pose.bearing(1.55, 1.55)))
 
 
@@ -227,4 +225,4 @@ def test_beside_the_map_there_is_nothing_but_the_map() -> None:
     robot.step(9.0, 7.0)
     assert robot.in_contact
     assert robot.pose.yaw == math.pi
-    assert robot.pose.x == pytest.approx(-LIMITS.radius, abs=HOP)
+    assert robot.pose.x == pytest.approx(-LIMITS.radius, abs=COLLISION_CHECK_DISTANCE)

@@ -16,10 +16,8 @@ from PIL import Image
 from sim_maps import room
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation.costmap import Costmap, Inflation
-from flexbt_sim.navigation.planner import GridPlanner
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import load_map
+from flexbt_sim.navigation import Costmap, GridPlanner, Inflation
+from flexbt_sim.world import Pose, load_map
 
 MAPS = Path(__file__).parents[1] / 'maps'
 SANDBOX = Path(__file__).parents[3] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_sim.navigation.track import Track
-from flexbt_sim.world.geometry import Pose
+from flexbt_sim.navigation import Track
+from flexbt_sim.world import Pose
 
 poses = st.builds(Pose, st.integers(-20, 20).map(lambda n: n / 5), st.floats(-4.0, 4.0), st.just(0.0))
 paths = st.lists(poses, min_size=1, max_size=8)

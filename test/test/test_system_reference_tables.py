@@ -15,9 +15,8 @@ from rclpy.parameter import Parameter
 import flexbt_console.recording.recorder
 import flexbt_onboard.node.executive_parameters
 import flexbt_server.node.parameters
-import flexbt_sim.nodes.navigation_parameters
-import flexbt_sim.nodes.simulator_parameters
 from flexbt_common.runtime import NodeRuntime
+from flexbt_sim.nodes import declare_navigation_parameters, declare_simulator_parameters
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / 'docs' / 'reference'
@@ -72,8 +71,8 @@ def test_executables() -> None:
     [
         ('bt_server', flexbt_server.node.parameters.declare_parameters),
         ('onboard_executive', flexbt_onboard.node.executive_parameters.declare_parameters),
-        ('simulator', flexbt_sim.nodes.simulator_parameters.declare_parameters),
-        ('navigation', flexbt_sim.nodes.navigation_parameters.declare_parameters),
+        ('simulator', declare_simulator_parameters),
+        ('navigation', declare_navigation_parameters),
         ('recorder', flexbt_console.recording.recorder.declare_parameters),
     ],
 )

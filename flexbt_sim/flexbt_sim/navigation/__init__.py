@@ -1,2 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Planning and control. Pure."""
+
+from .costmap import INSCRIBED, LETHAL, Costmap, Inflation
+from .motions import LOOK_AHEAD, STOP, DriveMotion, Motion, SpinMotion, Velocity, collides
+from .path_follower import FollowerLimits, PathFollower, ProgressChecker
+from .planner import END_TOLERANCE, SPACING, GridPlanner
+from .track import Track
+
+__all__ = [
+    'END_TOLERANCE',
+    'INSCRIBED',
+    'LETHAL',
+    'LOOK_AHEAD',
+    'SPACING',
+    'STOP',
+    'Costmap',
+    'DriveMotion',
+    'FollowerLimits',
+    'GridPlanner',
+    'Inflation',
+    'Motion',
+    'PathFollower',
+    'ProgressChecker',
+    'SpinMotion',
+    'Track',
+    'Velocity',
+    'collides',
+]

@@ -11,8 +11,7 @@ import numpy
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.world import OccupancyMap, Pose
 
 LETHAL: Final = 254
 INSCRIBED: Final = 253

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world.geometry import Pose, drive, wrap
+from flexbt_sim.world import Pose, drive, wrap
 
 from .costmap import Costmap
 
@@ -19,7 +19,7 @@ LOOK_AHEAD: Final = 2.0
 """How far ahead collisions are looked for, s."""
 
 LOOK_AHEAD_STEP: Final = 0.1
-"""Time, s, from one look to the next, where that is less than a cell of driving."""
+"""Time, s, from one collision check to the next, where that is less than a cell of driving."""
 
 
 class Velocity(NamedTuple):

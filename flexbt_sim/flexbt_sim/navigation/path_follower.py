@@ -15,7 +15,7 @@ from typing import Final
 import numpy
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world.geometry import Pose, wrap
+from flexbt_sim.world import Pose, wrap
 
 from .costmap import Costmap
 from .motions import STOP, TurnLimits, Velocity, collides

@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world.geometry import Pose
+from flexbt_sim.world import Pose
 
 from .costmap import INSCRIBED, Costmap, Position, along
 

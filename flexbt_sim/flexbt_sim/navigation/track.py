@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy
 from numpy.typing import NDArray
 
-from flexbt_sim.world.geometry import Pose
+from flexbt_sim.world import Pose
 
 Points = NDArray[numpy.float64]
 """Shape (n, 2): x and y, m."""

@@ -14,9 +14,8 @@ from typing import Any, Final
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
-from flexbt_sim.navigation.motions import STOP, Motion
-from flexbt_sim.navigation.path_follower import PathFollower
-from flexbt_sim.world.geometry import Pose
+from flexbt_sim.navigation import STOP, Motion, PathFollower
+from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from .robot_interface import RobotInterface
@@ -54,7 +53,7 @@ class MotionArbiter:
             rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
             self.end(GoalEnd(message='a newer motion has taken over'), stop=not rolling)
         self.running = newer
-        self._look_for_pose_in(self._pose_timeout, newer)
+        self._check_pose_after(self._pose_timeout, newer)
 
     def _on_pose(self, pose: Pose, now: float) -> None:
         running = self.running
@@ -94,18 +93,18 @@ class MotionArbiter:
         if self.running is not None and self.running.goal is goal:
             self.end(CANCELED)
 
-    def _look_for_pose_in(self, seconds: float, running: RunningMotion) -> None:
+    def _check_pose_after(self, seconds: float, running: RunningMotion) -> None:
         steady = self._runtime.steady
         self._watch = steady.call_at(
-            steady.now() + seconds, lambda: self._runtime.post(lambda: self._look_for_pose(running))
+            steady.now() + seconds, lambda: self._runtime.post(lambda: self._check_pose(running))
         )
 
-    def _look_for_pose(self, running: RunningMotion) -> None:
+    def _check_pose(self, running: RunningMotion) -> None:
         if self.running is not running:
             return
         silence = self.robot.silence
         if silence < self._pose_timeout:
-            self._look_for_pose_in(self._pose_timeout - silence, running)
+            self._check_pose_after(self._pose_timeout - silence, running)
         else:
             self.end(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
 

@@ -9,13 +9,12 @@ from rclpy.node import Node
 
 from flexbt_common import names
 from flexbt_common.runtime import ParameterDeclarer
-from flexbt_sim.navigation.costmap import Inflation
-from flexbt_sim.navigation.path_follower import FollowerLimits
+from flexbt_sim.navigation import FollowerLimits, Inflation
 
 
 @dataclass(frozen=True)
 class NavigationParameters:
-    """Values of the parameters; see :func:`declare_parameters` for meaning and unit."""
+    """Values of the parameters; see :func:`declare_navigation_parameters` for meaning and unit."""
 
     owner_nodes: tuple[str, ...]
     planner_ids: tuple[str, ...]
@@ -32,7 +31,7 @@ class NavigationParameters:
     pose_timeout: float
 
 
-def declare_parameters(node: Node) -> NavigationParameters:
+def declare_navigation_parameters(node: Node) -> NavigationParameters:
     """Declare the parameters on ``node`` and read them.
 
     Raises:

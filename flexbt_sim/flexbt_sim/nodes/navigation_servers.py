@@ -19,12 +19,11 @@ from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation.motions import DriveMotion, SpinMotion
-from flexbt_sim.navigation.path_follower import PathFollower, ProgressChecker
+from flexbt_sim.navigation import DriveMotion, PathFollower, ProgressChecker, SpinMotion
 
 from .action_results import GoalEnd
 from .motion_server import MotionArbiter, MotionServer
-from .navigation_parameters import declare_parameters
+from .navigation_parameters import declare_navigation_parameters
 from .planner_server import PlannerServer
 from .request_checks import check_id, finite, path_in_map
 from .robot_interface import RobotInterface
@@ -42,7 +41,7 @@ class Navigation:
             FlexbtError: a parameter cannot work.
         """
         self._runtime = runtime
-        self._parameters = runtime.call(lambda: declare_parameters(runtime.node))
+        self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
         runtime.call(self._serve)
         self._watches = [
             LivelinessWatch(runtime, owner, partial(self._on_owner, owner)) for owner in self._parameters.owner_nodes

@@ -14,9 +14,8 @@ from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation.costmap import Costmap
-from flexbt_sim.navigation.planner import GridPlanner
-from flexbt_sim.world.geometry import Pose
+from flexbt_sim.navigation import Costmap, GridPlanner
+from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from .navigation_parameters import NavigationParameters

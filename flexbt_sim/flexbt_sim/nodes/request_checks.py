@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world.geometry import Pose
+from flexbt_sim.world import Pose
 
 from .ros_messages import pose_of
 

@@ -13,10 +13,8 @@ from nav_msgs.msg import OccupancyGrid
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError, SimulationError
-from flexbt_sim.navigation.costmap import Costmap
-from flexbt_sim.navigation.motions import Velocity
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.navigation import Costmap, Velocity
+from flexbt_sim.world import OccupancyMap, Pose
 
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, pose_in_map

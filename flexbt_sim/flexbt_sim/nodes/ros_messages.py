@@ -14,9 +14,8 @@ from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, Twist
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.navigation.motions import Velocity
-from flexbt_sim.world.geometry import Pose, wrap
-from flexbt_sim.world.occupancy_map import OccupancyMap
+from flexbt_sim.navigation import Velocity
+from flexbt_sim.world import OccupancyMap, Pose, wrap
 
 
 def time_message(seconds: float) -> Time:

@@ -27,15 +27,10 @@ from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.lidar import Lidar
-from flexbt_sim.world.occupancy_map import load_map
-from flexbt_sim.world.pacing import Pacer
-from flexbt_sim.world.placement import check_place
-from flexbt_sim.world.robot import Robot
+from flexbt_sim.world import Lidar, Pacer, Pose, Robot, check_place, load_map
 
 from .ros_messages import grid_message, pose_message, pose_of, stamped, time_message, transform
-from .simulator_parameters import SPEED_FACTOR, declare_parameters
+from .simulator_parameters import SPEED_FACTOR, declare_simulator_parameters
 
 STEP: Final = 0.01
 """Simulated time of one step, s."""
@@ -55,7 +50,7 @@ class Simulator:
             SimulationError: a parameter or the map cannot be used.
         """
         self._runtime = runtime
-        self._parameters = runtime.call(lambda: declare_parameters(runtime.node))
+        self._parameters = runtime.call(lambda: declare_simulator_parameters(runtime.node))
         parameters = self._parameters
         self._world = load_map(parameters.map)
         try:

@@ -12,14 +12,12 @@ from rclpy.node import Node
 from flexbt_common import names
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.geometry import Pose
-from flexbt_sim.world.lidar import LidarModel
-from flexbt_sim.world.robot import RobotLimits
+from flexbt_sim.world import LidarModel, Pose, RobotLimits
 
 
 @dataclass(frozen=True)
 class SimulatorParameters:
-    """Values of the parameters; see :func:`declare_parameters` for meaning and unit."""
+    """Values of the parameters; see :func:`declare_simulator_parameters` for meaning and unit."""
 
     map: Path
     initial_pose: Pose
@@ -44,7 +42,7 @@ def built_in_map() -> Path:
     return Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms.yaml'
 
 
-def declare_parameters(node: Node) -> SimulatorParameters:
+def declare_simulator_parameters(node: Node) -> SimulatorParameters:
     """Declare the parameters on ``node`` and read them. ``speed_factor`` alone can be changed later.
 
     Raises:

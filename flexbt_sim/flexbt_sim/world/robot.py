@@ -13,8 +13,8 @@ from .occupancy_map import OccupancyMap
 TICK: Final = 0.01
 """Longest time, s, for which speeds are taken as constant."""
 
-HOP: Final = 0.002
-"""How far, m, the robot goes from one look for walls to the next when it is near one."""
+COLLISION_CHECK_DISTANCE: Final = 0.002
+"""How far, m, the robot goes from one collision check to the next when it is near one."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +90,14 @@ class Robot:
         self.in_contact = self.in_contact and speed == 0.0
         while speed > 0.0 and left > 0.0:
             unhindered = self._world.is_free(self.pose.x, self.pose.y, self.limits.radius + speed * left)
-            hop = left if unhindered else min(left, HOP / speed)
-            ahead = drive(self.pose, self.linear, self.angular, hop)
+            step = left if unhindered else min(left, COLLISION_CHECK_DISTANCE / speed)
+            ahead = drive(self.pose, self.linear, self.angular, step)
             if not unhindered and not self._may_be(ahead):
                 self.in_contact = True
                 self.linear = speed = 0.0
             else:
                 self.pose = ahead
-                left -= hop
+                left -= step
         self.pose = drive(self.pose, 0.0, self.angular, left)
 
     def _may_be(self, pose: Pose) -> bool:

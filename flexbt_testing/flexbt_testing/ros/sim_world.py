@@ -29,9 +29,7 @@ from rclpy.time import Time
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.nodes.navigation_servers import Navigation
-from flexbt_sim.nodes.ros_messages import pose_of
-from flexbt_sim.nodes.simulator import Simulator
+from flexbt_sim.nodes import Navigation, Simulator, pose_of
 
 T = TypeVar('T')
 
