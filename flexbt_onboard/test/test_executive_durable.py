@@ -20,7 +20,7 @@ import pytest
 
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log.run_metrics import metrics_of, read_events
-from flexbt_testing.executive.bench import ConsoleBench
+from flexbt_testing.executive import ConsoleBench
 from flexbt_testing.waiting import wait_until
 
 C = ExecutiveCommand

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The record: everything that an operator or the robot did is in it, and a disk that fails harms nobody."""
+"""The event log: everything that an operator or the robot did is in it, and a disk that fails harms nobody."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachi
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log import EventLog, rotated
 from flexbt_onboard.node import ExecutiveParameters
-from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
+from flexbt_testing.executive import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
 
@@ -48,7 +48,7 @@ def loop() -> OperatableStateMachine:
 
 @pytest.fixture
 def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
-    """Makes a bench with a record in a directory, and closes it."""
+    """Makes a bench with an event log in a directory, and closes it."""
     benches: list[ExecutiveBench] = []
 
     def make(directory: Path) -> ExecutiveBench:
@@ -62,7 +62,7 @@ def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
 
 
 def events(directory: Path) -> list[dict[str, Any]]:
-    """What the record says."""
+    """What the event log says."""
     text = (directory / 'onboard_executive.jsonl').read_text()
     return [json.loads(line) for line in text.splitlines() if line]
 
@@ -185,7 +185,7 @@ def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> N
     assert all(rotated(file, age).stat().st_size <= 2000 for age in range(3))
 
 
-def test_the_record_holds_nobody_up(make_bench: Callable[..., ExecutiveBench], tmp_path: Path) -> None:
+def test_the_event_log_holds_nobody_up(make_bench: Callable[..., ExecutiveBench], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'onboard_executive.jsonl')  # opening it blocks for ever
     bench = make_bench(tmp_path)
     bench.start(autonomy=0)

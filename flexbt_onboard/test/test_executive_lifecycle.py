@@ -23,7 +23,7 @@ from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.node import Executive, UnconfiguredExecutive, declare_parameters, open_executive
-from flexbt_testing.executive.bench import ConsoleBench, behavior_of, entry_of
+from flexbt_testing.executive import ConsoleBench, behavior_of, entry_of
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.ros.lifecycle_client import LifecycleClient
 from flexbt_testing.waiting import wait_until

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of a run: against a random run whose times are known, and from the record of a real one."""
+"""Figures of a run: against a random run whose times are known, and from the event log of a real one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flexbt_onboard.event_log.run_metrics import RunMetrics, metrics_of
 from flexbt_onboard.event_log.run_report import as_json, as_text, main
 from flexbt_onboard.event_log.run_timeline import timeline
 from flexbt_onboard.node import ExecutiveParameters
-from flexbt_testing.executive.bench import ExecutiveBench, behavior_of
+from flexbt_testing.executive import ExecutiveBench, behavior_of
 
 
 def parsed(picture: str) -> ElementTree.Element:
@@ -136,6 +136,7 @@ def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[
             bench.applied(ExecutiveCommand.CONFIRM, decision_id=decision.id, operator_id='eve\x1b[31m')
             bench.applied(ExecutiveCommand.FORCE, path='/Ask', outcome='out', operator_id='ann')
             bench.wait_idle()
+        bench.applied(ExecutiveCommand.NOTE, text='a \x1b[31m scratch', operator_id='ann')  # for the run that has ended
     finally:
         bench.close()
     file = str(tmp_path / 'onboard_executive.jsonl')
@@ -145,10 +146,11 @@ def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[
     text = capsys.readouterr().out
     assert 'Ask <&> me: finished' in text
     assert '\x1b' not in text
-    assert 'CONFIRM 1, FORCE 1' in text
+    assert 'CONFIRM 1, FORCE 1, NOTE 1' in text
+    assert 'ann: NOTE a \\e[31m scratch (applied)' in text
     assert main([file, '--json', '--run', run_id[:8]]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told['commands'] == {'CONFIRM': 1, 'FORCE': 1}
+    assert told['commands'] == {'CONFIRM': 1, 'FORCE': 1, 'NOTE': 1}
     assert [(one['path'], one['visits'], one['outcomes']) for one in told['states']] == [
         ('/', 1, {'finished': 1}),
         ('/Ask', 2, {'done': 1, 'out': 1}),
