@@ -82,13 +82,14 @@ class CommandLedger:
             self._report.log(ExecutiveLog.WARN, f'a command of {command.operator_id!r} has no id; it was ignored')
             self._report.command(self._handling.fields(command), 'ignored', 'it has no id')
             return
-        if command.id in self._entries:  # a resend: answered again, applied once
-            if isinstance(self._entries[command.id], CommandResult):
-                self._report_result(command.id)
-        elif self._handling.is_meant(command):
-            self._admit(command)
-        else:
+        known = self._entries.get(command.id)
+        if known is None and self._handling.is_meant(command):
+            self._admit(command)  # a status now would only hold up its effect
+            return
+        if known is None:
             self._report.command(self._handling.fields(command), 'ignored', 'meant for another executive')
+        elif isinstance(known, CommandResult):  # a resend: answered again, applied once
+            self._report_result(command.id)
         self._changed()
 
     def results(self) -> list[CommandResult]:
