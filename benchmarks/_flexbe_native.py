@@ -11,7 +11,7 @@ from nav2_msgs.action import Wait
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, OperatorDecisionState
-from flexbt_states.goal_call import GoalCall
+from flexbt_states.support import GoalCall
 
 ACTION: Final = 'flexbe_benchmark/wait'
 TREE: Final = 'flexbe_probe_behaviors/config/probe.xml'

@@ -32,13 +32,13 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'demo = flexbt_demo_behaviors.demo:main',
+            'demo = flexbt_demo_behaviors.demonstration.main:main',
         ],
         'flexbt.behaviors': [
-            'inspect_site = flexbt_demo_behaviors.inspection:InspectSite',
-            'inspection = flexbt_demo_behaviors.inspection:Inspection',
-            'navigate = flexbt_demo_behaviors.navigate:Navigate',
-            'navigate_split = flexbt_demo_behaviors.navigate_split:NavigateSplit',
+            'inspect_site = flexbt_demo_behaviors.behaviors.inspection:InspectSite',
+            'inspection = flexbt_demo_behaviors.behaviors.inspection:Inspection',
+            'navigate = flexbt_demo_behaviors.behaviors.navigate:Navigate',
+            'navigate_split = flexbt_demo_behaviors.behaviors.navigate_split:NavigateSplit',
         ],
     },
 )

@@ -10,7 +10,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from flexbt_demo_behaviors.processes import DemoSettings, demo_processes
+from flexbt_demo_behaviors.demonstration import DemoSettings, demo_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:

@@ -6,10 +6,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from flexbt_core.state_machine import Autonomy, MachineDefinition, StateDefinition, define
-from flexbt_demo_behaviors.inspection import Inspection, InspectSite
-from flexbt_demo_behaviors.navigate import Navigate
-from flexbt_demo_behaviors.navigate_split import NavigateSplit
-from flexbt_demo_behaviors.show_path_state import ShowPathState
+from flexbt_demo_behaviors.behaviors import Inspection, InspectSite, Navigate, NavigateSplit, ShowPathState
 from flexbt_onboard.behaviors import Behavior, BehaviorLibrary, definition_of
 
 BEHAVIORS = [Navigate, NavigateSplit, Inspection, InspectSite]

@@ -6,7 +6,13 @@ import socket
 
 import pytest
 
-from flexbt_demo_behaviors.domain import DISCOVERY_PORT, DISCOVERY_PORT_STEP, DOMAINS, NoFreeDomainError, own_domain
+from flexbt_demo_behaviors.demonstration import (
+    DISCOVERY_PORT,
+    DISCOVERY_PORT_STEP,
+    DOMAINS,
+    NoFreeDomainError,
+    own_domain,
+)
 
 
 @pytest.fixture(autouse=True)

@@ -26,9 +26,7 @@ from flexbt_console.mirror import (
 )
 from flexbt_console.mirror import Pose as Place
 from flexbt_core.clock import ManualClock
-from flexbt_demo_behaviors.report import DemoError, Timeline
-from flexbt_demo_behaviors.robot_record import Pose, RobotRecord
-from flexbt_demo_behaviors.scripted_operator import ScriptedOperator
+from flexbt_demo_behaviors.demonstration import DemoError, Pose, RobotTrack, ScriptedOperator, Timeline
 
 QUESTION = Decision('q1', DecisionKind.INPUT, path='/AskGoal', input_type='geometry_msgs/msg/PoseStamped')
 PLAN = Decision('q2', DecisionKind.CHOICE, path='/JudgePath', outcome='done', outcomes=('done', 'failed'))
@@ -63,51 +61,51 @@ def link() -> Link:
 
 
 @pytest.fixture
-def record() -> RobotRecord:
-    record = RobotRecord()
-    record.add_pose(Pose(0.0, 0.0, 0.0), 0.0)
-    return record
+def track() -> RobotTrack:
+    track = RobotTrack()
+    track.add_pose(Pose(0.0, 0.0, 0.0), 0.0)
+    return track
 
 
 @pytest.fixture
-def operator(link: Link, record: RobotRecord) -> ScriptedOperator:
+def operator(link: Link, track: RobotTrack) -> ScriptedOperator:
     make = CommandBuilder('script', {'kitchen': Place(3.0, 4.0), 'office': Place(1.0, 0.0)})
-    operator = ScriptedOperator(link.mirror, record, link.send, make, Timeline(io.StringIO()))
-    record.on_change = operator.notify
+    operator = ScriptedOperator(link.mirror, track, link.send, make, Timeline(io.StringIO()))
+    track.on_change = operator.notify
     return operator
 
 
 def test_a_goal_is_answered_with_its_place_and_judged_by_where_the_robot_is(
-    operator: ScriptedOperator, link: Link, record: RobotRecord
+    operator: ScriptedOperator, link: Link, track: RobotTrack
 ) -> None:
     link.show(replace(RUNNING, decisions=(QUESTION,)))
     operator.give_goal('kitchen')
     command = link.given[0]
     assert (command.kind, command.decision_id, command.run_id) == (CommandKind.ANSWER, 'q1', 'run')
     assert '"x": 3.0' in command.inputs[0].text
-    record.add_pose(Pose(3.0, 3.9, 0.0), 9.0)
+    track.add_pose(Pose(3.0, 3.9, 0.0), 9.0)
     result = operator.close_goal('arrived', must_reach=True)
     assert result.reached
     assert [result.error, result.seconds] == pytest.approx([0.1, 9.0])
 
 
-def test_a_goal_that_was_missed_is_an_error(operator: ScriptedOperator, link: Link, record: RobotRecord) -> None:
+def test_a_goal_that_was_missed_is_an_error(operator: ScriptedOperator, link: Link, track: RobotTrack) -> None:
     link.show(replace(RUNNING, decisions=(QUESTION,)))
     operator.give_goal('kitchen')
-    record.add_pose(Pose(3.0, 3.7, 0.0), 9.0)
+    track.add_pose(Pose(3.0, 3.7, 0.0), 9.0)
     with pytest.raises(DemoError, match=r'kitchen.*0\.30 m off'):
         operator.close_goal('arrived', must_reach=True)
     assert not operator.close_goal('replaced', must_reach=False).reached
 
 
-def test_a_question_that_was_answered_is_not_taken_for_the_next_one(operator: ScriptedOperator, link: Link) -> None:
+def test_a_decision_that_was_answered_is_not_taken_for_the_next_one(operator: ScriptedOperator, link: Link) -> None:
     link.answer = lambda _command: replace(RUNNING, decisions=(QUESTION,))  # still shown
     link.show(replace(RUNNING, decisions=(QUESTION,)))
     operator.give_goal('kitchen')
-    with pytest.raises(DemoError, match='question of /AskGoal'):
-        operator.wait_question(DecisionKind.INPUT, '/AskGoal', timeout=0.05)
+    with pytest.raises(DemoError, match='decision of /AskGoal'):
+        operator.wait_decision(DecisionKind.INPUT, '/AskGoal', timeout=0.05)
     link.show(replace(RUNNING, decisions=(replace(QUESTION, id='q9'),)))
-    assert operator.wait_question(DecisionKind.INPUT, '/AskGoal', timeout=5.0).id == 'q9'
+    assert operator.wait_decision(DecisionKind.INPUT, '/AskGoal', timeout=5.0).id == 'q9'
 
 
 def test_the_wanted_outcome_is_confirmed_and_another_one_forced(operator: ScriptedOperator, link: Link) -> None:
@@ -139,7 +137,7 @@ def test_a_transition_that_nobody_expects_to_confirm_is_an_error_at_once(
     blocked = Decision('q3', DecisionKind.TRANSITION, path='/Recover', outcome='failed', required_autonomy=2)
     link.show(replace(RUNNING, decisions=(blocked,)))
     with pytest.raises(DemoError, match=r"/Recover waits.*'failed'"):
-        operator.wait_question(DecisionKind.INPUT, '/AskGoal', timeout=60.0)
+        operator.wait_decision(DecisionKind.INPUT, '/AskGoal', timeout=60.0)
 
 
 def test_the_end_has_to_be_the_expected_one(operator: ScriptedOperator, link: Link) -> None:
@@ -149,14 +147,12 @@ def test_the_end_has_to_be_the_expected_one(operator: ScriptedOperator, link: Li
         operator.wait_end('finished')
 
 
-def test_what_comes_from_another_thread_ends_a_wait(
-    operator: ScriptedOperator, link: Link, record: RobotRecord
-) -> None:
+def test_what_comes_from_another_thread_ends_a_wait(operator: ScriptedOperator, link: Link, track: RobotTrack) -> None:
     link.show(replace(RUNNING, active_states=(ActiveState('/Drive', activity=('Navigate/FollowPath',)),)))
     operator.wait_state('/Drive')
     operator.wait_tree_node('FollowPath')
-    record.add_speed(0.2, 0.0)
-    rest = threading.Timer(0.05, record.add_speed, (0.0, 0.0))
+    track.add_speed(0.2, 0.0)
+    rest = threading.Timer(0.05, track.add_speed, (0.0, 0.0))
     rest.start()
     assert operator.wait_rest(timeout=20.0) < 20.0
     death = threading.Timer(0.05, operator.abandon, ('process navigation ended',))
@@ -181,13 +177,13 @@ def test_nothing_is_heard(operator: ScriptedOperator) -> None:
 
 
 def test_with_other_places_the_script_drives_to_those_away_from_the_robot(
-    operator: ScriptedOperator, record: RobotRecord
+    operator: ScriptedOperator, track: RobotTrack
 ) -> None:
     assert operator.places(['office', 'kitchen']) == ['office', 'kitchen']
     assert operator.places(['moon']) == ['kitchen']
     with pytest.raises(DemoError, match='2 places'):
         operator.places(['moon', 'sun'])
-    record.add_pose(Pose(3.0, 4.0, 0.0), 1.0)
+    track.add_pose(Pose(3.0, 4.0, 0.0), 1.0)
     assert operator.places(['moon']) == ['office']
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from flexbt_demo_behaviors.picture import (
+from flexbt_demo_behaviors.demonstration import (
     DRIVEN,
-    GIVEN_UP,
+    NOT_REACHED,
     PLANNED,
     REACHED,
     START,
@@ -42,7 +42,7 @@ def count(image: Image.Image, color: tuple[int, int, int]) -> int:
 def test_every_layer_is_there() -> None:
     whole = draw_picture(picture())
     bare = draw_picture(picture(planned=[], driven=[], goals=[]))
-    for color in (PLANNED, DRIVEN, REACHED, GIVEN_UP):
+    for color in (PLANNED, DRIVEN, REACHED, NOT_REACHED):
         assert count(whole, color) > count(bare, color) + 100
     assert count(whole, START) > 100
 

@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from flexbt_demo_behaviors.report import DemoReport, GoalResult, Timeline
-from flexbt_demo_behaviors.robot_record import POINT_DISTANCE, Pose, RobotRecord
+from flexbt_demo_behaviors.demonstration import POINT_DISTANCE, DemoReport, GoalResult, Pose, RobotTrack, Timeline
 
 
 def report() -> DemoReport:
@@ -50,34 +49,34 @@ def test_the_timeline_indents_further_lines() -> None:
     assert second.index('two') == first.index('one')
 
 
-def test_the_record_keeps_the_track_and_the_first_plan_to_each_place() -> None:
+def test_the_track_keeps_what_was_driven_and_the_first_plan_to_each_place() -> None:
     changes = []
-    record = RobotRecord(lambda: changes.append(1))
-    assert not record.ready
+    track = RobotTrack(lambda: changes.append(1))
+    assert not track.ready
     for step in range(101):
-        record.add_pose(Pose(step * 0.01, 0.0, 0.0), time=step * 0.1)
-    assert record.length == pytest.approx(1.0, abs=POINT_DISTANCE)
-    assert 30 <= len(record.driven) <= 51  # not all of the 101
-    assert record.time == pytest.approx(10.0)
-    record.add_plan([(0.0, 0.0), (5.0, 5.0)])
-    record.add_plan([(2.0, 2.0), (5.0, 5.0)])  # the same place, from further on
-    record.add_plan([])
-    record.add_plan([(2.0, 2.0), (0.0, 5.0)])
-    assert record.plans == [[(0.0, 0.0), (5.0, 5.0)], [(2.0, 2.0), (0.0, 5.0)]]
-    record.begin_track()
-    assert record.plans == []
-    assert record.driven == [(1.0, 0.0)]
+        track.add_pose(Pose(step * 0.01, 0.0, 0.0), time=step * 0.1)
+    assert track.length == pytest.approx(1.0, abs=POINT_DISTANCE)
+    assert 30 <= len(track.driven) <= 51  # not all of the 101
+    assert track.time == pytest.approx(10.0)
+    track.add_plan([(0.0, 0.0), (5.0, 5.0)])
+    track.add_plan([(2.0, 2.0), (5.0, 5.0)])  # the same place, from further on
+    track.add_plan([])
+    track.add_plan([(2.0, 2.0), (0.0, 5.0)])
+    assert track.plans == [[(0.0, 0.0), (5.0, 5.0)], [(2.0, 2.0), (0.0, 5.0)]]
+    track.restart()
+    assert track.plans == []
+    assert track.driven == [(1.0, 0.0)]
     assert len(changes) > 100
 
 
-def test_the_record_knows_rest() -> None:
-    record = RobotRecord()
-    record.add_speed(0.2, 0.0)
-    assert not record.at_rest
-    record.add_speed(0.0, -0.3)
-    assert not record.at_rest
-    record.add_speed(0.0, 0.0)
-    assert record.at_rest
+def test_the_track_knows_rest() -> None:
+    track = RobotTrack()
+    track.add_speed(0.2, 0.0)
+    assert not track.at_rest
+    track.add_speed(0.0, -0.3)
+    assert not track.at_rest
+    track.add_speed(0.0, 0.0)
+    assert track.at_rest
 
 
 def test_poses_have_a_distance() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_demo_behaviors.supervision import EndedProcess, ProcessGroup
+from flexbt_demo_behaviors.demonstration import EndedProcess, ProcessGroup
 
 # Whoever is started in the background inherits that SIGINT is ignored.
 SLEEPER = [
@@ -94,7 +94,7 @@ def test_who_begins_to_watch_late_is_told_what_ended_before(tmp_path: Path) -> N
 @pytest.mark.skipif(not sys.platform.startswith('linux'), reason='the kernel of Linux ends orphans')
 def test_processes_do_not_outlive_a_demonstration_that_is_killed(tmp_path: Path) -> None:
     program = (
-        'import signal, sys, pathlib; from flexbt_demo_behaviors.supervision import ProcessGroup\n'
+        'import signal, sys, pathlib; from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup\n'
         'group = ProcessGroup(pathlib.Path(sys.argv[1])).__enter__()\n'
         f'group.start("sleeper", {SLEEPER!r})\n'
         'print(group.pid("sleeper"), flush=True); signal.pause()'

@@ -8,10 +8,15 @@ from typing import Any
 
 from flexbt_core.state_machine import Autonomy, UserData
 
-from .behavior import Behavior
-from .event_state import EventState
-from .logger import Logger
-from .machines import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
+from .api import (
+    Behavior,
+    ConcurrencyContainer,
+    EventState,
+    Logger,
+    OperatableStateMachine,
+    PriorityContainer,
+    StateLogger,
+)
 from .proxy import (
     ProxyActionClient,
     ProxyPublisher,
@@ -19,7 +24,6 @@ from .proxy import (
     ProxySubscriberCached,
     ProxyTransformListener,
 )
-from .state_logger import StateLogger
 
 __all__ = [
     'Autonomy',

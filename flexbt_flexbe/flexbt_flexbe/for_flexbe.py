@@ -145,7 +145,7 @@ class _HostedState:
         return self._services
 
     def wake(self) -> None:
-        """There is news: FlexBE sees it at its next tick, and :meth:`stop` at once."""
+        """FlexBE executes the state at its next tick, and :meth:`stop` at once."""
         self._wake_event.set()
 
     def wake_at(self, time: float) -> None:

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_package
 
-from flexbt_flexbe import discovery, shim
-from flexbt_flexbe.parameter_values import converted
+from flexbt_flexbe import shim
+from flexbt_flexbe.api import converted
+from flexbt_flexbe.behaviors import discovery
 from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, RunRequest, building, definition_of
 from flexbt_onboard.errors import OnboardError, ParameterError
 from flexbt_testing.pytest_plugin import HOSTILE_YAML

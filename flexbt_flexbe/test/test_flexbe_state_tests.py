@@ -20,8 +20,7 @@ from nav_msgs.msg import Path as RosPath
 
 from flexbt_flexbe import shim
 from flexbt_flexbe.errors import StateTestError
-from flexbt_flexbe.state_test_file import read_state_test
-from flexbt_flexbe.state_test_run import run_state_test
+from flexbt_flexbe.testing import read_state_test, run_state_test
 from flexbt_testing.state_machines.state_bench import StateBench
 
 PACKAGE = 'tested_flexbe_states'
@@ -223,7 +222,7 @@ def test_flexbes_test_cases_run_as_they_are_and_so_do_files_on_the_command_line(
     assert '2 failed, 1 passed' in done.stdout, done.stdout
     assert "its outcome is 'finished', not 'failed'" in done.stdout
     assert 'missing.test: [Errno 2]' in done.stdout
-    command = [sys.executable, '-m', 'flexbt_flexbe.state_test_run', *map(str, sorted(folder.glob('*.test')))]
+    command = [sys.executable, '-m', 'flexbt_flexbe.testing', *map(str, sorted(folder.glob('*.test')))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.stdout.splitlines() == [
         f'passed  {folder}/right.test',

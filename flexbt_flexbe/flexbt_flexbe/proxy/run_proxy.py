@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What all proxies have in common: the run that they belong to, and the states that wait for their news."""
+"""What all proxies have in common: the run that they belong to, and the states that wait for what arrives."""
 
 from __future__ import annotations
 
@@ -56,19 +56,19 @@ def calling_state() -> EventState | None:
 
 
 class Listeners:
-    """The states that asked about something, and are woken when there is news of it."""
+    """The states that asked about something, and are woken when it arrives."""
 
     def __init__(self) -> None:
         self._states: set[EventState] = set()
 
     def note_caller(self) -> None:
-        """The state that is being called wants to hear of the news."""
+        """The state that is being called wants to be woken."""
         state = calling_state()
         if state is not None:
             self._states.add(state)
 
     def wake(self) -> None:
-        """There is news; from any thread."""
+        """Something has arrived; from any thread."""
         for state in tuple(self._states):
             state.wake()
 

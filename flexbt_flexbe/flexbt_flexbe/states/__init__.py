@@ -1,13 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """FlexBE's generic states, and the states for behavior trees under FlexBE's interface."""
 
-from .bt_states import (
-    BtExecuteGoalState,
-    BtExecuteState,
-    BtGetDataState,
-    BtLoaderState,
-    BtSetDataState,
-)
+from .bt_states import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, BtSetDataState
 from .calculation_state import CalculationState
 from .check_condition_state import CheckConditionState
 from .decision_state import DecisionState

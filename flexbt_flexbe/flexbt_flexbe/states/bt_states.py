@@ -8,7 +8,7 @@ from typing import Final
 
 import flexbt_states
 from flexbt_common import names
-from flexbt_flexbe.ros_access import RosAccess
+from flexbt_flexbe.api import RosAccess
 
 _TYPES: Final = {
     'char': 'string',

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import flexbt_states
-from flexbt_flexbe.ros_access import RosAccess
+from flexbt_flexbe.api import RosAccess
 
 
 class CheckConditionState(RosAccess, flexbt_states.CheckConditionState):

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from flexbt_core.state_machine import UserData
-from flexbt_flexbe.event_state import EventState
-from flexbt_states.parameter_checks import checked_callable, checked_outcomes
+from flexbt_flexbe.api import EventState
+from flexbt_states.support import checked_callable, checked_outcomes
 
 
 class DecisionState(EventState):

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from flexbt_core.state_machine import UserData
-from flexbt_flexbe.event_state import EventState
+from flexbt_flexbe.api import EventState
 from flexbt_states.errors import StateParameterError
-from flexbt_states.parameter_checks import checked_callable
+from flexbt_states.support import checked_callable
 
 from .call_styles import takes_keywords, takes_list
 

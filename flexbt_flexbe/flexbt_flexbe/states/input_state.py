@@ -11,10 +11,10 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.values import check_value, from_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, UserData
-from flexbt_flexbe.ros_access import RosAccess
+from flexbt_flexbe.api import RosAccess
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_states.goal_call import GoalCall
+from flexbt_states.support import GoalCall
 
 _TYPES: Final = {
     0: ('int64', None),
@@ -29,8 +29,8 @@ _TYPES: Final = {
 """Type, and number of values, for each request of FlexBE's BehaviorInput: int, float, 2D to 4D, poses, string."""
 
 
-class _QuestionState(RosAccess, EventState):
-    """What they have in common: one question, open as long as the state is active."""
+class _OperatorInputState(RosAccess, EventState):
+    """What they have in common: one request to the operator, open as long as the state is active."""
 
     def __init__(self, message: str, input_keys: Sequence[str], topic: str | None) -> None:
         super().__init__(
@@ -46,7 +46,7 @@ class _QuestionState(RosAccess, EventState):
         self._goal.prepare()
 
     def ask_for(self, type_name: str, choices: Sequence[str]) -> None:
-        """Put the question to the operator."""
+        """Send the request to the operator."""
         goal = OperatorInput.Goal(prompt=self._message, type=type_name, choices=list(choices), asker=self.path)
         self._goal.send(goal)
 
@@ -84,7 +84,7 @@ class _QuestionState(RosAccess, EventState):
         return 'data_error'
 
 
-class InputState(_QuestionState):
+class InputState(_OperatorInputState):
     """
     Ask the operator for a value. The question is withdrawn when the state is left.
 
@@ -115,7 +115,7 @@ class InputState(_QuestionState):
         return self.answer(userdata, self._type, self._length)
 
 
-class SelectionState(_QuestionState):
+class SelectionState(_OperatorInputState):
     """
     Let the operator select one of several texts.
 

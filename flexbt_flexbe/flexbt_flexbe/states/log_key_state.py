@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 from flexbt_core.state_machine import UserData
-from flexbt_flexbe.event_state import EventState
-from flexbt_flexbe.logger import Logger
+from flexbt_flexbe.api import EventState, Logger
 
 
 class LogKeyState(EventState):

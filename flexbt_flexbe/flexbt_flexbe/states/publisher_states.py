@@ -8,8 +8,8 @@ from typing import Any
 from std_msgs.msg import Bool, Empty, String
 
 from flexbt_core.state_machine import UserData
-from flexbt_flexbe.event_state import EventState
-from flexbt_flexbe.proxy.publisher import ProxyPublisher
+from flexbt_flexbe.api import EventState
+from flexbt_flexbe.proxy import ProxyPublisher
 
 
 class _PublisherState(EventState):

@@ -8,8 +8,8 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from flexbt_core.state_machine import UserData
-from flexbt_flexbe.event_state import EventState
-from flexbt_flexbe.proxy.subscriber_cached import ProxySubscriberCached
+from flexbt_flexbe.api import EventState
+from flexbt_flexbe.proxy import ProxySubscriberCached
 from flexbt_onboard.behaviors import state_services
 
 

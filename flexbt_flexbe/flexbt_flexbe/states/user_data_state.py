@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from flexbt_core.state_machine import UserData
-from flexbt_flexbe.event_state import EventState
+from flexbt_flexbe.api import EventState
 
 
 class UserDataState(EventState):

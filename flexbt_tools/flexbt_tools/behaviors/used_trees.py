@@ -10,7 +10,7 @@ from flexbt_common.runtime import resolve_file
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.names import similar_names
 from flexbt_core.state_machine import MachineDefinition, StateDefinition
-from flexbt_states.bt_use import BtUse, UsesBtServer
+from flexbt_states.behavior_trees import BtUse, UsesBtServer
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.tree_checks import Diagnostic
 from flexbt_tools.trees import read_library, shown_name

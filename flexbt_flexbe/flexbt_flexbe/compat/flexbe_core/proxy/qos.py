@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """FlexBE's ``flexbe_core.proxy.qos``."""
 
-from flexbt_flexbe.proxy.qos import QOS_DEFAULT, QOS_LATCH, QOS_LOSSY
+from flexbt_flexbe.proxy import QOS_DEFAULT, QOS_LATCH, QOS_LOSSY
 
 __all__ = ['QOS_DEFAULT', 'QOS_LATCH', 'QOS_LOSSY']

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The demonstration with a person at the console."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import termios
+from collections.abc import Iterator
+
+from flexbt_console.mirror import AutonomyLevel
+
+from .demo_processes import DemoSettings, console_command
+from .process_group import EndedProcess, ProcessGroup
+from .report import Timeline
+from .scripts import Demonstration
+from .session import open_session
+
+INTRODUCTION = """
+The robot is ready, and the behavior "{behavior}" has been started: it asks you where to go.
+
+  {place:<21} answer with a place ("places" lists them), or with x y yaw: 1.5 2.0 0
+  force canceled        take the goal back while the robot drives, to give another one
+  autonomy full         let the robot decide alone; low: decide more yourself
+  help                  all commands; stop ends the behavior, quit ends the demonstration
+"""
+
+SPLIT_INTRODUCTION = """\
+  confirm               accept the plan that is shown, or answer with another outcome:
+  canceled, failed      asks for another goal, sends the robot to recovery
+"""
+
+
+def run_interactive(
+    group: ProcessGroup, settings: DemoSettings, demonstration: Demonstration, timeline: Timeline
+) -> int:
+    """Start the processes and the behavior, hand the terminal to the console, and give the console's exit code."""
+    ended: dict[str, EndedProcess] = {}
+    with open_session(group, settings, 'demo', timeline) as session:
+        place = session.operator.places(('kitchen',))[0]
+        session.operator.start(demonstration.behavior, AutonomyLevel.HIGH)
+        session.operator.wait_state('/AskGoal')
+    group.watch(lambda process: ended.update({process.name: process}))
+    print(INTRODUCTION.format(behavior=demonstration.behavior, place=place), end='')
+    if demonstration.number == 2:
+        print(SPLIT_INTRODUCTION, end='')
+    print(flush=True)
+    with _restored_terminal(), _start_console(settings) as console:
+        try:
+            exit_code = console.wait()
+        finally:
+            console.terminate()
+    for process in ended.values():
+        print(process.report(), file=sys.stderr)
+    return exit_code
+
+
+def _start_console(settings: DemoSettings) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(console_command(settings))  # noqa: S603 - the command comes from the process table
+
+
+@contextlib.contextmanager
+def _restored_terminal() -> Iterator[None]:
+    """Give the terminal back as it was, however the console ends."""
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSANOW, before)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Subscriptions that fill the track of the robot from what the simulator and the planner publish."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, Quaternion
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+
+from .picture import MapImage
+from .robot_track import Pose, RobotTrack
+
+
+def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
+    """Subscribe to map, true pose, speed and plans, for as long as the node lives."""
+
+    def on_map(message: OccupancyGrid) -> None:
+        info = message.info
+        cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
+        origin = (info.origin.position.x, info.origin.position.y)
+        track.set_map(MapImage(cells, info.resolution, origin))
+
+    def on_pose(message: PoseStamped) -> None:
+        position = message.pose.position
+        track.add_pose(Pose(position.x, position.y, yaw_of(message.pose.orientation)), seconds_of(message))
+
+    def on_odometry(message: Odometry) -> None:
+        track.add_speed(message.twist.twist.linear.x, message.twist.twist.angular.z)
+
+    def on_plan(message: Path) -> None:
+        track.add_plan([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
+
+    def subscribe() -> None:
+        node = runtime.node
+        node.create_subscription(OccupancyGrid, names.MAP, on_map, names.latched())
+        node.create_subscription(PoseStamped, names.POSE, on_pose, 10)
+        node.create_subscription(Odometry, names.ODOM, on_odometry, 10)
+        node.create_subscription(Path, names.PLAN, on_plan, 10)
+
+    runtime.call(subscribe)
+
+
+def seconds_of(message: PoseStamped) -> float:
+    """The stamp of a message in seconds of (simulated) time."""
+    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+
+
+def yaw_of(orientation: Quaternion) -> float:
+    """The heading of an upright robot, in radians."""
+    return 2.0 * math.atan2(orientation.z, orientation.w)
+
+
+def pose_message(pose: Pose, frame: str = 'map') -> PoseStamped:
+    """A pose as message, with a zero stamp."""
+    message = PoseStamped()
+    message.header.frame_id = frame
+    message.pose.position.x = pose.x
+    message.pose.position.y = pose.y
+    message.pose.orientation.z = math.sin(pose.yaw / 2.0)
+    message.pose.orientation.w = math.cos(pose.yaw / 2.0)
+    return message

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An operator who follows a script: sees what the console's mirror shows, and commands over the same link as
+people.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+from flexbt_console.commands import CommandBuilder
+from flexbt_console.mirror import (
+    AutonomyLevel,
+    Change,
+    Command,
+    CommandKind,
+    CommandState,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Mirror,
+    TrackedCommand,
+    View,
+)
+
+from .report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
+from .robot_track import Pose, RobotTrack
+
+T = TypeVar('T')
+
+# Deadlines in seconds of wall time; generous, as they only bound how long a failure takes to be noticed.
+ANSWER_TIMEOUT_S = 10.0
+DRIVE_TIMEOUT_S = 120.0
+
+# A place in this distance of the robot, in metres, is no goal to drive to.
+FAR_ENOUGH = 2.5
+
+
+class ScriptedOperator:
+    """Gives commands and waits for what they bring about. Every wait has a deadline and ends by DemoError.
+
+    `send` hands a command to the operator link with the seconds within which it shall be answered. `notify`
+    is to be called whenever something that is waited for may have changed, `abandon` when nothing will come
+    any more.
+    """
+
+    def __init__(
+        self,
+        mirror: Mirror,
+        track: RobotTrack,
+        send: Callable[[Command, float], TrackedCommand],
+        make: CommandBuilder,
+        timeline: Timeline,
+    ) -> None:
+        self.track = track
+        self._mirror = mirror
+        self._send = send
+        self._make = make
+        self._timeline = timeline
+        self._changed = threading.Condition()
+        self._problem = ''
+        self._answered: set[str] = set()
+        self._goal_label = ''
+        self._goal_time = 0.0
+        self._goal_length = 0.0
+        mirror.add_listener(self._on_change)
+
+    def notify(self) -> None:
+        """Look again at what is waited for; from any thread."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def abandon(self, problem: str) -> None:
+        """End the current and every later wait with this problem; from any thread."""
+        with self._changed:
+            self._problem = self._problem or problem
+            self._changed.notify_all()
+
+    def places(self, preferred: Sequence[str]) -> Sequence[str]:
+        """The places to drive to: the preferred ones, or, with another map, as many that are not where the robot is.
+
+        Raises DemoError when the places file has too few of them.
+        """
+        known = self._make.places
+        if all(label in known for label in preferred):
+            return preferred
+        here = self.track.pose
+        away = [label for label in known if here is None or here.distance(self._place(label)) > FAR_ENOUGH]
+        if len(away) < len(preferred):
+            raise DemoError(
+                f'the script needs {len(preferred)} places more than {FAR_ENOUGH:g} m from the robot; '
+                f'the places file has {len(away)}'
+            )
+        return away[: len(preferred)]
+
+    # Seeing
+
+    def wait(self, wanted: Callable[[View], T | None], what: str, timeout: float) -> T:
+        """Wait until `wanted` gives something else than None or False of the current view, and give that.
+
+        Raises DemoError when it does not within `timeout` seconds, or when the demonstration was abandoned.
+        """
+        deadline = time.monotonic() + timeout
+        with self._changed:
+            while True:
+                if self._problem:
+                    raise DemoError(self._problem)
+                view = self._mirror.view()
+                found = wanted(view)
+                if found is not None and found is not False:
+                    return found
+                remaining = deadline - time.monotonic()
+                if remaining <= 0.0:
+                    raise DemoError(f'{what}: not within {timeout:.0f} s; {_described(view)}')
+                self._changed.wait(remaining)
+
+    def wait_ready(self, peers: int, timeout: float) -> None:
+        """Wait until the executive is heard and sees its peers ready, and the robot and its map are known."""
+
+        def ready(view: View) -> bool:
+            known = view.snapshot.peers if view.snapshot else ()
+            all_ready = len(known) >= peers and all(peer.alive and peer.ready for peer in known)
+            listed = view.behaviors is not None
+            return view.live and all_ready and listed and self.track.ready
+
+        self.wait(ready, 'executive, its peers, the map and the robot', timeout)
+
+    def wait_decision(self, kind: DecisionKind, path: str, timeout: float) -> Decision:
+        """Wait until the state `path` asks the operator something of this kind that was not answered yet."""
+
+        def decision(view: View) -> Decision | None:
+            _check_running(view)
+            asked = (item for item in view.decisions if item.kind is kind and item.path == path)
+            return next((item for item in asked if item.id not in self._answered), None)
+
+        return self.wait(decision, f'decision of {path}', timeout)
+
+    def wait_state(self, path: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
+        """Wait until the leaf `path` is active."""
+
+        def active(view: View) -> bool:
+            _check_running(view)
+            return path in view.active_paths
+
+        self.wait(active, f'state {path}', timeout)
+
+    def wait_tree_node(self, node: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
+        """Wait until an active state shows that a node of its tree whose path contains `node` is running."""
+
+        def running(view: View) -> bool:
+            _check_running(view)
+            states = view.snapshot.active_states if view.snapshot else ()
+            return any(node in line for state in states for line in state.activity)
+
+        self.wait(running, f'tree node {node} running', timeout)
+
+    def wait_driven(self, metres: float) -> None:
+        """Wait until the robot has driven so far since the goal was given, and is moving."""
+
+        def far(view: View) -> bool:
+            _check_running(view)
+            return self.track.length - self._goal_length >= metres and not self.track.at_rest
+
+        self.wait(far, f'{metres:g} m driven', DRIVE_TIMEOUT_S)
+        self._tell('sees', f'the robot on its way at {self.track.pose}')
+
+    def wait_rest(self, timeout: float) -> float:
+        """Wait until the robot stands still, and give the seconds of wall time that it took."""
+        before = time.monotonic()
+        self.wait(lambda _view: self.track.at_rest, 'robot at rest', timeout)
+        return time.monotonic() - before
+
+    def wait_end(self, outcome: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
+        """Wait until the behavior has ended, by this outcome."""
+
+        def ended(view: View) -> str | None:
+            idle = view.snapshot is not None and view.snapshot.state is ExecutiveState.IDLE
+            return view.snapshot.outcome if view.snapshot and idle else None
+
+        actual = self.wait(ended, 'end of the behavior', timeout)
+        if actual != outcome:
+            raise DemoError(f'the behavior ended by {actual!r}, not by {outcome!r}')
+        self._tell('sees', f'the behavior ended: {outcome}')
+
+    # Commanding
+
+    def start(self, behavior: str, autonomy: AutonomyLevel) -> None:
+        """Start a behavior."""
+        self._tell('starts', f'{behavior!r} at autonomy {autonomy.name.title()}')
+        self._give(self._make.start(self._mirror.view(), behavior, autonomy=autonomy))
+        self.wait(lambda view: view.running, f'start of {behavior}', ANSWER_TIMEOUT_S)
+
+    def give_goal(self, label: str, state: str = '/AskGoal') -> None:
+        """Answer the request for a goal with a named place."""
+        decision = self.wait_decision(DecisionKind.INPUT, state, ANSWER_TIMEOUT_S)
+        self._tell('answers', f'"{decision.prompt}" with {label} {self._place(label)}')
+        self._goal_label = label
+        self._goal_time = self.track.time
+        self._goal_length = self.track.length
+        self._give(self._make.answer(self._mirror.view(), decision.id, label))
+
+    def decline(self, state: str = '/AskGoal') -> None:
+        """Decline the request for a goal."""
+        decision = self.wait_decision(DecisionKind.INPUT, state, ANSWER_TIMEOUT_S)
+        self._tell('declines', f'"{decision.prompt}"')
+        self._give(self._make.decline(self._mirror.view(), decision.id))
+
+    def choose(self, decision: Decision, outcome: str) -> None:
+        """Answer the decision of a state that waits: by the outcome that it wants, or by another one."""
+        verb = 'confirms' if outcome == decision.outcome else 'overrules'
+        self._tell(verb, f'{decision.path}: {outcome}')
+        self._give(self._make.choose(self._mirror.view(), decision, outcome))
+
+    def force(self, path: str, outcome: str) -> None:
+        """Leave an active state, unasked."""
+        self._tell('forces', f'{path}: {outcome}')
+        self._give(self._make.force(self._mirror.view(), path, outcome))
+
+    def stop(self) -> None:
+        """Stop the behavior."""
+        self._tell('stops', 'the behavior')
+        command = self._make.command(self._mirror.view(), CommandKind.STOP)
+        self._give(replace(command, reason='to show that the robot stops'))
+
+    def close_goal(self, ending: str, must_reach: bool) -> GoalResult:
+        """What became of the goal that was given last.
+
+        Raises DemoError when it had to be reached and the robot is not there.
+        """
+        goal, pose = self._place(self._goal_label), self.track.pose
+        error = pose.distance(goal) if pose else float('inf')
+        result = GoalResult(
+            label=self._goal_label,
+            pose=goal,
+            ending=ending,
+            error=error,
+            seconds=self.track.time - self._goal_time,
+            metres=self.track.length - self._goal_length,
+            reached=must_reach and error <= GOAL_TOLERANCE,
+        )
+        self._timeline.tell('robot', f'{ending}: at {pose}, {error:.2f} m from {self._goal_label}')
+        if must_reach and not result.reached:
+            raise DemoError(f'goal {self._goal_label}: the robot is {error:.2f} m off, at {pose} instead of {goal}')
+        return result
+
+    def _give(self, command: Command) -> None:
+        """Send a command and wait until it is applied."""
+        self._answered.add(command.decision_id)
+        self._send(command, ANSWER_TIMEOUT_S)
+
+        def settled(_view: View) -> TrackedCommand | None:
+            tracked = self._mirror.command(command.id)
+            return tracked if tracked and tracked.state is not CommandState.PENDING else None
+
+        name = command.kind.name.lower()
+        tracked = self.wait(settled, f'answer to {name}', 2 * ANSWER_TIMEOUT_S)
+        if tracked.state is not CommandState.APPLIED:
+            raise DemoError(f'the command {name} was not applied ({tracked.state.value}): {tracked.reason}')
+
+    def _place(self, label: str) -> Pose:
+        place = self._make.places[label]
+        return Pose(place.x, place.y, place.yaw)
+
+    def _on_change(self, _change: Change) -> None:
+        self.notify()
+
+    def _tell(self, verb: str, what: str) -> None:
+        self._timeline.tell('operator', f'{verb} {what}')
+
+
+def _check_running(view: View) -> None:
+    """Raise DemoError when the behavior has ended, or waits for a person where the script knows of no decision."""
+    snapshot = view.snapshot
+    if snapshot is None:
+        return
+    if snapshot.run_id and snapshot.state is ExecutiveState.IDLE:
+        why = f': {snapshot.message}' if snapshot.message else ''
+        raise DemoError(f'the behavior {snapshot.behavior} ended by {snapshot.outcome!r} before its time{why}')
+    for decision in snapshot.decisions:
+        if decision.kind is DecisionKind.TRANSITION:
+            raise DemoError(
+                f'{decision.path} waits for a person to confirm {decision.outcome!r}, which is not expected'
+            )
+
+
+def _described(view: View) -> str:
+    """What is there instead of what was waited for."""
+    snapshot = view.snapshot
+    if snapshot is None:
+        return f'no executive is heard (link {view.link.value})'
+    peers = ', '.join(
+        f'{peer.name} {"NOT ALIVE" if not peer.alive else "ready" if peer.ready else "NOT READY"}'
+        for peer in snapshot.peers
+    )
+    decisions = ', '.join(f'{item.kind.name} of {item.path}' for item in snapshot.decisions) or 'none'
+    return (
+        f'executive {snapshot.state.name}, active {", ".join(view.active_paths) or "nothing"}, '
+        f'decisions: {decisions}; peers: {peers or "none"}; link {view.link.value}'
+    )

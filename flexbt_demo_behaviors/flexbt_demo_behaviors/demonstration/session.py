@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A running demonstration: its processes, and a node that watches them as an operator's station does."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_console.commands import CommandBuilder, load_places
+from flexbt_console.link import OperatorLink
+from flexbt_console.mirror import Change, ExecutiveState, LogLine, Mirror, Severity, Snapshot
+
+from .demo_processes import DemoSettings, demo_processes
+from .process_group import ProcessGroup
+from .report import Timeline
+from .robot_subscriptions import subscribe_to_robot
+from .robot_track import RobotTrack
+from .scripted_operator import ScriptedOperator
+
+# From the start of the first process until the demonstration is ready, in seconds of wall time.
+READY_TIMEOUT_S = 40.0
+
+
+@dataclass(frozen=True)
+class Session:
+    """A ready demonstration, and an operator at its link."""
+
+    operator: ScriptedOperator
+    track: RobotTrack
+
+
+def set_environment() -> None:
+    """Have the processes find each other quickly, and on this computer only, unless the user has it otherwise."""
+    share = Path(get_package_share_directory('flexbt_demo_behaviors'))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(share / 'config' / 'fastdds.xml'))
+    # The arithmetic of the processes is small; threads of it would only take the cores from each other.
+    os.environ.setdefault('OMP_NUM_THREADS', '1')
+
+
+@contextlib.contextmanager
+def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, timeline: Timeline) -> Iterator[Session]:
+    """Start the processes in `group`, wait until all of them are ready, and watch them for the time of the context.
+
+    Raises DemoError when they are not ready in time or one of them dies meanwhile.
+    """
+    processes = demo_processes(settings)
+    for process in processes:
+        group.start(process.name, process.command())
+    with NodeRuntime.open('demo') as runtime:
+        track = RobotTrack()
+        mirror = Mirror(runtime.steady)
+        link = OperatorLink(runtime, mirror)
+        make = CommandBuilder(operator, load_places(Path(settings.places)))
+        scripted = ScriptedOperator(mirror, track, link.send, make, timeline)
+        track.on_change = scripted.notify
+        group.watch(lambda ended: scripted.abandon(ended.report()))
+        mirror.add_listener(Narrator(mirror, timeline))
+        subscribe_to_robot(runtime, track)
+        scripted.wait_ready(peers=len(processes) - 1, timeout=READY_TIMEOUT_S)
+        yield Session(scripted, track)
+
+
+class Narrator:
+    """Tells the timeline what the mirror sees: states, log lines of the behavior, peers that come and go."""
+
+    def __init__(self, mirror: Mirror, timeline: Timeline) -> None:
+        self._mirror = mirror
+        self._timeline = timeline
+        self._active: tuple[str, ...] = ()
+        self._alive: dict[str, bool] = {}
+        self._told: tuple[str, int] = ('', 0)
+
+    def __call__(self, change: Change) -> None:
+        """Look at what changed; called on the thread that brought it."""
+        if change is Change.LOG:
+            for line in self._mirror.log():
+                self._tell_line(line)
+        elif change is Change.STATUS:
+            snapshot = self._mirror.view().snapshot
+            if snapshot is not None:
+                self._tell_snapshot(snapshot)
+
+    def _tell_line(self, line: LogLine) -> None:
+        if line.executive_id == self._told[0] and line.sequence <= self._told[1]:
+            return
+        self._told = (line.executive_id, line.sequence)
+        if line.severity >= Severity.INFO:
+            where = f'{line.path}: ' if line.path else ''
+            mark = f'{line.severity.name.lower()}: ' if line.severity >= Severity.WARN else ''
+            self._timeline.tell('log', f'{where}{mark}{line.text}')
+
+    def _tell_snapshot(self, snapshot: Snapshot) -> None:
+        active = tuple(state.path for state in snapshot.active_states)
+        if active != self._active:
+            self._active = active
+            running = snapshot.state is not ExecutiveState.IDLE
+            self._timeline.tell('state', ', '.join(active) or ('(between states)' if running else '(idle)'))
+        for peer in snapshot.peers:
+            if self._alive.get(peer.name) and not peer.alive:
+                self._timeline.tell('peer', f'{peer.name} died')
+            self._alive[peer.name] = peer.alive

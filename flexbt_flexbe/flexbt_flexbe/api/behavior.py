@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's Behavior: parameters, embedded behaviors, and the state machine that it creates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from flexbt_core.state_machine import DefaultUserData, OperatableStateMachine
+from flexbt_flexbe.errors import FlexbeManifestError
+
+from .parameter_values import converted
+
+
+class Behavior:
+    """Base of FlexBE's behaviors, whose constructor takes the node.
+
+    The executive runs it; see :mod:`flexbt_flexbe.behaviors.hosted_behavior`. FlexBE's calls for that (``confirm``,
+    ``execute``, ``prepare_for_switch``, ``preempt``) are not here, since a run is no matter of the behavior.
+    """
+
+    def __init__(self) -> None:
+        self.name = 'unnamed behavior'
+        self.beh_id = 0
+        self.contains: dict[str, Behavior] = {}
+        self._state_machine: OperatableStateMachine | None = None
+
+    def create(self) -> OperatableStateMachine:
+        """Build the state machine; the parameters have their values. Implemented by each behavior."""
+        raise NotImplementedError(f'behavior {self.name!r} does not implement create()')
+
+    def add_parameter(self, name: str, default: Any) -> None:
+        """Declare a parameter; the type of ``default`` is its type."""
+        setattr(self, name, default)
+
+    def add_behavior(self, behavior_class: type[Any], behavior_id: str, node: Any = None) -> None:
+        """Embed a behavior; :meth:`use_behavior` puts it into the state machine."""
+        self.contains[behavior_id] = behavior_class(node)
+
+    def use_behavior(
+        self,
+        behavior_class: type[Any],
+        behavior_id: str,
+        default_keys: Iterable[str] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> OperatableStateMachine:
+        """The state machine of an embedded behavior, to be added like a state.
+
+        Its input keys have to be supplied by the machine around it, except for ``default_keys``, which keep the
+        behavior's own values. ``parameters`` are set whatever the operator says.
+
+        Raises:
+            FlexbeManifestError: the behavior was not added.
+        """
+        behavior = self.contains.get(behavior_id)
+        if behavior is None:
+            known = ', '.join(self.contains) or 'none'
+            raise FlexbeManifestError(
+                f'behavior {self.name!r} uses {behavior_id!r} without having added it (added: {known})'
+            )
+        for name, value in (parameters or {}).items():
+            setattr(behavior, name, value)
+        machine = behavior.create()
+        kept = set(default_keys or ())
+        machine.input_keys = tuple(key for key in machine.input_keys if key not in kept)
+        defaults = DefaultUserData()
+        for key, value in machine.userdata.values().items():
+            if key not in machine.input_keys:
+                defaults[key] = value
+        machine.userdata = defaults
+        return machine
+
+    def get_contained_behaviors(self) -> dict[str, Behavior]:
+        """All embedded behaviors by their path, as in ``/Outer/Inner``."""
+        found: dict[str, Behavior] = {}
+        for key, behavior in self.contains.items():
+            found[f'/{key}'] = behavior
+            found.update({f'/{key}{path}': inner for path, inner in behavior.get_contained_behaviors().items()})
+        return found
+
+    def set_parameter(self, name: str, value: Any) -> bool:
+        """Give a parameter a value, converted to its type.
+
+        A bare name means the parameter of this behavior and of all embedded ones that have it; a path in front of it,
+        as in ``/Inner/speed``, those of that behavior and of what it embeds. Whether there was any.
+
+        Raises:
+            ParameterError: the value is none of the type; it names the parameter with its path.
+        """
+        path, _, key = name.rpartition('/')
+        path = f'/{path.strip("/")}' if path else ''
+        behaviors = {'': self, **self.get_contained_behaviors()}
+        meant = {
+            own: behavior
+            for own, behavior in behaviors.items()
+            if (own == path or own.startswith(f'{path}/')) and key in vars(behavior)
+        }
+        for own, behavior in meant.items():
+            setattr(behavior, key, converted(f'{own}/{key}' if own else key, value, getattr(behavior, key)))
+        return bool(meant)
+
+    def set_own_parameter(self, name: str, value: Any) -> None:
+        """Give a parameter of this behavior, and of none that it embeds, a value that is converted to its type.
+
+        Raises:
+            ParameterError: the value is none of the type.
+        """
+        setattr(self, name, converted(name, value, getattr(self, name)))
+
+    def set_up(self, beh_id: int, autonomy_level: int, debug: bool) -> None:
+        """Keeps the id; level and the rest are settings of the run."""
+        self.beh_id = beh_id

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's EventState: the engine's, with the names that FlexBE's states use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from flexbt_core import state_machine
+from flexbt_core.state_machine import StateError
+from flexbt_flexbe.proxy import ProxyPublisher, ProxySubscriberCached, RunGoals
+from flexbt_onboard.behaviors import current_run
+
+from .ros_access import RosAccess
+
+
+class _Provided:
+    """An attribute that every state has, and that a state may set to something of its own."""
+
+    def __init__(self, value_of: Callable[[Any], Any]) -> None:
+        self._value_of = value_of
+
+    def __get__(self, state: Any, owner: type[Any]) -> Any:
+        return self if state is None else self._value_of(state)
+
+
+class EventState(RosAccess, state_machine.EventState):
+    """Base of FlexBE's states.
+
+    It is executed at its rate (10 Hz, or ``desired_rate``), as in FlexBE, and besides whenever something arrives that
+    it has asked a proxy about: a result, feedback, a message.
+
+    As in FlexBE it is executed on while its outcome waits for the operator: it may take the outcome back by giving
+    None, and may have to go on, for instance with commands that keep a robot where it is.
+    """
+
+    runs_while_blocked = True
+
+    # FlexBE has nothing of these names, so that its states may have something else under them.
+    clock = _Provided(lambda state: state._bound().clock)
+    services = _Provided(lambda state: state._bound().services)
+
+    _name = _Provided(lambda state: state.name)
+    _outcomes = _Provided(lambda state: list(state.outcomes))
+    _input_keys = _Provided(lambda state: list(state.input_keys))
+    _output_keys = _Provided(lambda state: list(state.output_keys))
+    _pub = _Provided(lambda state: ProxyPublisher())
+    _sub = _Provided(lambda state: ProxySubscriberCached())
+
+    def set_rate(self, desired_rate: float) -> None:
+        """How often the state is executed while nothing wakes it, Hz.
+
+        Raises:
+            StateError: it is not positive.
+        """
+        if not desired_rate > 0:
+            raise StateError(f'{self.path}: the rate has to be positive, not {desired_rate} Hz')
+        self.desired_rate = desired_rate
+
+    def halting(self) -> str | None:
+        """Goals that the state has canceled are waited for; when the run ends, none is left behind."""
+        return current_run().shared(RunGoals).halting(self)

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's behaviors in the installed packages, found as FlexBE finds them.
+
+A package takes part by ``<flexbe_behaviors/>`` in the exports of its package.xml; its manifests are all ``*.xml`` below
+``lib/PACKAGE/manifest``, apart from those whose name begins with ``#``.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree  # of files of installed packages
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from ament_index_python.packages import get_packages_with_prefixes
+
+from flexbt_flexbe import shim
+from flexbt_flexbe.errors import FlexbeManifestError
+from flexbt_onboard.behaviors import BehaviorEntry, BehaviorManifest, described
+
+from .hosted_behavior import HostedBehavior, load_class
+from .manifest import FlexbeManifest, read_manifest
+
+EXPORT = 'flexbe_behaviors'
+
+
+def entries() -> Iterator[BehaviorEntry]:
+    """An entry for each manifest; one that cannot be used has an error. Installs the shim when there is a behavior."""
+    for package, file in manifest_files():
+        try:
+            source = read_manifest(file)
+        except FlexbeManifestError as error:
+            yield BehaviorEntry(file.stem, package, BehaviorManifest(file.stem), (), None, str(error))
+            continue
+        if source.package == package:  # as in FlexBE: a manifest about another package is not this one's
+            yield _entry(source)
+
+
+def manifest_files() -> Iterator[tuple[str, Path]]:
+    """Packages and their manifest files, sorted."""
+    for package, prefix in sorted(get_packages_with_prefixes().items()):
+        if _exports_behaviors(Path(prefix) / 'share' / package / 'package.xml'):
+            directory = Path(prefix) / 'lib' / package / 'manifest'
+            for file in sorted(directory.rglob('*.xml')):
+                if not file.name.startswith('#'):
+                    yield package, file
+
+
+def _exports_behaviors(package_xml: Path) -> bool:
+    try:
+        if EXPORT not in package_xml.read_text(encoding='utf-8', errors='replace'):
+            return False
+        return ElementTree.parse(package_xml).find(f'export/{EXPORT}') is not None  # noqa: S314
+    except (OSError, ElementTree.ParseError):
+        return False
+
+
+def _entry(source: FlexbeManifest) -> BehaviorEntry:
+    parameters = tuple(parameter.declared for parameter in source.parameters)
+    try:
+        shim.install()
+        load_class(source)
+    except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
+        return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, described(error))
+    return BehaviorEntry(
+        source.manifest.name, source.package, source.manifest, parameters, partial(HostedBehavior, source)
+    )

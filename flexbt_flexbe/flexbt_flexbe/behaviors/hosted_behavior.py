@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A FlexBE behavior as the executive runs it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Final
+
+from flexbt_core.state_machine import OperatableStateMachine, Severity
+from flexbt_flexbe.api import YAML_PREFIX, from_yaml_file, is_yaml_file
+from flexbt_flexbe.api import Behavior as FlexbeBehavior
+from flexbt_flexbe.errors import FlexbeManifestError
+from flexbt_onboard.behaviors import Behavior, current_run
+from flexbt_onboard.errors import ParameterError
+
+from .harmless_faults import without_harmless_faults
+from .manifest import FlexbeManifest, FlexbeParameter, ParameterKind
+
+_SLASH: Final = '/'
+
+
+class HostedBehavior(Behavior):
+    """Has the parameters of the manifest, and makes FlexBE's behavior when the run builds its state machine.
+
+    Arguments may also name parameters of embedded behaviors by their path, as in ``/Inner/speed``.
+    """
+
+    def __init__(self, source: FlexbeManifest) -> None:
+        self.manifest = source.manifest
+        super().__init__()
+        self._source = source
+        self._given: dict[str, Any] = {}
+
+    def set_arguments(self, arguments: Sequence[tuple[str, str]]) -> None:
+        """Give parameters the values that an operator wrote: all of them, or none.
+
+        Raises:
+            ParameterError: a name that is not declared or given twice, or a text that is no value of the type.
+        """
+        given: dict[str, Any] = {}
+        for argument, text in arguments:
+            is_file = argument.startswith(YAML_PREFIX)
+            name = argument.removeprefix(YAML_PREFIX)
+            key = f'/{name.strip(_SLASH)}' if _SLASH in name.strip(_SLASH) else name.strip(_SLASH)
+            if key in given:
+                raise ParameterError(f'parameter {key!r} is given twice')
+            given[key] = from_yaml_file(key, text) if is_file else self._value(key, text)
+        self._given = given
+
+    def create(self) -> OperatableStateMachine:
+        """Build the machine of FlexBE's behavior. On the thread of a run.
+
+        Raises:
+            ParameterError: the behavior has no such parameter, or takes no such value.
+        """
+        run = current_run()
+        behavior = load_class(self._source)(run.services.runtime.node)
+        for parameter in self._source.parameters:
+            if parameter.name in vars(behavior) and parameter.name not in self._given:
+                default = _content(parameter, parameter.declared.default)
+                if default != '' or isinstance(getattr(behavior, parameter.name), str):
+                    behavior.set_own_parameter(parameter.name, default)
+        for name, value in self._given.items():
+            if not behavior.set_parameter(name, value):
+                raise ParameterError(
+                    f'behavior {self.name!r}: its code has no parameter {name!r}{_embedded_hint(behavior, name)}'
+                )
+        machine = behavior.create()
+        if isinstance(machine, OperatableStateMachine):  # otherwise the run says that it is none
+            without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
+        return machine
+
+    def _value(self, name: str, text: str) -> Any:
+        if _SLASH in name:
+            return text  # of an embedded behavior: its own code says the type
+        declared = self._parameter(name).from_text(text)
+        parameter = next(one for one in self._source.parameters if one.name == name)
+        if isinstance(declared, float):
+            _check_limits(parameter, declared)
+        return _content(parameter, declared)
+
+
+def load_class(source: FlexbeManifest) -> Callable[[Any], FlexbeBehavior]:
+    """The class that a manifest names; it is called with the node. Raises whatever importing its module raises.
+
+    Raises:
+        FlexbeManifestError: the module has no such class.
+    """
+    module = importlib.import_module(source.module)
+    found = getattr(module, source.class_name, None)
+    if not (isinstance(found, type) and issubclass(found, FlexbeBehavior)):
+        shown = (
+            'has no such class' if found is None else f'has {found!r:.80} there, which is no Behavior of flexbe_core'
+        )
+        raise FlexbeManifestError(f'{source.file}: class {source.class_name}: module {source.module} {shown}')
+    return found
+
+
+def _embedded_hint(behavior: FlexbeBehavior, name: str) -> str:
+    """The embedded behaviors that there are, when the path in front of a parameter names none of them."""
+    path = name.rpartition(_SLASH)[0]
+    embedded = behavior.get_contained_behaviors()
+    if not path or path in embedded:
+        return ''
+    return f'; there is no embedded behavior {path!r}, there are: {", ".join(sorted(embedded)) or "none"}'
+
+
+def _content(parameter: FlexbeParameter, value: Any) -> Any:
+    """What a parameter's value stands for: that of a YAML parameter may be a file."""
+    if parameter.kind is ParameterKind.YAML and is_yaml_file(str(value)):
+        return from_yaml_file(parameter.name, str(value))
+    return value
+
+
+def _check_limits(parameter: FlexbeParameter, value: float) -> None:
+    low, high = parameter.minimum, parameter.maximum
+    if (low is not None and value < low) or (high is not None and value > high):
+        shown = f'{"-inf" if low is None else f"{low:g}"} to {"inf" if high is None else f"{high:g}"}'
+        raise ParameterError(f'parameter {parameter.name!r}: {value:g} is outside of its limits {shown}')

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The run of a behavior tree on behalf of a state: what the states that execute trees have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from flexbt_common.values import to_entry
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine import EventState, Severity, UserData
+from flexbt_msgs.action import BtExecute
+from flexbt_onboard.behaviors import state_services
+from flexbt_states.support import GoalCall, read_values, state_outcome
+
+from .bt_server_use import BtUse
+from .tree_pause import TreePause
+
+
+class TreeExecution:
+    """Runs one tree at a time on the BT server and gives the state its outcome.
+
+    ``outputs`` are the wanted blackboard keys with their types, ``output_keys`` the userdata keys that they are
+    written to where the names differ.
+    """
+
+    def __init__(
+        self,
+        state: EventState,
+        topic: str,
+        tree: str,
+        outputs: Mapping[str, str],
+        output_keys: Mapping[str, str],
+        blackboard: str,
+        timeout: float | None,
+    ) -> None:
+        self._state = state
+        self._tree = tree
+        self._outputs = dict(outputs)
+        self._output_keys = dict(output_keys)
+        self._blackboard = blackboard
+        self._timeout = timeout
+        self._goal = GoalCall(state, BtExecute, topic)
+        self._pause = TreePause(state, topic)
+        self._activity: Sequence[str] = ()
+        self._refusal = ''
+        self._changed: Callable[[], None] | None = None
+
+    def use(self, inputs: Mapping[str, str]) -> BtUse:
+        """What it wants of the server, with the types of its inputs."""
+        return BtUse(tree=self._tree, blackboard=self._blackboard, writes=inputs, reads=self._outputs)
+
+    def prepare(self) -> None:
+        """Look for the server already."""
+        self._goal.prepare()
+        self._pause.prepare()
+
+    def start(self, goals: Sequence[Any], inputs: Iterable[tuple[str, Any, str]]) -> None:
+        """Send the goal with goal poses and typed inputs (key, value, type); time counts on the state's clock."""
+        self._activity = ()
+        self._refusal = ''
+        try:
+            entries = [to_entry(key, value, type) for key, value, type in inputs]
+        except FlexbtError as error:
+            self.refuse(str(error))
+            return
+        services = state_services(self._state)
+        self._changed = services.changed
+        goal = BtExecute.Goal(
+            behavior_tree=self._tree,
+            goals=list(goals),
+            inputs=entries,
+            outputs=list(self._outputs),
+            output_encoding=BtExecute.Goal.BINARY,
+            blackboard=self._blackboard,
+            owner=services.node_name,
+        )
+        self._goal.send(goal, timeout=self._timeout, clock=self._state.clock, on_feedback=self._on_feedback)
+        self._pause.prepare()
+        self._pause.begin(self._goal.goal_id)
+
+    def set_paused(self, paused: bool) -> None:
+        """The state is paused, or goes on: so is the tree."""
+        self._pause.set(paused)
+
+    def refuse(self, reason: str) -> None:
+        """Do not run the tree: what it would run on is not acceptable."""
+        self._refusal = reason
+
+    def outcome(self, userdata: UserData) -> str | None:
+        """Outcome of the state, or None while the tree runs. Writes the outputs when the tree has succeeded."""
+        what = f'behavior tree {self._tree!r}' if self._tree else 'the default behavior tree'
+        if self._refusal:
+            self._state.log_error(f'{what}: {self._refusal}')
+            return 'failed'
+        ended = self._goal.poll()
+        if ended is None:
+            return None
+        answer, reason = state_outcome(ended, what)
+        result = ended.result
+        if answer != 'done':
+            if result is not None and result.failed_node:
+                reason += f' (node {result.failed_node})'
+                reason += ''.join(f'; so {step}' for step in result.reasons[1:])
+            self._state.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
+            return answer
+        assert result is not None
+        try:
+            if result.missing_outputs:
+                raise FlexbtError(f'the tree did not write {", ".join(map(repr, result.missing_outputs))}')
+            values = read_values(result.outputs, self._outputs)
+        except FlexbtError as error:
+            self._state.log_error(f'{what} succeeded, but its outputs are not as declared: {error}')
+            return 'failed'
+        for key, value in values.items():
+            userdata[self._output_keys.get(key, key)] = value
+        return 'done'
+
+    def leave(self) -> None:
+        """Cancel the tree when it still runs."""
+        self._pause.begin('')
+        self._goal.leave()
+
+    def halting(self) -> str | None:
+        """What is not at rest yet, None when nothing."""
+        return self._goal.halting()
+
+    def activity(self) -> Sequence[str]:
+        """Paths of the tree's nodes that are running; none when the tree has ended, or was lost."""
+        return self._activity if self._goal.goal_id else ()
+
+    def _on_feedback(self, feedback: Any) -> None:
+        self._pause.run_seen()
+        nodes = tuple(feedback.active_nodes)
+        if nodes != self._activity:
+            self._activity = nodes
+            if self._changed is not None:
+                self._changed()

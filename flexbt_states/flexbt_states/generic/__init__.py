@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""States that compute, check, log, wait, or run a behavior of another executive."""
+
+from .calculation_state import CalculationState
+from .check_condition_state import CheckConditionState
+from .execute_behavior_state import ExecuteBehaviorState
+from .log_key_state import LogKeyState
+from .log_state import LogState
+from .wait_state import WaitState
+
+__all__ = ['CalculationState', 'CheckConditionState', 'ExecuteBehaviorState', 'LogKeyState', 'LogState', 'WaitState']

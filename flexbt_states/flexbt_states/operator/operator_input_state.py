@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""State that asks the operator for a value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from flexbt_common import names
+from flexbt_common.calls import GoalOutcome, GoalStatus
+from flexbt_common.values import check_value, from_entry, text_to_value
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine import EventState, UserData
+from flexbt_msgs.action import OperatorInput
+from flexbt_states.errors import StateParameterError
+from flexbt_states.support import GoalCall, checked_timeout, checked_topic, checked_type
+
+
+class OperatorInputState(EventState):
+    """
+    Ask the operator for a typed value, such as a goal pose. The question is withdrawn when the state is left.
+
+    -- prompt       string      The question
+    -- type         string      Type of the value, e.g. geometry_msgs/msg/PoseStamped
+    -- choices      string[]    Texts that may be answered; empty for any value of the type
+    -- timeout      float       Seconds (wall time) to wait for the answer; None for no limit
+    -- topic        string      Name of the action of the executive that asks
+
+    #> data                     The answer: a value of the type.
+
+    <= received                 The operator has answered.
+    <= declined                 The operator has declined to answer.
+    <= failed                   Nobody could be asked, or there was no answer in time; the operator is told why.
+    """
+
+    def __init__(
+        self,
+        prompt: str,
+        type: str,
+        choices: Sequence[str] = (),
+        timeout: float | None = None,
+        topic: str = names.OPERATOR_INPUT,
+    ) -> None:
+        super().__init__(outcomes=['received', 'declined', 'failed'], output_keys=['data'], desired_rate=None)
+        self._prompt = prompt
+        self._type = checked_type(self, 'type', type)
+        if isinstance(choices, str):
+            raise StateParameterError(self, 'choices', f'{choices!r} is a string, not a list of texts')
+        self._choices = list(choices)
+        for text in self._choices:
+            try:
+                text_to_value(text, self._type)
+            except FlexbtError as error:
+                raise StateParameterError(self, 'choices', str(error)) from None
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic))
+
+    def on_start(self) -> None:
+        self._goal.prepare()
+
+    def on_enter(self, userdata: UserData) -> None:
+        goal = OperatorInput.Goal(prompt=self._prompt, type=self._type, choices=self._choices, asker=self.path)
+        self._goal.send(goal, timeout=self._timeout)
+
+    def execute(self, userdata: UserData) -> str | None:
+        outcome = self._goal.poll()
+        if outcome is None:
+            return None
+        result = outcome.result
+        code = result.code if result is not None else OperatorInput.Result.UNKNOWN
+        if code == OperatorInput.Result.DECLINED and outcome.status in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
+            return 'declined'
+        if outcome.status is GoalStatus.SUCCEEDED and code == OperatorInput.Result.SUCCESS and result is not None:
+            try:
+                userdata['data'] = check_value(from_entry(result.value), self._type)
+            except FlexbtError as error:
+                self.log_error(f'the answer to {self._prompt!r} cannot be used: {error}')
+                return 'failed'
+            return 'received'
+        self.log_error(f'no answer to {self._prompt!r}: {_reason(outcome)}')
+        return 'failed'
+
+    def on_exit(self, userdata: UserData) -> None:
+        self._goal.leave()
+
+    def halting(self) -> str | None:
+        return self._goal.halting()
+
+
+def _reason(outcome: GoalOutcome) -> str:
+    message = outcome.result.message if outcome.result is not None else ''
+    return message or outcome.reason or 'the executive did not fill in the result'
