@@ -193,6 +193,9 @@ class ScriptedExecutive:
             return ''
         if kind == ExecutiveCommand.START:
             return self._start(command)
+        if kind == ExecutiveCommand.NOTE:
+            self.log(f'{command.operator_id} notes: {command.text}')
+            return ''
         if status.state != ExecutiveStatus.RUNNING:
             return 'nothing runs'
         if command.run_id != status.run_id:

@@ -23,6 +23,8 @@ PACKAGES: Final[Mapping[str, str]] = {
     'bt_server': 'flexbt_server',
     'onboard_executive': 'flexbt_onboard',
     'console': 'flexbt_console',
+    'recorder': 'flexbt_console',
+    'run_report': 'flexbt_onboard',
 }
 """The package of each executable."""
 
