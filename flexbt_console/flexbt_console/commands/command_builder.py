@@ -8,7 +8,7 @@ cannot work is refused here, with what would work; the executive checks everythi
 from __future__ import annotations
 
 import difflib
-import uuid
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ class CommandBuilder:
         """A new command for the run that is shown, with nothing filled in that only some kinds have."""
         snapshot = view.snapshot
         return Command(
-            id=uuid.uuid4().hex,
+            id=os.urandom(16).hex(),
             kind=kind,
             operator=self.operator,
             executive_id=snapshot.executive_id if snapshot else '',

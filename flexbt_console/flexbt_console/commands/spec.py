@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror import Command, CommandKind, DecisionKind, LogLine, Pose, UserdataScope, View
@@ -15,8 +15,7 @@ from flexbt_console.mirror import Command, CommandKind, DecisionKind, LogLine, P
 from .command_builder import CommandBuilder
 
 
-@dataclass(frozen=True, slots=True)
-class Typed:
+class Typed(NamedTuple):
     """What completion goes by: the words that come before, those of options left out, and what is known."""
 
     words: tuple[str, ...]
@@ -31,8 +30,7 @@ Read = Callable[[str], object]
 """Reads a word; raises UsageError when it is not written as it has to be."""
 
 
-@dataclass(frozen=True, slots=True)
-class Argument:
+class Argument(NamedTuple):
     """A positional argument; a ``repeated`` one takes any number of words, at least one when ``required``."""
 
     name: str
@@ -48,8 +46,7 @@ class Argument:
         return text if self.required else f'[{text}]'
 
 
-@dataclass(frozen=True, slots=True)
-class Option:
+class Option(NamedTuple):
     """An option; ``value`` is what follows it, None for a switch. A ``repeated`` one may be given again.
 
     ``in_prompt`` tells whether it means something at the interactive prompt.
@@ -81,8 +78,7 @@ class LinkNeed(Enum):
     LIVE = 'live'
 
 
-@dataclass(frozen=True, slots=True)
-class Answers:
+class Answers(NamedTuple):
     """That a command answers a decision, of one of the ``kinds``.
 
     ``names_its_own`` tells whether a line names the decision or state itself; any other is meant for the decision on
@@ -94,8 +90,7 @@ class Answers:
     also_alone: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Send:
+class Send(NamedTuple):
     """The command is sent to the executive: ``build`` makes it, bound to what the view shows; raises ConsoleError."""
 
     kinds: tuple[CommandKind, ...]
@@ -103,8 +98,7 @@ class Send:
     answers: Answers | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
+class Shown(NamedTuple):
     """The answer of a command: the value for programs (JSON), and lines for people."""
 
     value: Any
@@ -124,8 +118,7 @@ class Known(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Show:
+class Show(NamedTuple):
     """The command shows what the console knows; raises ConsoleError when that has not arrived."""
 
     show: Callable[[CommandLine, View, Known], Shown]
@@ -139,8 +132,7 @@ class UserdataSource(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Ask:
+class Ask(NamedTuple):
     """The command asks the executive, and waits for what it says at most so many seconds. In line mode only."""
 
     ask: Callable[[CommandLine, UserdataSource, float], Shown]
