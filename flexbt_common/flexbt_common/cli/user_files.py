@@ -20,6 +20,8 @@ def home_path(path: str) -> Path:
     try:
         return Path(path).expanduser()
     except RuntimeError:
+        import tempfile  # which every program would else take some time for at its start
+
         return Path(tempfile.gettempdir(), *Path(path).parts[1:])
 
 
