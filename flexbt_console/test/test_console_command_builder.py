@@ -34,7 +34,7 @@ from flexbt_console.mirror import (
     Structure,
     View,
 )
-from flexbt_console.present import rendering
+from flexbt_console.present import decision_line, status_lines, structure_lines
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -112,7 +112,7 @@ def test_a_container_may_be_left_though_all_in_it_has_ended(make: CommandBuilder
     assert (command.path, command.decision_id) == ('/Nav', 't2')
     assert make.repeat(view(waiting, active=()), '/Nav').path == '/Nav'
     assert make.force(view(active=()), '/Nav', 'failed').path == '/Nav'
-    assert any(line.startswith('>   Nav') for line in rendering.structure(STRUCTURE, view(waiting, active=())))
+    assert any(line.startswith('>   Nav') for line in structure_lines(STRUCTURE, view(waiting, active=())))
 
 
 def test_force_finds_the_state(make: CommandBuilder) -> None:
@@ -251,18 +251,18 @@ def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_s
     interrupted = View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, state=ExecutiveState.INTERRUPTED, run_id='r1'))
     assert make.resume(interrupted).kind is CommandKind.RESUME_RUN
     assert make.command(interrupted, CommandKind.ABORT_RUN).run_id == 'r1'
-    assert '"resume" goes on' in '\n'.join(rendering.status(interrupted))
+    assert '"resume" goes on' in '\n'.join(status_lines(interrupted))
 
 
 def test_a_decision_says_why_it_is_asked() -> None:
     """By the autonomy that is required, or by a breakpoint, whatever is required."""
     low = dataclasses.replace(TRANSITION, required_autonomy=0)
-    shown = '\n'.join(rendering.status(view(low)))
+    shown = '\n'.join(status_lines(view(low)))
     assert 'requires more than 0 Off' in shown and 'breakpoint' not in shown
     snapshot = view(low).snapshot
     assert snapshot is not None
     stopped = dataclasses.replace(snapshot, breakpoints=('/Nav', low.path))
-    assert '/Nav/Plan wants done (breakpoint)' in rendering.decision(low, stopped)
+    assert '/Nav/Plan wants done (breakpoint)' in decision_line(low, stopped)
 
 
 def test_the_authority_is_handed_to_the_one_who_asks(make: CommandBuilder) -> None:

@@ -26,7 +26,7 @@ from flexbt_console.mirror import (
     Structure,
     View,
 )
-from flexbt_console.present import json_form, rendering
+from flexbt_console.present import behaviors_lines, encode_json, log_lines, status_json, status_lines, structure_lines
 from flexbt_console.ui.prompt import cut, toolbar
 from flexbt_core.values import lines, one_line
 
@@ -100,12 +100,12 @@ def hostile_view(text: str) -> View:
 def test_every_view_is_harmless(text: str) -> None:
     view = hostile_view(text)
     assert view.structure is not None
-    shown = rendering.status(view)
-    shown += rendering.structure(view.structure, view)
-    shown += rendering.behaviors([Behavior(text, text, text, text, (BehaviorParameter(text, text, text),), text)])
-    shown += rendering.log_line(LogLine('e', 1, text=text, path=text))
+    shown = status_lines(view)
+    shown += structure_lines(view.structure, view)
+    shown += behaviors_lines([Behavior(text, text, text, text, (BehaviorParameter(text, text, text),), text)])
+    shown += log_lines(LogLine('e', 1, text=text, path=text))
     shown += [line for _, line in toolbar(view, 80, 20)]
-    shown.append(json_form.encode(json_form.status(view)))
+    shown.append(encode_json(status_json(view)))
     for line in shown:
         assert harmless(line), line
     json.loads(shown[-1])

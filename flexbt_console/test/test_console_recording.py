@@ -22,7 +22,7 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import ExitCode
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
-from flexbt_console.present import rendering
+from flexbt_console.present import behavior_line
 from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.run_file import Recorded, read_run
@@ -112,7 +112,7 @@ def test_the_console_sees_in_a_replay_what_it_saw_of_the_robot(executives: Any, 
         assert seen.decisions == view.decisions and seen.active_paths == view.active_paths
         assert seen.structure == view.structure and seen.behaviors == view.behaviors
         assert at.mirror.log()[: len(logs)] == logs
-        assert 'replay of run.mcap' in rendering.behavior_line(seen)
+        assert 'replay of run.mcap' in behavior_line(seen)
 
 
 def test_a_recorder_that_is_killed_leaves_what_it_had_written(executives: Any, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import pytest
 
 from flexbt_console import mirror
-from flexbt_console.link import messages
+from flexbt_console.link import behaviors_record, command_message, log_record, snapshot_record, structure_record
 from flexbt_msgs import msg
 
 NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
@@ -117,10 +117,10 @@ def values(record: Any) -> list[tuple[str, Any]]:
 @pytest.mark.parametrize(
     ('message', 'convert'),
     [
-        (msg.ExecutiveStatus, messages.snapshot),
-        (msg.BehaviorStructure, messages.structure),
-        (msg.BehaviorList, messages.behaviors),
-        (msg.ExecutiveLog, messages.log_line),
+        (msg.ExecutiveStatus, snapshot_record),
+        (msg.BehaviorStructure, structure_record),
+        (msg.BehaviorList, behaviors_record),
+        (msg.ExecutiveLog, log_record),
     ],
 )
 def test_what_a_message_says_reaches_the_record(message: Any, convert: Any) -> None:
@@ -135,6 +135,6 @@ def test_what_a_command_says_reaches_the_message() -> None:
     fields: dict[str, Any] = {field.name: field.name for field in dataclasses.fields(mirror.Command)}
     fields |= {'kind': mirror.CommandKind.NOTE, 'autonomy': 3, 'arguments': (('a', 'b'),)}
     fields['inputs'] = (mirror.InputValue('k', 't', 'x'),)
-    sent = messages.command(mirror.Command(**fields), 12.5)
+    sent = command_message(mirror.Command(**fields), 12.5)
     for name in sent.get_fields_and_field_types():
         assert getattr(sent, name) != getattr(msg.ExecutiveCommand(), name), name

@@ -13,7 +13,16 @@ from typing import Final
 
 from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
 from flexbt_console.mirror import NOTE_LENGTH, AutonomyLevel, Command, CommandKind, DecisionKind, View
-from flexbt_console.present import json_form, rendering
+from flexbt_console.present import (
+    behaviors_lines,
+    log_lines,
+    places_lines,
+    status_json,
+    status_lines,
+    structure_json,
+    structure_lines,
+    userdata_lines,
+)
 
 from .command_builder import CommandBuilder
 from .operator_values import assignment, autonomy_level, line_count, start_input
@@ -189,13 +198,13 @@ _VALUES_OF = frozenset({DecisionKind.INPUT})
 
 
 def _show_status(line: CommandLine, view: View, known: Known) -> Shown:
-    return Shown(json_form.status(view), rendering.status(view))
+    return Shown(status_json(view), status_lines(view))
 
 
 def _show_behaviors(line: CommandLine, view: View, known: Known) -> Shown:
     if view.behaviors is None:
         raise NoAnswerError('the executive has not said which behaviors it has')
-    return Shown(view.behaviors, rendering.behaviors(view.behaviors))
+    return Shown(view.behaviors, behaviors_lines(view.behaviors))
 
 
 def _show_structure(line: CommandLine, view: View, known: Known) -> Shown:
@@ -203,23 +212,23 @@ def _show_structure(line: CommandLine, view: View, known: Known) -> Shown:
         raise RefusedError('nothing has run yet: there is no state machine to show')
     if view.structure is None:
         raise NoAnswerError('the state machine of the run has not arrived')
-    return Shown(json_form.structure(view.structure), rendering.structure(view.structure, view))
+    return Shown(structure_json(view.structure), structure_lines(view.structure, view))
 
 
 def _show_log(line: CommandLine, view: View, known: Known) -> Shown:
     entries = known.log(line_count(line.words[0]) if line.words else LOG_COUNT)
-    text = [text for entry in entries for text in rendering.log_line(entry)]
+    text = [text for entry in entries for text in log_lines(entry)]
     return Shown(entries, text or ['the log is empty'])
 
 
 def _show_places(line: CommandLine, view: View, known: Known) -> Shown:
-    return Shown(known.places, rendering.places(known.places))
+    return Shown(known.places, places_lines(known.places))
 
 
 def _ask_userdata(line: CommandLine, source: UserdataSource, timeout: float) -> Shown:
     path, *keys = line.words or ('',)
     scopes = source.userdata(path, keys, timeout)
-    return Shown(scopes, rendering.userdata(scopes))
+    return Shown(scopes, userdata_lines(scopes))
 
 
 # The commands

@@ -4,8 +4,16 @@
 A room of four files, as it is the one place of the console where ROS is spoken.
 """
 
-from . import messages
 from .interface_check import interface_problem
+from .messages import behaviors_record, command_message, log_record, snapshot_record, structure_record
 from .operator_link import OperatorLink
 
-__all__ = ['OperatorLink', 'interface_problem', 'messages']
+__all__ = [
+    'OperatorLink',
+    'behaviors_record',
+    'command_message',
+    'interface_problem',
+    'log_record',
+    'snapshot_record',
+    'structure_record',
+]

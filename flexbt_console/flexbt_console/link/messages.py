@@ -24,7 +24,7 @@ from flexbt_msgs.msg import (
 E = TypeVar('E', bound=IntEnum)
 
 
-def snapshot(message: ExecutiveStatus) -> records.Snapshot:
+def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
     """The record of a status."""
     return records.Snapshot(
         executive_id=message.executive_id,
@@ -56,7 +56,7 @@ def snapshot(message: ExecutiveStatus) -> records.Snapshot:
     )
 
 
-def structure(message: BehaviorStructure) -> records.Structure:
+def structure_record(message: BehaviorStructure) -> records.Structure:
     """The record of a state machine."""
     return records.Structure(
         run_id=message.run_id,
@@ -76,7 +76,7 @@ def structure(message: BehaviorStructure) -> records.Structure:
     )
 
 
-def behaviors(message: BehaviorList) -> records.BehaviorList:
+def behaviors_record(message: BehaviorList) -> records.BehaviorList:
     """The record of a list of behaviors."""
     return records.BehaviorList(
         executive_id=message.executive_id,
@@ -103,7 +103,7 @@ def behaviors(message: BehaviorList) -> records.BehaviorList:
     )
 
 
-def log_line(message: ExecutiveLog) -> records.LogLine:
+def log_record(message: ExecutiveLog) -> records.LogLine:
     """The record of a line of the log."""
     return records.LogLine(
         executive_id=message.executive_id,
@@ -116,7 +116,7 @@ def log_line(message: ExecutiveLog) -> records.LogLine:
     )
 
 
-def command(record: records.Command, now: float) -> ExecutiveCommand:
+def command_message(record: records.Command, now: float) -> ExecutiveCommand:
     """The message of a command; ``now`` is the time of this computer in seconds."""
     return ExecutiveCommand(
         id=record.id,

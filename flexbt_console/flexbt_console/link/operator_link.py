@@ -32,8 +32,8 @@ from flexbt_console.mirror import (
 from flexbt_core.clock import Timer
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 
-from . import messages
 from .interface_check import interface_problem, senders_problem
+from .messages import behaviors_record, command_message, log_record, snapshot_record, structure_record
 
 T = TypeVar('T')
 
@@ -124,9 +124,9 @@ class OperatorLink:
             ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(), event_callbacks=matched
         )
         for type, topic, convert, receive, depth in (
-            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, messages.structure, self._mirror.receive_structure, 1),
-            (BehaviorList, names.EXECUTIVE_BEHAVIORS, messages.behaviors, self._mirror.receive_behaviors, 1),
-            (ExecutiveLog, names.EXECUTIVE_LOG, messages.log_line, self._mirror.receive_log, names.LOG_DEPTH),
+            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, structure_record, self._mirror.receive_structure, 1),
+            (BehaviorList, names.EXECUTIVE_BEHAVIORS, behaviors_record, self._mirror.receive_behaviors, 1),
+            (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
         ):
             node.create_subscription(type, topic, _forward(convert, receive), names.latched(depth))
         self._pings = node.create_publisher(Header, names.EXECUTIVE_PING, names.unacknowledged())
@@ -144,7 +144,7 @@ class OperatorLink:
     def _on_status(self, message: ExecutiveStatus, info: Mapping[str, int]) -> None:
         sent = info['source_timestamp'] * 1e-9
         transit = Transit(sent, time.time()) if sent > 0.0 else None
-        self._mirror.receive_snapshot(messages.snapshot(message), transit)
+        self._mirror.receive_snapshot(snapshot_record(message), transit)
         if self._mirror.wants_ping():
             seconds, nanoseconds = divmod(time.time_ns(), 10**9)
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
@@ -176,7 +176,7 @@ class OperatorLink:
 
     def _send_due(self) -> None:
         for command in self._mirror.due_commands(self._reachable):
-            self._commands.publish(messages.command(command, time.time()))
+            self._commands.publish(command_message(command, time.time()))
         self._plan_resend()
 
     def _plan_resend(self) -> None:

@@ -14,12 +14,12 @@ from flexbt_console.errors import ExitCode
 from flexbt_console.mirror import CommandState, Structure, TrackedCommand, View
 
 
-def encode(value: Any) -> str:
+def encode_json(value: Any) -> str:
     """One line of JSON in ASCII: nothing in it can act on a terminal."""
     return json.dumps(_plain(value), allow_nan=False)
 
 
-def status(view: View) -> dict[str, Any]:
+def status_json(view: View) -> dict[str, Any]:
     """The picture and how old it is. ``link`` is live, stale or lost; everything else is only as good as that."""
     snapshot = view.snapshot
     shown = (field.name for field in dataclasses.fields(snapshot) if field.name != 'results') if snapshot else ()
@@ -27,7 +27,7 @@ def status(view: View) -> dict[str, Any]:
     return {'link': view.link.value, 'age': view.age, 'problem': view.problem, **known}
 
 
-def structure(known: Structure) -> dict[str, Any]:
+def structure_json(known: Structure) -> dict[str, Any]:
     """The state machine of a run; transitions as objects."""
     return {
         'run_id': known.run_id,
@@ -48,7 +48,7 @@ def structure(known: Structure) -> dict[str, Any]:
     }
 
 
-def result(name: str, tracked: TrackedCommand, exit_code: ExitCode, **more: Any) -> dict[str, Any]:
+def result_json(name: str, tracked: TrackedCommand, exit_code: ExitCode, **more: Any) -> dict[str, Any]:
     """What became of a command. ``duration`` is in seconds."""
     return {
         'command': name,
@@ -61,7 +61,7 @@ def result(name: str, tracked: TrackedCommand, exit_code: ExitCode, **more: Any)
     }
 
 
-def failure(name: str, exit_code: ExitCode, reason: str) -> dict[str, Any]:
+def failure_json(name: str, exit_code: ExitCode, reason: str) -> dict[str, Any]:
     """A command that was not sent or not answered."""
     return {'command': name, 'result': exit_code.name.lower(), 'reason': reason, 'exit_code': int(exit_code)}
 

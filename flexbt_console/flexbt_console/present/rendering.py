@@ -37,24 +37,24 @@ def link_word(view: View) -> str:
     """State of the link and age of the picture in short: LIVE 0.4 s. No view leaves it out."""
     if view.age is None:
         return 'NO EXECUTIVE'
-    return f'{view.link.name} {age(view.age)}'
+    return f'{view.link.name} {age_text(view.age)}'
 
 
-def link(view: View) -> str:
+def link_line(view: View) -> str:
     """State of the link and age of the picture, and what that means for the rest."""
     if view.age is None:
         return 'NO EXECUTIVE was heard'
     return link_word(view) + (' ago' if view.live else ' ago: what follows may not be so any more')
 
 
-def age(seconds: float) -> str:
+def age_text(seconds: float) -> str:
     """A duration: 0.4 s, 75 s, 12 min, 3.2 h."""
     if seconds < 120.0:
         return f'{seconds:.1f} s'
     return f'{seconds / 60.0:.0f} min' if seconds < 7200.0 else f'{seconds / 3600.0:.1f} h'
 
 
-def autonomy(level: int) -> str:
+def autonomy_text(level: int) -> str:
     """A level of autonomy with its name: 2 High."""
     try:
         return f'{level} {AutonomyLevel(level).name.capitalize()}'
@@ -62,14 +62,14 @@ def autonomy(level: int) -> str:
         return f'{level} (unknown)'
 
 
-def pose(value: Pose | None) -> str:
+def pose_text(value: Pose | None) -> str:
     """A pose in metres and radians."""
     if value is None:
         return 'unknown'
     return f'x {value.x:.2f} m  y {value.y:.2f} m  yaw {value.yaw:.2f} rad  ({one_line(value.frame)})'
 
 
-def peers(known: Sequence[Peer]) -> str:
+def peers_text(known: Sequence[Peer]) -> str:
     """The nodes that the executive depends on, those that are not there in capitals."""
     return '  '.join(
         f'{one_line(peer.name)} {"GONE" if not peer.alive else "ok" if peer.ready else "not ready"}' for peer in known
@@ -90,7 +90,7 @@ def behavior_line(view: View) -> str:
     return f'{snapshot.state.name}  {last}{why}'
 
 
-def authority(snapshot: Snapshot) -> str:
+def authority_text(snapshot: Snapshot) -> str:
     """Who may command, and who asks for it."""
     asking = ', '.join(map(one_line, snapshot.authority_requests))
     return (one_line(snapshot.authority) or 'nobody: every operator may command') + (
@@ -98,7 +98,7 @@ def authority(snapshot: Snapshot) -> str:
     )
 
 
-def decision(pending: Decision, snapshot: Snapshot) -> str:
+def decision_line(pending: Decision, snapshot: Snapshot) -> str:
     """A pending decision of a snapshot in one line."""
     where = one_line(pending.path)
     prompt = f': {one_line(pending.prompt)}' if pending.prompt else ''
@@ -115,10 +115,10 @@ def decision(pending: Decision, snapshot: Snapshot) -> str:
 def _required(level: int) -> str:
     if level >= AutonomyLevel.FULL:
         return 'always your decision'
-    return f'requires more than {autonomy(level)}' if level >= 0 else 'your decision'
+    return f'requires more than {autonomy_text(level)}' if level >= 0 else 'your decision'
 
 
-def choice_lines(pending: Decision) -> str:
+def choice_line(pending: Decision) -> str:
     """What may be chosen, numbered; the outcome that is wanted is marked."""
     return '  '.join(
         f'{number} {one_line(choice)}{"*" if choice == pending.outcome else ""}'
@@ -126,18 +126,18 @@ def choice_lines(pending: Decision) -> str:
     )
 
 
-def status(view: View) -> list[str]:
+def status_lines(view: View) -> list[str]:
     """The whole picture."""
-    shown = [f'link      {link(view)}']
+    shown = [f'link      {link_line(view)}']
     if view.problem:
         shown.append(f'problem   {one_line(view.problem)}')
     snapshot = view.snapshot
     if snapshot is None:
         return shown
     shown.append(f'behavior  {behavior_line(view)}')
-    shown.append(f'autonomy  {autonomy(snapshot.autonomy)}')
-    shown += [f'autonomy  {one_line(path)}: {autonomy(level)}' for path, level in snapshot.autonomy_levels]
-    shown.append(f'authority {authority(snapshot)}')
+    shown.append(f'autonomy  {autonomy_text(snapshot.autonomy)}')
+    shown += [f'autonomy  {one_line(path)}: {autonomy_text(level)}' for path, level in snapshot.autonomy_levels]
+    shown.append(f'authority {authority_text(snapshot)}')
     if snapshot.locked:
         shown.append(f'locked    {", ".join(map(one_line, snapshot.locked))}')
     if snapshot.breakpoints:
@@ -146,16 +146,16 @@ def status(view: View) -> list[str]:
         shown.append(f'active    {one_line(state.path)}{" (paused)" if state.paused else ""}')
         shown += [f'            {one_line(line)}' for line in state.activity]
     for pending in snapshot.decisions:
-        shown.append(f'waiting   {decision(pending, snapshot)}')
+        shown.append(f'waiting   {decision_line(pending, snapshot)}')
         if pending.choices:
-            shown.append(f'            {choice_lines(pending)}')
-    shown.append(f'robot     {pose(snapshot.robot_pose)}')
+            shown.append(f'            {choice_line(pending)}')
+    shown.append(f'robot     {pose_text(snapshot.robot_pose)}')
     if snapshot.peers:
-        shown.append(f'nodes     {peers(snapshot.peers)}')
+        shown.append(f'nodes     {peers_text(snapshot.peers)}')
     return shown
 
 
-def behaviors(known: Sequence[Behavior]) -> list[str]:
+def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
     """The behaviors and their parameters."""
     shown = []
     for behavior in known:
@@ -170,7 +170,7 @@ def behaviors(known: Sequence[Behavior]) -> list[str]:
     return shown or ['no behaviors are installed on the robot']
 
 
-def structure(known: Structure, view: View) -> list[str]:
+def structure_lines(known: Structure, view: View) -> list[str]:
     """The state machine, indented; active states are marked, each transition with what it requires."""
     active = set(view.active_levels)
     shown = [f'{one_line(known.behavior)}']
@@ -182,12 +182,12 @@ def structure(known: Structure, view: View) -> list[str]:
         shown.append(f'{mark} {"  " * depth}{one_line(label)}  ({one_line(state.type)}{kind})')
         for outcome, target, level in zip(state.outcomes, state.targets, state.autonomy, strict=False):
             arrow = f'{one_line(outcome)} -> {one_line(target)}' if target else one_line(outcome)
-            needed = f'  requires {autonomy(level)}' if level >= 0 else ''
+            needed = f'  requires {autonomy_text(level)}' if level >= 0 else ''
             shown.append(f'  {"  " * depth}    {arrow}{needed}')
     return shown
 
 
-def log_line(line: LogLine) -> list[str]:
+def log_lines(line: LogLine) -> list[str]:
     """A line of the log with severity and state; continuation lines are indented."""
     severity = '' if line.severity in (Severity.INFO, Severity.UNKNOWN) else f'{line.severity.name}: '
     where = f'{one_line(line.path)}: ' if line.path else ''
@@ -195,7 +195,7 @@ def log_line(line: LogLine) -> list[str]:
     return [f'{severity}{where}{first}', *(f'    {text}' for text in more)]
 
 
-def command_result(tracked: TrackedCommand) -> list[str]:
+def command_result_lines(tracked: TrackedCommand) -> list[str]:
     """What became of a command; continuation lines of the reason are indented."""
     name, duration = one_line(tracked.label, LABEL_LENGTH), tracked.duration
     if tracked.state is CommandState.APPLIED:
@@ -207,7 +207,7 @@ def command_result(tracked: TrackedCommand) -> list[str]:
     return [f'{name}: {end}: {first}', *(f'    {text}' for text in more)]
 
 
-def userdata(scopes: tuple[UserdataScope, ...]) -> list[str]:
+def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
     """The keys of each machine with type and value; long values are cut."""
     shown = []
     for scope in scopes:
@@ -220,7 +220,7 @@ def userdata(scopes: tuple[UserdataScope, ...]) -> list[str]:
     return shown or ['the machines have no userdata']
 
 
-def places(known: Mapping[str, Pose]) -> list[str]:
+def places_lines(known: Mapping[str, Pose]) -> list[str]:
     """The named places."""
     shown = [
         f'{one_line(name)}  x {place.x:.2f}  y {place.y:.2f}  yaw {place.yaw:.2f}  ({one_line(place.frame)})'

@@ -32,7 +32,7 @@ from flexbt_console.commands import (
 )
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror import Mirror, Pose
-from flexbt_console.present import json_form
+from flexbt_console.present import encode_json, failure_json
 from flexbt_core.values import lines
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def operator_name(line: CommandLine) -> str:
 def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, reason: str) -> int:
     name = line.spec.name if line is not None and line.spec is not None else ''
     if '--json' in words:
-        print(json_form.encode(json_form.failure(name, exit_code, reason)))
+        print(encode_json(failure_json(name, exit_code, reason)))
     else:
         word = 'refused: ' if exit_code is ExitCode.REFUSED else ''
         prefix = f'{name}: ' if name else 'console: '

@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder, build, parse
-from flexbt_console.link import OperatorLink, messages
+from flexbt_console.link import OperatorLink, snapshot_record
 from flexbt_console.mirror import Mirror, Snapshot, TrackedCommand, View
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
 
@@ -120,7 +120,7 @@ class Observer:
         )
 
     def _on_status(self, status: ExecutiveStatus) -> None:
-        self._published[status.sequence] = (time.monotonic(), messages.snapshot(status))
+        self._published[status.sequence] = (time.monotonic(), snapshot_record(status))
         self._count(status)
 
     def _count(self, message: Any) -> None:

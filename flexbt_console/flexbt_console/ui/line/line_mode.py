@@ -22,7 +22,7 @@ from flexbt_console.mirror import (
     TrackedCommand,
     View,
 )
-from flexbt_console.present import json_form, rendering
+from flexbt_console.present import behavior_line, command_result_lines, encode_json, result_json
 
 from .watch import watch
 
@@ -129,13 +129,13 @@ def _send(session: Session, spec: CommandSpec) -> ExitCode:
         exit_code = ExitCode.NO_LINK
     if exit_code is ExitCode.OK and session.line.has('--wait'):
         return _wait_for_end(session, spec.name, tracked, run_before)
-    _print(session, Shown(json_form.result(spec.name, tracked, exit_code), rendering.command_result(tracked)))
+    _print(session, Shown(result_json(spec.name, tracked, exit_code), command_result_lines(tracked)))
     return exit_code
 
 
 def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_before: str) -> ExitCode:
     if not session.json:
-        _print(session, Shown(None, rendering.command_result(tracked)))
+        _print(session, Shown(None, command_result_lines(tracked)))
     starting = name == 'start'
     executive_id = tracked.command.executive_id
     run: list[str] = [] if starting else [run_before]
@@ -162,13 +162,13 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
         raise NoAnswerError('the run has not ended in the time of --wait-timeout; it goes on')
     by_itself = ended.outcome not in ('', 'preempted', 'error')
     exit_code = ExitCode.OK if by_itself or not starting else ExitCode.REFUSED
-    result = json_form.result(name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
-    _print(session, Shown(result, [rendering.behavior_line(session.mirror.view())]))
+    result = result_json(name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
+    _print(session, Shown(result, [behavior_line(session.mirror.view())]))
     return exit_code
 
 
 def _print(session: Session, shown: Shown) -> None:
-    print(json_form.encode(shown.value) if session.json else '\n'.join(shown.text), file=sys.stdout, flush=True)
+    print(encode_json(shown.value) if session.json else '\n'.join(shown.text), file=sys.stdout, flush=True)
 
 
 def _other(now: tuple[Any, ...], before: tuple[Any, ...]) -> tuple[Any, ...] | None:

@@ -8,7 +8,7 @@ import time
 from flexbt_console.errors import ExitCode, NoLinkError
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import LinkState, Mirror
-from flexbt_console.present import Follower, json_form
+from flexbt_console.present import Follower, encode_json
 
 
 def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float | None) -> ExitCode:
@@ -26,7 +26,7 @@ def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float |
             break
         for name, value, text in events:
             if as_json:
-                print(json_form.encode({'event': name, 'time': time.time(), **value}), flush=True)
+                print(encode_json({'event': name, 'time': time.time(), **value}), flush=True)
             elif text:
                 stamp = time.strftime('%H:%M:%S')
                 print('\n'.join(f'{stamp} {line}' for line in text), flush=True)

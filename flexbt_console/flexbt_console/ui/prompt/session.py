@@ -24,7 +24,7 @@ from prompt_toolkit.styles import Style
 from flexbt_console.commands import CommandBuilder, Show, candidates, command_help, prompt_help
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, Pose, View
-from flexbt_console.present import Follower, rendering
+from flexbt_console.present import Follower, command_result_lines
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines
 
@@ -176,7 +176,7 @@ class Prompt:
             tracked = self._mirror.command(command_id)
             if tracked is not None and tracked.state is not CommandState.PENDING:
                 self._pending.remove(command_id)
-                self._print(rendering.command_result(tracked))
+                self._print(command_result_lines(tracked))
         self._session.app.invalidate()
 
     def _quit(self) -> None:

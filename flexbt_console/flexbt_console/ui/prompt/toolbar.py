@@ -7,7 +7,17 @@ import unicodedata
 from typing import Final
 
 from flexbt_console.mirror import CommandState, DecisionKind, LinkState, View
-from flexbt_console.present import rendering
+from flexbt_console.present import (
+    authority_text,
+    autonomy_text,
+    behavior_line,
+    choice_line,
+    command_result_lines,
+    decision_line,
+    link_word,
+    peers_text,
+    pose_text,
+)
 from flexbt_core.values import one_line
 
 Line = tuple[str, str]
@@ -59,9 +69,9 @@ def _cells(character: str) -> int:
 
 
 def _head(view: View) -> list[Line]:
-    parts = [rendering.link_word(view)]
+    parts = [link_word(view)]
     if view.snapshot is not None:
-        parts += [rendering.behavior_line(view), f'autonomy {rendering.autonomy(view.snapshot.autonomy)}']
+        parts += [behavior_line(view), f'autonomy {autonomy_text(view.snapshot.autonomy)}']
     head = [(LINK_STYLES[view.link], ' | '.join(parts))]
     if view.problem:
         head.append(('class:lost', one_line(view.problem)))
@@ -76,9 +86,9 @@ def _decision(view: View) -> list[Line]:
         return []
     others = len(view.decisions) - 1
     more = f'  (+{others} more: status)' if others else ''
-    lines = [('class:decision', f'? {rendering.decision(decision, snapshot)}{more}')]
+    lines = [('class:decision', f'? {decision_line(decision, snapshot)}{more}')]
     if decision.choices:
-        lines.append(('class:decision', f'  {rendering.choice_lines(decision)}'))
+        lines.append(('class:decision', f'  {choice_line(decision)}'))
     if decision.kind is DecisionKind.TRANSITION:
         lines.append(('', '  number or name chooses; "confirm" takes the one marked *'))
     return lines
@@ -97,13 +107,13 @@ def _rest(view: View) -> list[Line]:
             lines.append((style, f'    … {len(state.activity) - MOST_ACTIVITIES} more'))
     if len(snapshot.active_states) > MOST_STATES:
         lines.append((style, f'  … {len(snapshot.active_states) - MOST_STATES} more active states'))
-    lines.append((style, f'robot  {rendering.pose(snapshot.robot_pose)}'))
+    lines.append((style, f'robot  {pose_text(snapshot.robot_pose)}'))
     if snapshot.authority:
-        lines.insert(0, (style, f'authority  {rendering.authority(snapshot)}'))
+        lines.insert(0, (style, f'authority  {authority_text(snapshot)}'))
     missed = [peer for peer in snapshot.peers if not (peer.alive and peer.ready)]
     if missed:
-        lines.insert(0, ('class:lost', f'nodes  {rendering.peers(missed)}'))
+        lines.insert(0, ('class:lost', f'nodes  {peers_text(missed)}'))
     command = view.last_command
     if command is not None and command.state is CommandState.PENDING:
-        lines.insert(0, ('class:stale', rendering.command_result(command)[0]))
+        lines.insert(0, ('class:stale', command_result_lines(command)[0]))
     return lines
