@@ -12,7 +12,8 @@ from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes import MotionArbiter, Navigation, Simulator, duration_message
+from flexbt_common.values import duration_message
+from flexbt_sim.nodes import MotionArbiter, Navigation, Simulator
 from flexbt_sim.world import RobotLimits
 from flexbt_testing.ros.sim_world import (
     DOCK,

@@ -14,7 +14,7 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes import duration_message
+from flexbt_common.values import duration_message
 from flexbt_testing.ros.sim_world import DEADLINE, DOCK, Probe, line, open_world
 
 

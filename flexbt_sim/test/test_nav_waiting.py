@@ -10,7 +10,8 @@ from builtin_interfaces.msg import Duration
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_sim.nodes import duration_message, seconds_of
+from flexbt_common.values import duration_message
+from flexbt_sim.nodes import seconds_of
 from flexbt_testing.ros.sim_world import DOCK, Probe, line, open_world
 
 

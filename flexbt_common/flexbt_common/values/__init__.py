@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Typed values as messages and as text."""
 
+from .durations import duration_message
 from .entries import (
     Encoding,
     ValueType,
@@ -20,6 +21,7 @@ __all__ = [
     'Encoding',
     'ValueType',
     'check_value',
+    'duration_message',
     'from_entry',
     'from_plain',
     'message_type_name',

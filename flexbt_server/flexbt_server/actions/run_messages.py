@@ -6,9 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Final
 
-from builtin_interfaces.msg import Duration
-
-from flexbt_common.values import Encoding
+from flexbt_common.values import Encoding, duration_message
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
@@ -30,7 +28,7 @@ def feedback_of(tree: Tree, board: Blackboard, pose: Any, seconds: float) -> Any
     return BtExecute.Feedback(
         active_nodes=tree.active_nodes(),
         current_location=pose,
-        execution_time=_duration(seconds),
+        execution_time=duration_message(max(0.0, seconds)),
         number_of_recoveries=int(recoveries) if isinstance(recoveries, int | float) else 0,
         distance_remaining=float(distance_along(board.get_or('path', None), pose)),
     )
@@ -55,7 +53,7 @@ def result_of(
         error_code=error_code,
         outputs=entries,
         missing_outputs=missing,
-        execution_time=_duration(seconds),
+        execution_time=duration_message(max(0.0, seconds)),
     )
 
 
@@ -68,8 +66,3 @@ def take_error_code(board: Blackboard, keys: Iterable[str]) -> int:
             codes.append(code)
             board.set(key, 0)
     return min(codes, default=0)
-
-
-def _duration(seconds: float) -> Duration:
-    nanoseconds = max(0, round(seconds * 1e9))
-    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)

@@ -16,9 +16,10 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
+from flexbt_common.values import duration_message
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model.port_types import BOOL, DOUBLE, STRING
-from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY, duration
+from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY
 
 from .action_leaf import ACTION_PORTS, ActionLeaf
 
@@ -166,7 +167,7 @@ class Spin(_Recovery):
     def make_goal(self) -> Any:
         return self.action_type.Goal(
             target_yaw=float(self.get_input('spin_dist')),
-            time_allowance=duration(self.get_input('time_allowance')),
+            time_allowance=duration_message(self.get_input('time_allowance')),
         )
 
 
@@ -187,7 +188,7 @@ class BackUp(_Recovery):
         return self.action_type.Goal(
             target=Point(x=float(self.get_input('backup_dist'))),
             speed=float(self.get_input('backup_speed')),
-            time_allowance=duration(self.get_input('time_allowance')),
+            time_allowance=duration_message(self.get_input('time_allowance')),
         )
 
 
@@ -208,7 +209,7 @@ class DriveOnHeading(ActionLeaf):
         return self.action_type.Goal(
             target=Point(x=float(self.get_input('dist_to_travel'))),
             speed=float(self.get_input('speed')),
-            time_allowance=duration(self.get_input('time_allowance')),
+            time_allowance=duration_message(self.get_input('time_allowance')),
         )
 
 
@@ -227,4 +228,4 @@ class Wait(_Recovery):
         seconds = float(self.get_input('wait_duration'))
         if not (math.isfinite(seconds) and seconds > 0):
             raise ValueError(f'wait_duration has to be positive, not {seconds}')
-        return self.action_type.Goal(time=duration(seconds))
+        return self.action_type.Goal(time=duration_message(seconds))

@@ -3,7 +3,7 @@
 
 from .blackboards import NO_RECOVERIES, RECOVERIES_KEY, Blackboards, Value, entries_of, read_values, write_all
 from .ros_json import RosJsonTypes
-from .ros_ports import DURATION, PATH, POSE_STAMPED, POSES, duration, message_type
+from .ros_ports import DURATION, PATH, POSE_STAMPED, POSES, message_type
 from .tree_store import FileReport, FoundTree, TreeStore
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     'RosJsonTypes',
     'TreeStore',
     'Value',
-    'duration',
     'entries_of',
     'message_type',
     'read_values',

@@ -88,9 +88,3 @@ POSE_STAMPED: Final = message_type(PoseStamped, _pose)
 PATH: Final = message_type(Path, _path)
 DURATION: Final = message_type(Duration)
 POSES: Final = PortType('geometry_msgs/msg/PoseStamped[]', list, 'object', _poses_from_text)
-
-
-def duration(seconds: float) -> Duration:
-    """Seconds as a message."""
-    nanoseconds = round(seconds * 1e9)
-    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)

@@ -4,7 +4,7 @@
 from .motion_server import MotionArbiter
 from .navigation_parameters import declare_navigation_parameters
 from .navigation_servers import Navigation
-from .ros_messages import duration_message, grid_message, map_of, pose_of, seconds_of, time_message
+from .ros_messages import grid_message, map_of, pose_of, seconds_of, time_message
 from .simulator import Simulator
 from .simulator_parameters import built_in_map, declare_simulator_parameters
 
@@ -15,7 +15,6 @@ __all__ = [
     'built_in_map',
     'declare_navigation_parameters',
     'declare_simulator_parameters',
-    'duration_message',
     'grid_message',
     'map_of',
     'pose_of',

@@ -13,13 +13,13 @@ from typing import Any, Final
 
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import duration_message
 from flexbt_core.clock import Timer
 from flexbt_sim.navigation import STOP, Motion, PathFollower
 from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from .robot_interface import RobotInterface
-from .ros_messages import duration_message
 
 FEEDBACK_EVERY: Final = 3
 """Poses per feedback message."""

@@ -13,6 +13,7 @@ from nav_msgs.msg import Path
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import duration_message
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, GridPlanner
 from flexbt_sim.world import Pose
@@ -21,7 +22,7 @@ from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_id, pose_in_map
 from .robot_interface import RobotInterface
-from .ros_messages import duration_message, path_message
+from .ros_messages import path_message
 
 
 class OnEnd(Protocol):

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, Twist
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
@@ -22,12 +22,6 @@ def time_message(seconds: float) -> Time:
     """A point of time, s."""
     nanoseconds = round(seconds * 1e9)
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
-
-
-def duration_message(seconds: float) -> Duration:
-    """A length of time, s."""
-    nanoseconds = round(seconds * 1e9)
-    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
 def seconds_of(message: Any) -> float:

@@ -12,10 +12,11 @@ from nav2_msgs.action import Wait
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import duration_message
 from flexbt_core.clock import Timer
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, finish
-from .ros_messages import duration_message, seconds_of
+from .ros_messages import seconds_of
 
 FEEDBACK_SECONDS: Final = 0.5
 """Time between two feedback messages, s."""

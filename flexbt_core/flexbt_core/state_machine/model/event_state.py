@@ -52,7 +52,7 @@ class EventState:
 
     ``outcomes`` are the labels by which the state can be left. ``input_keys`` are read from userdata, ``output_keys``
     written, ``io_keys`` both. ``desired_rate`` is the rate in Hz at which ``execute`` is called while nothing wakes the
-    state; None for a state that calls :meth:`wake` when it has news, and costs nothing meanwhile.
+    state; None for a state that calls :meth:`wake` when something has happened, and costs nothing meanwhile.
     """
 
     is_instant: ClassVar[bool] = False

@@ -89,16 +89,16 @@ class _PausableTimer:
         self._is_cancelled = False
 
     def set(self) -> None:
-        """Have it ring when it is due, unless the clock stands still in between."""
+        """Have it called when it is due, unless the clock stands still in between."""
         self._behind = self._clock.behind
-        self._timer = self._clock.base.call_at(self._clock.on_base(self._when), self._ring)
+        self._timer = self._clock.base.call_at(self._clock.on_base(self._when), self._due)
 
     def cancel(self) -> None:
         self._is_cancelled = True
         if self._timer is not None:
             self._timer.cancel()
 
-    def _ring(self) -> None:
+    def _due(self) -> None:
         if self._is_cancelled or self._clock.keep(self):
             return
         if self._clock.behind > self._behind:
