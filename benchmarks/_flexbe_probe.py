@@ -10,7 +10,6 @@ import json
 import random
 import sys
 import time
-import uuid
 import zlib
 from collections import deque
 from collections.abc import Callable
@@ -21,7 +20,6 @@ from _flexbe_native import ACTION
 from _flexbe_stamp import Entries
 from nav2_msgs.action import Wait
 
-from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 
@@ -70,48 +68,25 @@ class FlexbtOperator:
     """Commands FlexBT's executive."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
-        from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
+        from flexbt_msgs.msg import ExecutiveCommand
+        from flexbt_testing.nodes.operator import Operator
 
-        self._command_type, self._argument_type = ExecutiveCommand, BehaviorArgument
-        self._status: Any = None
-
-        def join() -> None:
-            node = runtime.node
-            node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched())
-            self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
-
-        runtime.call(join)
-        _until(lambda: self._status is not None and self._commands.get_subscription_count(), 'no executive of FlexBT')
-
-    def _on_status(self, status: Any) -> None:
-        self._status = status
-
-    def _command(self, kind: int, **fields: Any) -> str:
-        message = self._command_type(id=uuid.uuid4().hex, operator_id='benchmark', kind=kind, **fields)
-        self._commands.publish(message)
-        return str(message.id)
+        self._kinds = ExecutiveCommand
+        self._operator = Operator(runtime, 'benchmark')
+        self._operator.wait_connected()
 
     def start(self, behavior: str, arguments: dict[str, str]) -> None:
-        given = [self._argument_type(name=name, value=value) for name, value in arguments.items()]
-        id = self._command(self._command_type.START, behavior=behavior, arguments=given, autonomy=3)
-        _until(lambda: self._result(id), f'no answer to the start of {behavior}')
-        result = self._result(id)
-        if result.code != result.APPLIED:
-            raise RuntimeError(f'{behavior} was not started: {result.reason}')
-        self._run = self._status.run_id
-
-    def _result(self, id: str) -> Any:
-        return next((result for result in self._status.results if result.command_id == id), None)
+        self._operator.start(behavior, arguments=arguments)
 
     def force(self, state: str, outcome: str) -> None:
-        self._command(self._command_type.FORCE, run_id=self._run, path=f'/{state}', outcome=outcome)
+        self._operator.send(self._kinds.FORCE, path=f'/{state}', outcome=outcome)
 
     def stop(self) -> None:
-        self._command(self._command_type.STOP, run_id=self._run)
-        _until(lambda: self._status.state == self._status.IDLE, 'FlexBT does not stop')
+        self._operator.send(self._kinds.STOP)
+        self._operator.wait_idle()
 
     def told(self) -> str:
-        return f'status {self._status}'
+        return f'status {self._operator.status}'
 
 
 class FlexbeOperator:

@@ -23,8 +23,6 @@ import sys
 import tempfile
 import threading
 import time
-import uuid
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,82 +30,55 @@ from typing import Any
 import _figures
 from _processes import executable, install_behavior
 from domain_coordinator import domain_id
+from nav2_msgs.action import Wait
+
+from flexbt_common.calls import ActionCall, ActionLinks, GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.action import BtLoad
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 20.0
 FLEXBE_MEAN_MS = 54.0
 LEAF_SECONDS = 0.15  # long enough for the status, which comes at 20 Hz at most, to show the state of the tree
 
 
-class Probe:
+class Probe(Operator):
     """The leaf's action server and the operator, in this process."""
 
-    def __init__(self, runtime: Any) -> None:
-        from nav2_msgs.action import Wait
-
-        from flexbt_common import names
-        from flexbt_common.calls import ActionLinks, GoalServer
-        from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-
-        self.runtime = runtime
-        self.changed = threading.Condition()
-        self.status: Any = None
+    def __init__(self, runtime: NodeRuntime) -> None:
+        super().__init__(runtime, 'benchmark')
         self.entered: dict[str, float] = {}
         self.result_sent = 0.0
         self.links = ActionLinks(runtime)
-        self.wait_result = Wait.Result()
+        runtime.call(lambda: GoalServer(runtime, Wait, 'latency_probe/wait', self._serve))
 
-        def make() -> None:
-            node = runtime.node
-            GoalServer(runtime, Wait, 'latency_probe/wait', self._serve)
-            node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched())
-            self.commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
+    def _serve(self, goal: ServedGoal) -> None:
+        steady = self.console.steady
+        steady.call_at(steady.now() + LEAF_SECONDS, lambda: self.console.post(lambda: self._end(goal)))
 
-        runtime.call(make)
-
-    def _serve(self, goal: Any) -> None:
-        steady = self.runtime.steady
-        steady.call_at(steady.now() + LEAF_SECONDS, lambda: self.runtime.post(lambda: self._end(goal)))
-
-    def _end(self, goal: Any) -> None:
+    def _end(self, goal: ServedGoal) -> None:
         self.result_sent = time.time()
-        goal.succeed(self.wait_result)
+        goal.succeed(Wait.Result())
 
-    def _on_status(self, status: Any) -> None:
-        with self.changed:
-            self.status = status
-            for active in status.active_states:
-                self.entered[active.path] = active.entered.sec + active.entered.nanosec / 1e9
-            self.changed.notify_all()
+    def _on_status(self, status: ExecutiveStatus) -> None:
+        for active in status.active_states:
+            self.entered[active.path] = active.entered.sec + active.entered.nanosec / 1e9
+        super()._on_status(status)
 
     def entered_after(self, path: str, before: float) -> bool:
         """Whether a state was entered after a time."""
         return self.entered.get(path, 0.0) > before
 
-    def wait(self, condition: Callable[[], Any], what: str) -> Any:
-        """The first true value of the condition, which is looked at after each status."""
-        end = time.monotonic() + DEADLINE
-        with self.changed:
-            while not (value := condition()):
-                if time.monotonic() > end:
-                    raise TimeoutError(f'{what}: not within {DEADLINE} s; last status: {self.status}')
-                self.changed.wait(0.05)
-            return value
-
     def command(self, kind: int, **fields: Any) -> float:
         """Publish a command; the time when."""
-        from flexbt_msgs.msg import ExecutiveCommand
-
-        run_id = self.status.run_id if self.status is not None else ''
-        message = ExecutiveCommand(id=uuid.uuid4().hex, operator_id='benchmark', kind=kind, run_id=run_id, **fields)
         now = time.time()
-        self.commands.publish(message)
+        self.send(kind, **fields)
         return now
 
     def load(self, xml: str) -> None:
         """Load the tree."""
-        from flexbt_common.calls import ActionCall
-        from flexbt_msgs.action import BtLoad
-
         ended: list[Any] = []
         done = threading.Event()
 
@@ -129,14 +100,10 @@ def measure(samples: int) -> dict[str, list[float]]:
     """Latencies in ms."""
     from _latency_probe import TREE_XML
 
-    from flexbt_common.runtime import NodeRuntime
-    from flexbt_msgs.msg import ExecutiveCommand
-
     result_to_transition, command_to_effect = [], []
     with NodeRuntime.open('latency_probe') as runtime:
         probe = Probe(runtime)
-        probe.wait(lambda: probe.status is not None, 'the executive')
-        probe.wait(lambda: probe.commands.get_subscription_count(), "the executive's command topic")
+        probe.wait_connected()
         probe.load(TREE_XML)
         probe.command(ExecutiveCommand.START, behavior='Latency probe', autonomy=3)
         for _ in range(samples):
@@ -144,14 +111,14 @@ def measure(samples: int) -> dict[str, list[float]]:
             def asked() -> Any:
                 return next((d for d in probe.status.decisions if d.path == '/Decide'), None)
 
-            decision = probe.wait(asked, 'the decision')
+            decision = wait_until(asked, 'the decision')
             result_to_transition.append((probe.entered['/Decide'] - probe.result_sent) * 1e3)
             before = probe.entered.get('/Tree', 0.0)
             sent = probe.command(ExecutiveCommand.FORCE, decision_id=decision.id, path='/Decide', outcome='again')
-            probe.wait(partial(probe.entered_after, '/Tree', before), 'the effect')
+            wait_until(partial(probe.entered_after, '/Tree', before), 'the effect')
             command_to_effect.append((probe.entered['/Tree'] - sent) * 1e3)
         probe.command(ExecutiveCommand.STOP)
-        probe.wait(lambda: probe.status.state == probe.status.IDLE, 'the end')
+        probe.wait_idle()
     return {'leaf result to transition': result_to_transition, 'command to effect': command_to_effect}
 
 

@@ -34,11 +34,11 @@ from ament_index_python.packages import get_package_share_directory
 from domain_coordinator import domain_id
 
 from flexbt_onboard.commands import REPORT_TIME
-from flexbt_testing.network import network_namespace
-from flexbt_testing.network.lossy_link import LossyLink
-from flexbt_testing.network.network_namespace import NetworkNamespace
-from flexbt_testing.network.remote import Console, Observer, remote_console, remote_observer
-from flexbt_testing.processes.stack import Stack
+from flexbt_testing.system import network_namespace
+from flexbt_testing.system.lossy_link import LossyLink
+from flexbt_testing.system.network_namespace import NetworkNamespace
+from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.remote import Console, Observer, remote_console, remote_observer
 
 DEADLINE = 60.0
 SETTLING = REPORT_TIME + 1.0

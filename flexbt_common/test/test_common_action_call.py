@@ -20,7 +20,7 @@ from rclpy.action import ActionServer, CancelResponse
 
 from flexbt_common.calls import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.ros.scripted_action_server import ScriptedActionServer
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 20.0
@@ -349,7 +349,7 @@ def test_an_acceptance_whose_answer_is_lost_counts(
 
 def start_child() -> subprocess.Popen[str]:
     child = subprocess.Popen(
-        [sys.executable, '-m', 'flexbt_testing.ros.scripted_action_server'],
+        [sys.executable, '-m', 'flexbt_testing.nodes.scripted_action_server'],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {'FASTRTPS_DEFAULT_PROFILES_FILE': os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')},

@@ -30,7 +30,7 @@ from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
-from flexbt_testing.ros.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.waiting import wait_until
 
 

@@ -14,7 +14,7 @@ import pytest
 def executives() -> Iterator[Any]:
     """Starts executives in a namespace of their own: ``executives('name', heartbeat=0.25, faults=...)``."""
     from flexbt_common.runtime import NodeRuntime
-    from flexbt_testing.executive import ScriptedExecutive
+    from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 
     with ExitStack() as stack:
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_testing.executive import Faults, ScriptedExecutive
+from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 
 COMMAND = [sys.executable, '-m', 'flexbt_console']
 NAMESPACE = 'lines'

@@ -15,7 +15,7 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoLinkError
 from flexbt_console.link import OperatorLink, interface_problem
 from flexbt_console.mirror import AutonomyLevel, Command, CommandState, LinkState, Mirror
-from flexbt_testing.executive import Faults, ScriptedExecutive
+from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 
 DEADLINE = 20.0
 

@@ -16,7 +16,7 @@ import time
 from typing import Any
 
 from flexbt_console.ui.prompt import REACTION_SECONDS
-from flexbt_testing.executive import ScriptedExecutive
+from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 
 DEADLINE = 20.0
 COLOUR = re.compile(rb'\x1b\[[0-9;]*(3[0-7]|9[0-7]|38;[0-9;]*)m')

@@ -16,7 +16,7 @@ import flexbt_states
 from flexbt_flexbe.for_flexbe import hosted
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_testing.ros.scripted_action_server import ends
+from flexbt_testing.nodes.scripted_action_server import ends
 from flexbt_testing.state_machines.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 

@@ -13,7 +13,7 @@ from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.node import ExecutiveParameters, open_executive
-from flexbt_testing.executive import behavior_of, entry_of
+from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
 
 
 class Ask(EventState):

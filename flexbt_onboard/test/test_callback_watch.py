@@ -13,7 +13,7 @@ from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import EventState, ExitReason, MachineRun, OperatableStateMachine, Severity, define
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.runs import LIMIT, CallbackWatch
-from flexbt_testing.executive import DEADLINE, ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
 
 _CALLBACKS = ('on_enter', 'execute', 'on_exit', 'halting', 'activity')
 

@@ -17,7 +17,7 @@ from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
-from flexbt_testing.executive import ExecutiveBench
+from flexbt_testing.nodes.executive_bench import ExecutiveBench
 from flexbt_testing.waiting import wait_until
 
 Result = ExecuteBehavior.Result

@@ -16,7 +16,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.node import ExecutiveParameters
-from flexbt_testing.executive import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 
 CLAIM, RELEASE, HAND_OVER, STOP, AUTONOMY = (
     ExecutiveCommand.CLAIM_AUTHORITY,

@@ -14,7 +14,7 @@ from flexbt_common.values import to_entry
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveCommand, ExecutiveStatus, PendingDecision
-from flexbt_testing.executive import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
 START, AUTONOMY, STOP, CONFIRM, FORCE = (

@@ -10,7 +10,7 @@ import pytest
 
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_testing.executive import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 
 C = ExecutiveCommand
 

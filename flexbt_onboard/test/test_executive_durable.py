@@ -18,9 +18,10 @@ from pathlib import Path
 
 import pytest
 
+from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log.run_metrics import metrics_of, read_events
-from flexbt_testing.executive import ConsoleBench
+from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.waiting import wait_until
 
 C = ExecutiveCommand
@@ -28,11 +29,11 @@ KILLS = int(os.environ.get('FLEXBT_KILLS', '6'))
 SEED = int(os.environ.get('FLEXBT_SEED', '1'))
 
 
-class DurableBench(ConsoleBench):
+class DurableBench(Operator):
     """A console, and an executive in a process of its own that can be killed."""
 
     def __init__(self, directory: Path) -> None:
-        super().__init__()
+        super().__init__(NodeRuntime('console', args=()))
         self.directory = directory
         self._due = 0.0
         self._launched = 0

@@ -19,7 +19,7 @@ from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachi
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log import EventLog, rotated
 from flexbt_onboard.node import ExecutiveParameters
-from flexbt_testing.executive import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
 

@@ -23,9 +23,10 @@ from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.node import Executive, UnconfiguredExecutive, declare_parameters, open_executive
-from flexbt_testing.executive import ConsoleBench, behavior_of, entry_of
+from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.pytest_plugin import entities_of
-from flexbt_testing.ros.lifecycle_client import LifecycleClient
 from flexbt_testing.waiting import wait_until
 
 START = ExecutiveCommand.START
@@ -56,7 +57,7 @@ def holding() -> OperatableStateMachine:
     return machine
 
 
-class ManagedBench(ConsoleBench):
+class ManagedBench(Operator):
     """A managed executive; the node of the console is its lifecycle manager as well."""
 
     def __init__(self, directory: Path) -> None:
@@ -69,7 +70,7 @@ class ManagedBench(ConsoleBench):
         self.runtime = NodeRuntime(names.ONBOARD_EXECUTIVE, args=(), parameters=parameters, node_class=ManagedNode)
         assert isinstance(self.runtime.node, ManagedNode)
         self.node = self.runtime.node
-        super().__init__()
+        super().__init__(NodeRuntime('console', args=()))
         Hold.rest, Hold.left = threading.Event(), []
         Hold.rest.set()
         self.node.manage(self.runtime, self._configure, UnconfiguredExecutive, declare_parameters)

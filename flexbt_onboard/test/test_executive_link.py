@@ -30,7 +30,7 @@ from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, E
 from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
-from flexbt_testing.executive import DEADLINE, ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
 

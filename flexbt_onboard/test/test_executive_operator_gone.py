@@ -13,7 +13,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, OperatorGone
-from flexbt_testing.executive import ExecutiveBench
+from flexbt_testing.nodes.executive_bench import ExecutiveBench
 
 AFTER = 0.6
 

@@ -16,7 +16,7 @@ from flexbt_common.calls import ActionCall, ActionLinks
 from flexbt_common.values import from_entry
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import GetUserdata
-from flexbt_testing.executive import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
 Result = GetUserdata.Result

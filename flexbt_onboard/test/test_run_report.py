@@ -19,7 +19,7 @@ from flexbt_onboard.event_log.run_metrics import RunMetrics, metrics_of
 from flexbt_onboard.event_log.run_report import as_json, as_text, main
 from flexbt_onboard.event_log.run_timeline import timeline
 from flexbt_onboard.node import ExecutiveParameters
-from flexbt_testing.executive import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 
 
 def parsed(picture: str) -> ElementTree.Element:

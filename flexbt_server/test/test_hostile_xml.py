@@ -16,7 +16,7 @@ from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_testing.behavior_trees.bt_tool import tool
 from flexbt_testing.behavior_trees.hostile_xml import ACCEPTED, BROKEN_IN_MANY_PLACES, CORPUS, TREE
-from flexbt_testing.ros.server_world import World, open_world
+from flexbt_testing.nodes.server_world import World, open_world
 from flexbt_testing.waiting import wait_until
 
 Result = BtLoad.Result

@@ -11,8 +11,8 @@ import pytest
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
-from flexbt_testing.ros.scripted_action_server import ScriptedActionServer
-from flexbt_testing.ros.server_world import DEADLINE, World, open_world
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
+from flexbt_testing.nodes.server_world import DEADLINE, World, open_world
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

@@ -18,8 +18,8 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
-from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world
+from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.server_world import DEADLINE, World, install_nodes, open_world
 from flexbt_testing.waiting import wait_until
 
 CANCELS = int(os.environ.get('FLEXBT_CANCELS', '250'))

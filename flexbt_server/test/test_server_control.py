@@ -19,8 +19,8 @@ from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
-from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, install_nodes, open_world, pose
+from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.server_world import DEADLINE, World, install_nodes, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

@@ -15,7 +15,7 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 

@@ -15,7 +15,7 @@ from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.errors import UnknownTreeError
 from flexbt_server.trees import FoundTree, TreeStore
-from flexbt_testing.ros.server_world import document, open_world
+from flexbt_testing.nodes.server_world import document, open_world
 
 BROKEN = '<root BTCPP_format="4"><BehaviorTree ID="X"><Nowhere/></BehaviorTree></root>'
 

@@ -20,8 +20,8 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
-from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, World, document, install_nodes, open_world, pose
+from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.server_world import DEADLINE, World, document, install_nodes, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

@@ -28,8 +28,8 @@ from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_server.runs.overruns import Overruns
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
-from flexbt_testing.ros import server_nodes
-from flexbt_testing.ros.server_world import DEADLINE, Client, World, document, install_nodes, open_world
+from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.server_world import DEADLINE, Client, World, document, install_nodes, open_world
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

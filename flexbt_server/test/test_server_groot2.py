@@ -24,7 +24,7 @@ from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2 import read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.node import BtServer
-from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

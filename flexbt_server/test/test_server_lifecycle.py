@@ -25,9 +25,9 @@ from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
 from flexbt_server.node import BtServer, declare_parameters
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.server_world import Client, Navigation, document
 from flexbt_testing.pytest_plugin import entities_of
-from flexbt_testing.ros.lifecycle_client import LifecycleClient
-from flexbt_testing.ros.server_world import Client, Navigation, document
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

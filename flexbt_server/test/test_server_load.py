@@ -12,7 +12,7 @@ import pytest
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_testing.ros.server_world import DEADLINE, World, document, open_world
+from flexbt_testing.nodes.server_world import DEADLINE, World, document, open_world
 from flexbt_testing.waiting import wait_until
 
 Result = BtLoad.Result

@@ -15,7 +15,7 @@ from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_msgs.action import BtExecute
-from flexbt_testing.ros.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

@@ -7,7 +7,7 @@ import sys
 
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
-from flexbt_testing.ros.sim_world import DOCK, Probe, line
+from flexbt_testing.nodes.sim_world import DOCK, Probe, line
 
 
 def main() -> int:

@@ -15,7 +15,7 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.values import duration_message
 from flexbt_sim.nodes import MotionArbiter, Navigation, Simulator
 from flexbt_sim.world import RobotLimits
-from flexbt_testing.ros.sim_world import (
+from flexbt_testing.nodes.sim_world import (
     DOCK,
     FAST,
     OFFICE,

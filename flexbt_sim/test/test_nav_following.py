@@ -15,7 +15,7 @@ from nav_msgs.msg import Path
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes import built_in_map
 from flexbt_sim.world import RobotLimits, load_map
-from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
 
 Result = FollowPath.Result
 LIMITS = RobotLimits()

@@ -18,7 +18,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes import built_in_map, grid_message, time_message
 from flexbt_sim.world import OCCUPIED, UNKNOWN, OccupancyMap, load_map
-from flexbt_testing.ros.sim_world import (
+from flexbt_testing.nodes.sim_world import (
     DEADLINE,
     DOCK,
     FAST,

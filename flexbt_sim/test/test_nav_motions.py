@@ -16,7 +16,7 @@ from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_sim.nodes import seconds_of
-from flexbt_testing.ros.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
+from flexbt_testing.nodes.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
 
 FREE = (4.0, 4.45, 0.0)
 """Free on all sides for a metre."""

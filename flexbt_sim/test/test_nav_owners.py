@@ -15,7 +15,7 @@ import pytest
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import duration_message
-from flexbt_testing.ros.sim_world import DEADLINE, DOCK, Probe, line, open_world
+from flexbt_testing.nodes.sim_world import DEADLINE, DOCK, Probe, line, open_world
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes import Navigation, Simulator, seconds_of
 from flexbt_sim.world import RobotLimits
-from flexbt_testing.ros.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
+from flexbt_testing.nodes.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
 
 PLACE = '/fleet/robot1'
 

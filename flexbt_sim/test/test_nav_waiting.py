@@ -12,7 +12,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_common.values import duration_message
 from flexbt_sim.nodes import seconds_of
-from flexbt_testing.ros.sim_world import DOCK, Probe, line, open_world
+from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
 
 
 @pytest.fixture(scope='module')

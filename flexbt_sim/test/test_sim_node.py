@@ -23,7 +23,7 @@ from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.nodes import Simulator, built_in_map, map_of, pose_of, seconds_of
 from flexbt_sim.world import RobotLimits, load_map
-from flexbt_testing.ros.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
 
 LIMITS = RobotLimits()
 BRAKING = LIMITS.linear_speed / LIMITS.linear_acceleration

@@ -13,7 +13,7 @@ from flexbt_common import names
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState
-from flexbt_testing.ros.scripted_action_server import ScriptedActionServer
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.state_machines.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
-from flexbt_testing.operator.probe import Probe
-from flexbt_testing.processes.stack import Stack
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack
 
 PAGE = (Path(__file__).parents[2] / 'docs' / 'tutorials' / 'action_leaf.md').read_text(encoding='utf-8')
 

@@ -26,11 +26,11 @@ from flexbt_console.mirror import (
     TrackedCommand,
 )
 from flexbt_system_tests.gates import GATES, offer_gates
-from flexbt_testing.network import network_namespace
-from flexbt_testing.network.lossy_link import FAIR, LossyLink, Weather
-from flexbt_testing.network.network_namespace import NetworkNamespace
-from flexbt_testing.network.remote import Console, Observer, remote_console, remote_observer
-from flexbt_testing.processes.stack import Stack
+from flexbt_testing.system import network_namespace
+from flexbt_testing.system.lossy_link import FAIR, LossyLink, Weather
+from flexbt_testing.system.network_namespace import NetworkNamespace
+from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.remote import Console, Observer, remote_console, remote_observer
 
 T = TypeVar('T')
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_testing.processes.stack import Stack, executable
+from flexbt_testing.system.processes import Stack, executable
 
 PACKAGE = 'mission_flexbe_behaviors'
 DEADLINE_S = 60.0

@@ -12,8 +12,8 @@ import pytest
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_testing.operator.probe import Probe
-from flexbt_testing.processes.stack import Stack
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack
 
 REFUSED_WITHIN = 1.0
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.operator.probe import Probe
-from flexbt_testing.processes.stack import Stack, executable
-from flexbt_testing.ros.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack, executable
 
 MANAGED = ('bt_server', 'onboard_executive')
 """In the order in which they are brought up."""
@@ -60,13 +60,13 @@ def test_a_manager_brings_the_robot_up_and_down(stack: Stack, runtime: NodeRunti
         assert 'the executive is unconfigured; configure and activate it' in shown()
         for label in ('configure', 'activate'):
             assert all(manager.change(label) for manager in managers)
-        probe.wait(lambda: probe.status is not None and not probe.status.message, 'active executive')
+        probe.wait(lambda: not probe.status.message, 'active executive')
         probe.wait_ready()
         probe.drive_to(*place)
         for manager in reversed(managers):
             assert manager.change('deactivate')
         comes_to_rest(probe, time.monotonic())
-        probe.wait(lambda: probe.status is not None and probe.status.outcome == 'preempted', 'end of the run')
+        probe.wait(lambda: probe.status.outcome == 'preempted', 'end of the run')
         assert 'the executive is inactive; activate it' in shown()
         for manager in reversed(managers):
             assert manager.change('cleanup')

@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message
 from flexbt_common.names import EXECUTIVE_LOG
 from flexbt_console.recording.run_file import read_run
 from flexbt_msgs.msg import ExecutiveLog
-from flexbt_testing.processes.stack import Stack, executable
+from flexbt_testing.system.processes import Stack, executable
 
 DEADLINE = 60.0
 NOTE = 'the floor is wet \x1b[2J'

@@ -17,8 +17,8 @@ import pytest
 from flexbt_common.liveness import PRESENCE_LEASE_SECONDS
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_testing.operator.probe import Probe
-from flexbt_testing.processes.stack import Stack, executable
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack, executable
 
 DEADLINE = 30.0
 TIMEOUT = 2.0
@@ -62,13 +62,12 @@ def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Sta
     with watching('ann') as ann, watching('bob'):
         console('ann', 'claim')
         console('bob', 'claim', '--reason', 'my shift')
-        assert probe.status is not None
         assert (probe.status.authority, list(probe.status.authority_requests)) == ('ann', ['bob'])
         assert 'ann' in console('bob', 'autonomy', 'full', exit_code=3)['reason']
         console('ann', 'autonomy', 'high')
         ann.kill()
         killed = time.monotonic()
-        probe.wait(lambda: probe.status is not None and probe.status.authority == 'bob', 'passed on')
+        probe.wait(lambda: probe.status.authority == 'bob', 'passed on')
         assert time.monotonic() - killed < TIMEOUT + SEEN_AFTER_DEATH
         console('bob', 'autonomy', 'full')
         assert 'bob' in console('ann', 'autonomy', 'off', exit_code=3)['reason']

@@ -16,9 +16,9 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import to_entry
 from flexbt_core.state_machine import Child, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
-from flexbt_testing.operator.probe import Probe
-from flexbt_testing.processes.stack import Stack
 from flexbt_testing.state_machines import Bench
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack
 
 README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
 IMPORTS_OF_THE_MISSION = """
@@ -91,7 +91,7 @@ def probe() -> Iterator[Probe]:
 
 def test_the_mission_is_driven(installed: dict[str, str], probe: Probe, tmp_path: Path) -> None:
     def decision(kind: int) -> PendingDecision | None:
-        decisions = probe.status.decisions if probe.status is not None else []
+        decisions = probe.status.decisions
         return next((one for one in decisions if one.kind == kind), None)
 
     with Stack(tmp_path) as stack:
@@ -99,17 +99,17 @@ def test_the_mission_is_driven(installed: dict[str, str], probe: Probe, tmp_path
         for name in ('navigation', 'bt_server', 'onboard_executive'):
             stack.start(name, environment=installed)
         probe.wait_ready()
-        probe.command(ExecutiveCommand.START, behavior='Deliveries', autonomy=2)
+        probe.send(ExecutiveCommand.START, behavior='Deliveries', autonomy=2)
         for x, y in ((3.8, 1.2), (0.8, 4.45)):
             question = probe.wait(lambda: decision(PendingDecision.INPUT), 'the question for a goal')
             assert question is not None and question.prompt == 'Where to?'
             goal = PoseStamped()
             goal.header.frame_id = 'map'
             goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
-            probe.command(ExecutiveCommand.ANSWER, decision_id=question.id, inputs=[to_entry('goal', goal)])
+            probe.send(ExecutiveCommand.ANSWER, decision_id=question.id, inputs=[to_entry('goal', goal)])
             arrival = probe.wait(lambda: decision(PendingDecision.TRANSITION), 'the question whether it counts')
             assert arrival is not None and (arrival.path, arrival.outcome) == ('/Drive', 'done')
-            probe.command(ExecutiveCommand.CONFIRM, decision_id=arrival.id)
+            probe.send(ExecutiveCommand.CONFIRM, decision_id=arrival.id)
             probe.wait(lambda: decision(PendingDecision.TRANSITION) is None, 'the confirmation')
         probe.wait_state(ExecutiveStatus.IDLE)
-        assert probe.status is not None and probe.status.outcome == 'finished'
+        assert probe.status.outcome == 'finished'

@@ -15,7 +15,7 @@ from typing import Final
 
 from ament_index_python.packages import get_package_prefix
 
-from flexbt_testing.network.network_namespace import NetworkNamespace
+from flexbt_testing.system.network_namespace import NetworkNamespace
 
 PACKAGES: Final[Mapping[str, str]] = {
     'simulator': 'flexbt_sim',

@@ -6,9 +6,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-import uuid
 from collections.abc import Callable
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 from geometry_msgs.msg import PoseStamped
 
@@ -18,38 +17,32 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 
+from ..nodes.operator import Operator
+from ..waiting import wait_until
+
 T = TypeVar('T')
 
 DEADLINE: Final = 40.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
 
 
-class Probe:
-    """Sees status and pose, sends commands and goals."""
+class Probe(Operator):
+    """An operator who sees the robot's pose too, and sends goals to its servers."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
-        self._runtime = runtime
+        super().__init__(runtime, 'test')
         self._links = ActionLinks(runtime)
         self._changed = threading.Condition()
-        self.status: ExecutiveStatus | None = None
-        self.status_at = 0.0
         self.pose: PoseStamped | None = None
         self.moved_at = 0.0
         self.moved_stamp = 0.0
         """The time of the pose that showed the last movement, s on the robot's clock."""
+        runtime.call(lambda: runtime.node.create_subscription(PoseStamped, names.POSE, self._on_pose, 10))
 
-        def connect() -> None:
-            node = runtime.node
-            node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched())
-            node.create_subscription(PoseStamped, names.POSE, self._on_pose, 10)
-            self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
-
-        runtime.call(connect)
-
-    def _on_status(self, status: ExecutiveStatus) -> None:
-        with self._changed:
-            self.status, self.status_at = status, time.monotonic()
-            self._changed.notify_all()
+    @property
+    def status_at(self) -> float:
+        """The monotonic time when the latest status arrived."""
+        return self.arrivals[-1]
 
     def _on_pose(self, pose: PoseStamped) -> None:
         with self._changed:
@@ -61,48 +54,32 @@ class Probe:
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
         """The first true value of the condition; fails with ``what`` when there is none in time."""
-        end = time.monotonic() + timeout
-        # Without the lock: a condition may need the executor, which takes it for each message.
-        while not (value := condition()):
-            assert time.monotonic() < end, f'{what}: not within {timeout:g} s; last status: {self.status}'
-            with self._changed:
-                self._changed.wait(0.05)
-        return value
+        return cast(T, wait_until(condition, lambda: f'{what}; last status: {self.status}', timeout))
 
     def wait_ready(self) -> None:
         """Everything runs and is connected."""
         self.wait(lambda: self.pose and self._commands.get_subscription_count() and self._all_ready(), 'readiness')
 
     def _all_ready(self) -> bool:
-        return self.status is not None and all(peer.ready for peer in self.status.peers)
+        return bool(self.statuses) and all(peer.ready for peer in self.status.peers)
 
     def peer_alive(self, name: str) -> bool | None:
         """Whether the executive sees a node alive."""
-        peers = self.status.peers if self.status is not None else []
-        return next((bool(peer.alive) for peer in peers if peer.name.endswith(f'/{name}')), None)
+        return next((bool(peer.alive) for peer in self.status.peers if peer.name.endswith(f'/{name}')), None)
 
     def wait_state(self, state: int) -> None:
         """Wait until the executive is in a state."""
-        self.wait(lambda: self.status is not None and self.status.state == state, f'executive in state {state}')
-
-    def command(self, kind: int, **fields: Any) -> None:
-        """Send a command for the present run."""
-        run_id = self.status.run_id if self.status is not None and kind != ExecutiveCommand.START else ''
-        self._commands.publish(
-            ExecutiveCommand(id=uuid.uuid4().hex, operator_id='test', kind=kind, run_id=run_id, **fields)
-        )
+        self.wait(lambda: self.status.state == state, f'executive in state {state}')
 
     def drive_to(self, x: float, y: float, driven: float = 0.5) -> None:
         """Start the first demonstration, give it a goal, and wait until the robot has driven so many metres."""
         self.wait_state(ExecutiveStatus.IDLE)
-        self.command(ExecutiveCommand.START, behavior='Navigate', autonomy=2)
+        self.send(ExecutiveCommand.START, behavior='Navigate', autonomy=2)
 
         def question() -> PendingDecision | None:
-            decisions = self.status.decisions if self.status is not None else []
+            decisions = self.status.decisions
             asked = [one for one in decisions if one.kind == PendingDecision.INPUT]
-            return (
-                asked[0] if asked and self.status is not None and self.status.state == ExecutiveStatus.RUNNING else None
-            )
+            return asked[0] if asked and self.status.state == ExecutiveStatus.RUNNING else None
 
         asked = self.wait(question, 'question for a goal')
         assert asked is not None
@@ -111,13 +88,13 @@ class Probe:
         goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
         start = self.pose
         assert start is not None
-        self.command(ExecutiveCommand.ANSWER, decision_id=asked.id, inputs=[to_entry('goal', goal)])
+        self.send(ExecutiveCommand.ANSWER, decision_id=asked.id, inputs=[to_entry('goal', goal)])
         self.wait(lambda: self.pose is not None and _distance(start, self.pose) > driven, 'robot driving')
 
     def stop(self) -> float:
         """Give the operator's stop; the monotonic time when."""
         now = time.monotonic()
-        self.command(ExecutiveCommand.STOP)
+        self.send(ExecutiveCommand.STOP)
         return now
 
     def call(self, action_type: Any, name: str, goal: Any, timeout: float = DEADLINE) -> GoalOutcome:
@@ -145,11 +122,11 @@ class Probe:
                 seen.append(listed)
                 self._changed.notify_all()
 
-        subscription = self._runtime.call(
-            lambda: self._runtime.node.create_subscription(GoalStatusArray, topic, on_list, names.latched())
+        subscription = self.console.call(
+            lambda: self.console.node.create_subscription(GoalStatusArray, topic, on_list, names.latched())
         )
         self.wait(lambda: bool(seen), f'list of goals of {action}')
-        self._runtime.call(lambda: self._runtime.node.destroy_subscription(subscription))
+        self.console.call(lambda: self.console.node.destroy_subscription(subscription))
         working = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
         return sum(status.status in working for status in seen[-1].status_list)
 

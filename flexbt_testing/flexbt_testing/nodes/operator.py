@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench for the executive: it runs on a node of its own, and a console on another one supervises it."""
+"""One who supervises an executive, on the bare topics: what tests see and do without the console."""
 
 from __future__ import annotations
 
 import itertools
 import time
+import uuid
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_msgs.msg import (
     BehaviorArgument,
     BehaviorList,
@@ -20,38 +20,16 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
 )
-from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorLibrary, BehaviorManifest
-from flexbt_onboard.node import ExecutiveParameters, open_executive
-from flexbt_testing.waiting import wait_until
 
-DEADLINE = 10.0
-"""Seconds within which what a test waits for has to happen, on a busy machine too."""
+from ..waiting import wait_until
 
 
-def entry_of(behavior: type[Behavior]) -> BehaviorEntry:
-    """A library entry as an installed package would give it."""
-    return BehaviorEntry(
-        behavior.manifest.name, 'test', behavior.manifest, tuple(behavior().parameters.values()), behavior
-    )
+class Operator:
+    """Hears all that an executive says on the node of ``runtime``, and commands it."""
 
-
-def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') -> type[Behavior]:
-    """A behavior without parameters that is made of a machine."""
-
-    class Made(Behavior):
-        manifest = BehaviorManifest(name)
-
-        def create(self) -> OperatableStateMachine:
-            return make()
-
-    return Made
-
-
-class ConsoleBench:
-    """A console that hears what an executive says, and commands it."""
-
-    def __init__(self) -> None:
-        self.console = NodeRuntime('console', args=())
+    def __init__(self, runtime: NodeRuntime, operator_id: str = 'tester') -> None:
+        self.console = runtime
+        self.operator_id = operator_id
         self.statuses: list[ExecutiveStatus] = []
         self.arrivals: list[float] = []
         self.structures: list[BehaviorStructure] = []
@@ -59,6 +37,7 @@ class ConsoleBench:
         self.lists: list[BehaviorList] = []
         self.order: list[str] = []
         self.sent: dict[str, ExecutiveCommand] = {}
+        self._prefix = f'{uuid.uuid4().hex[:8]}-'
         self._numbers = itertools.count(1)
         self.console.call(self._subscribe)
 
@@ -78,8 +57,8 @@ class ConsoleBench:
 
     @property
     def status(self) -> ExecutiveStatus:
-        """The latest status."""
-        return self.statuses[-1]
+        """The latest status; an empty one, of state UNKNOWN, before the first."""
+        return self.statuses[-1] if self.statuses else ExecutiveStatus()
 
     @property
     def run_id(self) -> str:
@@ -89,8 +68,8 @@ class ConsoleBench:
     def send(self, kind: int, *, id: str = '', **fields: Any) -> str:
         """Send a command for the present run; gives its id."""
         fields.setdefault('run_id', '' if kind == ExecutiveCommand.START else self.run_id)
-        fields.setdefault('operator_id', 'tester')
-        command = ExecutiveCommand(id=id or f'command-{next(self._numbers)}', kind=kind, **fields)
+        fields.setdefault('operator_id', self.operator_id)
+        command = ExecutiveCommand(id=id or f'{self._prefix}{next(self._numbers)}', kind=kind, **fields)
         self.sent[command.id] = command
         self._commands.publish(command)
         return str(command.id)
@@ -144,6 +123,10 @@ class ConsoleBench:
         count = len(self.statuses)
         wait_until(lambda: len(self.statuses) > count, 'next status')
 
+    def wait_connected(self) -> None:
+        """Wait until the executive is heard, and hears."""
+        wait_until(lambda: self.statuses and self._commands.get_subscription_count(), 'an executive')
+
     def wait_idle(self) -> str:
         """Wait for the end of the run; gives its outcome."""
         self.wait_for(lambda status: status.state == ExecutiveStatus.IDLE and status.outcome, 'end of the run')
@@ -165,24 +148,3 @@ class ConsoleBench:
     def close(self) -> None:
         """End the node."""
         self.console.close()
-
-
-class ExecutiveBench(ConsoleBench):
-    """An executive, and a console that hears what it says."""
-
-    def __init__(
-        self,
-        *behaviors: type[Behavior],
-        parameters: ExecutiveParameters | None = None,
-        ros_parameters: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.runtime = NodeRuntime('onboard_executive', args=(), parameters=ros_parameters)
-        super().__init__()
-        library = BehaviorLibrary(entry_of(behavior) for behavior in behaviors)
-        self.executive = open_executive(self.runtime, parameters or ExecutiveParameters(peers=()), library)
-        wait_until(lambda: self.statuses and self._commands.get_subscription_count(), 'link up')
-
-    def close(self) -> None:
-        """End both nodes."""
-        self.runtime.close()
-        super().close()

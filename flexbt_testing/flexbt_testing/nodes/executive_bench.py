@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bench for the executive: it runs on a node of its own, and a console on another one supervises it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.state_machine import OperatableStateMachine
+from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorLibrary, BehaviorManifest
+from flexbt_onboard.node import ExecutiveParameters, open_executive
+
+from .operator import Operator
+
+DEADLINE = 10.0
+"""Seconds within which what a test waits for has to happen, on a busy machine too."""
+
+
+def entry_of(behavior: type[Behavior]) -> BehaviorEntry:
+    """A library entry as an installed package would give it."""
+    return BehaviorEntry(
+        behavior.manifest.name, 'test', behavior.manifest, tuple(behavior().parameters.values()), behavior
+    )
+
+
+def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') -> type[Behavior]:
+    """A behavior without parameters that is made of a machine."""
+
+    class Made(Behavior):
+        manifest = BehaviorManifest(name)
+
+        def create(self) -> OperatableStateMachine:
+            return make()
+
+    return Made
+
+
+class ExecutiveBench(Operator):
+    """An executive, and an operator of it on a node of its own."""
+
+    def __init__(
+        self,
+        *behaviors: type[Behavior],
+        parameters: ExecutiveParameters | None = None,
+        ros_parameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.runtime = NodeRuntime('onboard_executive', args=(), parameters=ros_parameters)
+        super().__init__(NodeRuntime('console', args=()))
+        library = BehaviorLibrary(entry_of(behavior) for behavior in behaviors)
+        self.executive = open_executive(self.runtime, parameters or ExecutiveParameters(peers=()), library)
+        self.wait_connected()
+
+    def close(self) -> None:
+        """End both nodes."""
+        self.runtime.close()
+        super().close()
