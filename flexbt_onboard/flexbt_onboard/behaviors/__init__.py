@@ -14,7 +14,7 @@ from .run_building import (
     structure_message,
 )
 from .run_context import RunContext, current_run
-from .state_services import READY_SECONDS, StateServices, state_services
+from .run_services import READY_SECONDS, StateServices, state_services
 
 __all__ = [
     'READY_SECONDS',

@@ -13,7 +13,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Severity
 
 from .run_context import RunContext
-from .state_services import StateServices
+from .run_services import StateServices
 
 _DISCOVERY: Final = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from flexbt_core.state_machine import Severity
 from flexbt_onboard.errors import OnboardError
 
-from .state_services import StateServices
+from .run_services import StateServices
 
 T = TypeVar('T')
 
