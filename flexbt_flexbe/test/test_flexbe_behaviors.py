@@ -18,8 +18,8 @@ from flexbt_flexbe.api import converted
 from flexbt_flexbe.behaviors import discovery
 from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, RunRequest, building, definition_of
 from flexbt_onboard.errors import OnboardError, ParameterError
+from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
-from flexbt_testing.state_machines.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 _numbers = itertools.count()

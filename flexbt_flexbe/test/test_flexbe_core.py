@@ -24,7 +24,7 @@ from flexbt_flexbe import (
     UserData,
 )
 from flexbt_flexbe.states import WaitState
-from flexbt_testing.state_machines.state_bench import Run, StateBench
+from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
 Work = Callable[['Traced', Any], 'str | None']

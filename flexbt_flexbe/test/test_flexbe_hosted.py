@@ -17,7 +17,7 @@ from flexbt_flexbe.for_flexbe import hosted
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.nodes.scripted_action_server import ends
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result

@@ -23,7 +23,7 @@ from flexbt_flexbe import (
 from flexbt_flexbe.errors import ProxyError
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes.scripted_action_server import ends
-from flexbt_testing.state_machines.state_bench import Run, StateBench
+from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
 Goal, Result = BtExecute.Goal, BtExecute.Result

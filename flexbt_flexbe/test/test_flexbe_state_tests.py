@@ -21,7 +21,7 @@ from nav_msgs.msg import Path as RosPath
 from flexbt_flexbe import shim
 from flexbt_flexbe.errors import StateTestError
 from flexbt_flexbe.testing import read_state_test, run_state_test
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 
 PACKAGE = 'tested_flexbe_states'
 SUBJECTS = """

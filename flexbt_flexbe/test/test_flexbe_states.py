@@ -36,7 +36,7 @@ from flexbt_flexbe.states.bt_states import full_type
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ends
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 Result = OperatorInput.Result

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from flexbt_msgs.msg import BtLoadError, BtLoadReport
 from flexbt_states import BtGetDataState, BtLoaderState, BtLoadState, BtSetDataState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ends
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 

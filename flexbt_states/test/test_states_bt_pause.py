@@ -14,7 +14,7 @@ from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.state_machines.state_bench import Run, StateBench
+from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
 RESULT = BtExecute.Result

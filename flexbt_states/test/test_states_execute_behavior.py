@@ -12,7 +12,7 @@ from flexbt_msgs.action import ExecuteBehavior
 from flexbt_states import ExecuteBehaviorState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer, ends
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 RESULT = ExecuteBehavior.Result

@@ -18,7 +18,7 @@ from flexbt_states import (
     WaitState,
 )
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import DEADLINE, StateBench
+from flexbt_testing.nodes.state_bench import DEADLINE, StateBench
 from flexbt_testing.waiting import wait_until
 
 

@@ -20,7 +20,7 @@ from flexbt_onboard.errors import CommandRefusedError
 from flexbt_states import OperatorInputState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ends
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
 POSE = 'geometry_msgs/msg/PoseStamped'

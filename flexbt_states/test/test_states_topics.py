@@ -17,7 +17,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.state_machines.state_bench import DEADLINE, StateBench
+from flexbt_testing.nodes.state_bench import DEADLINE, StateBench
 from flexbt_testing.waiting import wait_until
 
 

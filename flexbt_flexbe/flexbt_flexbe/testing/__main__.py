@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flexbt_flexbe.errors import StateTestError
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 
 from .state_test_file import read_state_test
 from .state_test_run import SECONDS, run_state_test

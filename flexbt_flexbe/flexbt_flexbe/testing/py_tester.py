@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from ament_index_python.packages import get_package_share_directory
 
 from flexbt_flexbe.errors import StateTestError
-from flexbt_testing.state_machines.state_bench import StateBench
+from flexbt_testing.nodes.state_bench import StateBench
 
 from .state_test_file import read_state_test
 from .state_test_run import SECONDS, run_state_test

@@ -61,7 +61,7 @@ def read_state_test(file: Path) -> StateTest:
     if needed := sorted(_NEEDS & content.keys()):
         raise StateTestError(
             f'{file}: {", ".join(needed)}: nodes and data that a test needs are not started here; '
-            'write it in Python, with the action servers and publishers of flexbt_testing.state_machines.state_bench'
+            'write it in Python, with the action servers and publishers of flexbt_testing.nodes.state_bench'
         )
     if unknown := sorted(map(str, content.keys() - _KEYS)):
         raise StateTestError(f'{file}: unknown keys {", ".join(unknown)}; known are {", ".join(sorted(_KEYS))}')

@@ -14,7 +14,7 @@ from flexbt_flexbe.api import Behavior
 from flexbt_flexbe.behaviors import without_harmless_faults
 from flexbt_flexbe.errors import StateTestError
 from flexbt_onboard.behaviors import current_run
-from flexbt_testing.state_machines.state_bench import Run, StateBench
+from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
 from .state_test_file import StateTest

@@ -13,8 +13,9 @@ from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorManifest, RunRequest, StateServices
 from flexbt_onboard.durability import Decided
 from flexbt_onboard.runs import ActiveLeaf, BehaviorRun, RunDecision, RunEnd, RunSnapshot
-from flexbt_testing.nodes.scripted_action_server import Script, ScriptedActionServer
-from flexbt_testing.waiting import wait_until
+
+from ..waiting import wait_until
+from .scripted_action_server import Script, ScriptedActionServer
 
 DEADLINE = 10.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
