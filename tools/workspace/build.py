@@ -18,7 +18,7 @@ from .terminal import run_logged, step
 from .underlay import Underlay
 from .virtual_environment import VirtualEnvironment
 
-_FORMAT = 2  # of the stamp; a change of it builds everything anew
+_FORMAT = 3  # of the stamp; a change of it builds everything anew
 _PASSING = re.compile(r'\..*|.*~|__pycache__|.*\.egg-info')  # caches, and what editors leave while a file is open
 
 
@@ -97,12 +97,34 @@ class Build:
                 self._layout.log / 'setup-build.log',
                 shown=shown,
                 what='colcon build',
-                environment={**self._environment, 'MAKEFLAGS': f'-j{os.cpu_count() or 2}', 'PYTHONWARNINGS': 'ignore'},
+                environment=self._environment_of_build(),
                 directory=self._layout.root,
+                progress=lambda log: self._progress(log, count),
                 remedy='mend what the log names, then run again; after a change of the system, `make clean` first',
                 keep_open=[lock],
             )
             shown.outcome = 'built'
+
+    def _environment_of_build(self) -> dict[str, str]:
+        """With a job for each core; colcon's own choice waits whenever something else is at work on the machine."""
+        jobs = os.cpu_count() or 2
+        environment = {'MAKEFLAGS': f'-j{jobs}', 'CMAKE_BUILD_PARALLEL_LEVEL': f'{jobs}', 'PYTHONWARNINGS': 'ignore'}
+        if self._underlay.is_wheels:
+            environment['CMAKE_GENERATOR'] = 'Ninja'
+            environment['PYTHONPATH'] = str(self._layout.interface_tools)  # its sitecustomize.py
+        return {**self._environment, **environment}
+
+    def _progress(self, log: Path, count: int) -> str:
+        """What is built, and what is being built; with how much of it where `make` or `ninja` say so."""
+        text = log.read_text(encoding='utf-8', errors='replace')
+        done = re.findall(r'^Finished <<< (\S+)', text, re.MULTILINE)
+        parts = [f'{len(done)} of {count} packages built']
+        for name in re.findall(r'^Starting >>> (\S+)', text, re.MULTILINE):
+            if name not in done:
+                output = self._layout.log / 'colcon' / 'latest_build' / name / 'stdout.log'
+                steps = re.findall(r'^\[ *(\d+%|\d+/\d+)\]', _end_of(output), re.MULTILINE)
+                parts.append(f'{name} ({steps[-1]})' if steps else name)
+        return ', '.join(parts)
 
     def on_underlay(self, command: list[str | Path]) -> list[str | Path]:
         """`command` as one that runs with the underlay set up, and without the overlay that is being built."""
@@ -154,7 +176,7 @@ class Build:
             files = [file for file in files if not any(place in file.parents for place in linked)]
             decisive = [file for file in files if file.name in ('setup.py', 'setup.cfg', 'package.xml')]
         else:
-            decisive = [*files, self._layout.root / 'colcon.meta', self._layout.tools / 'ros_wheels_fix.cmake']
+            decisive = [*files, self._layout.root / 'colcon.meta', *self._layout.interface_tools.glob('*.*')]
         root = self._layout.root
         return {'names': hash_of([], root, names_only=files), 'contents': hash_of(decisive, root)}
 
@@ -168,3 +190,11 @@ class Build:
         if not file.exists() or file.read_text(encoding='utf-8') != text:
             self._layout.install.mkdir(exist_ok=True)
             file.write_text(text, encoding='utf-8')
+
+
+def _end_of(file: Path) -> str:
+    """The last lines of `file`; none when there is no such file yet."""
+    try:
+        return file.read_text(encoding='utf-8', errors='replace')[-2000:]
+    except FileNotFoundError:
+        return ''

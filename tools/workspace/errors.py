@@ -8,8 +8,12 @@ WorkspaceError            what went wrong, and the remedy
 from __future__ import annotations
 
 import errno
+import os
 import shlex
+import shutil
 from pathlib import Path
+
+_FREE_SPACE = 'free disk space, then run the same command again'
 
 
 class WorkspaceError(Exception):
@@ -29,6 +33,10 @@ class CommandError(WorkspaceError):
         super().__init__(f'{what} {ending}', remedy if code > 0 else 'run the same command again')
         self.code = code
         self.log = log
+        self.disk_was_full = os.strerror(errno.ENOSPC) in '\n'.join(self.tail()) or _is_full(log.parent)
+        if self.disk_was_full:
+            self.message += ': the disk is full'
+            self.remedy = _FREE_SPACE
 
     @property
     def was_killed(self) -> bool:
@@ -48,8 +56,13 @@ def of_system(error: OSError, root: Path) -> WorkspaceError:
     if error.errno == errno.EROFS:
         return WorkspaceError(what, 'clone to a file system that can be written to')
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return WorkspaceError(what, 'free disk space, then run the same command again')
+        return WorkspaceError(what, _FREE_SPACE)
     return WorkspaceError(what)
+
+
+def _is_full(directory: Path) -> bool:
+    """When it is, a log there may lack the words that say so."""
+    return shutil.disk_usage(directory).free < 1_000_000
 
 
 def write_remedy(root: Path) -> str:

@@ -48,6 +48,11 @@ class Layout:
         return self.root / 'tools'
 
     @property
+    def interface_tools(self) -> Path:
+        """What interface packages are built with on the wheels."""
+        return self.tools / 'interfaces'
+
+    @property
     def venv(self) -> Path:
         return self.root / '.venv'
 

@@ -77,7 +77,11 @@ def _typed_files(workspace: Workspace) -> list[Path]:
     Not setup.py and conftest.py, of which there are several of the same module name.
     """
     layout = workspace.layout
-    files = [layout.tools / 'workspace', *sorted(layout.benchmarks.glob('*.py'))]
+    files = [
+        layout.tools / 'workspace',
+        *sorted(layout.interface_tools.glob('*.py')),
+        *sorted(layout.benchmarks.glob('*.py')),
+    ]
     for package in layout.packages():
         if package.is_python:
             files.append(package.modules)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .errors import WorkspaceError, write_remedy
+from .installer import bundled_pip
 from .layout import Layout
 from .stamps import STAMP
 from .underlay import DISTRIBUTION, Underlay
@@ -106,7 +107,7 @@ def _missing_for_wheels() -> Iterator[Missing]:
             f'glibc 2.28 or later, for the ROS 2 wheels (found {libc or "another libc"} {libc_version})', own_ros
         )
     minor = f'python3.{sys.version_info.minor}'
-    if importlib.util.find_spec('ensurepip') is None or importlib.util.find_spec('venv') is None:
+    if bundled_pip() is None or importlib.util.find_spec('venv') is None:
         yield Missing(f"Python's venv and ensurepip modules (for {sys.executable})", f'{minor}-venv')
     if not (Path(sysconfig.get_path('include')) / 'Python.h').exists():
         yield Missing(f'the header files of Python (for {sys.executable})', f'{minor}-dev')

@@ -9,42 +9,51 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import CommandError, WorkspaceError
 
 _LABEL_WIDTH = 34
+_FIRST_NOTE_S = 5.0  # in a log file, and then
+_NOTES_S = 15.0
 
 
 class Step:
-    """A step that is being done: what is shown while it lasts, and when it has ended."""
+    """A step that is being done: what is shown while it lasts, and when it has ended.
+
+    In a terminal that is one line, which changes. In a log file nothing is ever written over: a line for each note,
+    and one for the end.
+    """
 
     def __init__(self, label: str) -> None:
         self.outcome = 'done'
         self._label = label
         self._live = sys.stdout.isatty()
         self._start = time.monotonic()
-        self._said = self._start
-        self._write(f'  {label} '.ljust(_LABEL_WIDTH, '.') + ' ')
+        self._next_note = _FIRST_NOTE_S
+        if self._live:
+            self._write(self._head())
 
     def show(self, note: str) -> None:
-        """What is being done now: in a terminal as often as called, in a log file every 15 s."""
-        now = time.monotonic()
+        """What is being done now, and how much is left: in a terminal as often as called, in a log file every 15 s."""
+        elapsed = time.monotonic() - self._start
         if self._live:
-            head = f'  {self._label} '.ljust(_LABEL_WIDTH, '.') + f' {now - self._start:5.0f} s  '
+            head = f'{self._head()}{elapsed:5.0f} s  '
             room = shutil.get_terminal_size().columns - len(head) - 1
             self._write('\r' + head + note[: max(room, 0)] + '\x1b[K')
-        elif now - self._said > 15.0:
-            self._said = now
-            self._write(f'({now - self._start:.0f} s) ')
+        elif elapsed >= self._next_note:
+            self._next_note = elapsed + _NOTES_S
+            self._write(f'  {self._label}, {elapsed:.0f} s{": " if note else ""}{note}\n')
 
     def end(self, outcome: str) -> None:
         elapsed = time.monotonic() - self._start
-        if self._live:
-            self._write('\r' + f'  {self._label} '.ljust(_LABEL_WIDTH, '.') + ' ')
-        self._write(f'{outcome}  {elapsed:.1f} s' + ('\x1b[K\n' if self._live else '\n'))
+        self._write(('\r' if self._live else '') + f'{self._head()}{outcome}  {elapsed:.1f} s')
+        self._write('\x1b[K\n' if self._live else '\n')
+
+    def _head(self) -> str:
+        return f'  {self._label} '.ljust(_LABEL_WIDTH, '.') + ' '
 
     def _write(self, text: str) -> None:
         sys.stdout.write(text)
@@ -63,6 +72,15 @@ def step(label: str) -> Iterator[Step]:
     shown.end(shown.outcome)
 
 
+def last_line(log: Path) -> str:
+    """The last line in `log` that is not empty."""
+    with log.open('rb') as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(0, file.tell() - 500))
+        lines = file.read().decode('utf-8', errors='replace').splitlines()
+    return next((line.strip() for line in reversed(lines) if line.strip()), '')
+
+
 def run_logged(
     command: Sequence[str | Path],
     log: Path,
@@ -71,10 +89,11 @@ def run_logged(
     what: str,
     environment: Mapping[str, str],
     directory: Path,
+    progress: Callable[[Path], str] = last_line,
     remedy: str = '',
     keep_open: Sequence[int] = (),
 ) -> None:
-    """Runs `command` with its output in `log`, and shows the last line of it meanwhile.
+    """Runs `command` with its output in `log`, and shows meanwhile what `progress` reads in it.
 
     The descriptors `keep_open` stay open in the command, so that a lock lasts as long as it does. When we are
     interrupted the command is too, with all that it started.
@@ -99,7 +118,7 @@ def run_logged(
                 code = process.wait(timeout=0.25)
                 break
             except subprocess.TimeoutExpired:
-                shown.show(_last_line(log))
+                shown.show(progress(log))
     except BaseException:
         stop_group(process)
         raise
@@ -133,11 +152,3 @@ def report(error: WorkspaceError) -> None:
         lines.append(f'remedy: {error.remedy}')
     sys.stdout.flush()
     print('\n'.join(lines), file=sys.stderr, flush=True)
-
-
-def _last_line(log: Path) -> str:
-    with log.open('rb') as file:
-        file.seek(0, os.SEEK_END)
-        file.seek(max(0, file.tell() - 500))
-        lines = file.read().decode('utf-8', errors='replace').splitlines()
-    return next((line.strip() for line in reversed(lines) if line.strip()), '')

@@ -6,22 +6,22 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from .errors import CommandError
+from .installer import Installer
 from .layout import Layout
 from .prerequisites import suitable_cmake
 from .stamps import STAMP, hash_of, read_stamp, remove, write_stamp
-from .terminal import Step, run_logged, step
+from .terminal import Step, last_line, run_logged, step
 
 _REQUIREMENTS = ('requirements-ros.txt', 'requirements.txt', 'requirements-dev.txt')
 _CMAKE_REQUIREMENTS = 'requirements-cmake.txt'
+_UV_REQUIREMENT = 'requirements-uv.txt'
 _CONSTRAINTS = 'constraints.txt'
-_PIP_REMEDY = (
-    'mend what the log names: most often the network, or the proxy (HTTPS_PROXY, PIP_INDEX_URL); '
-    'then run the same command again'
-)
 _BASE_PYTHON = Path(getattr(sys, '_base_executable', None) or sys.executable)  # workspace.sh has looked for it
 
 # Sourced by colcon's scripts as the set-up of a prefix, and by tools/env.sh. POSIX sh, bash and zsh.
@@ -76,15 +76,14 @@ class VirtualEnvironment:
     def ensure(self, lock: int) -> None:
         """Makes the environment, or installs what changed. `lock` is held open by the commands.
 
-        Raises CommandError when Python or pip fails.
+        Raises CommandError when Python fails, or uv and pip.
         """
         if self.is_current():
             return
         if not self._usable():
             with step('virtual environment') as shown:
                 self._create(shown, lock)
-        with step('ROS 2 and tools (pip)') as shown:
-            self._install(shown, lock)
+        self._install(lock)
         self._write_setup_files()
         write_stamp(self._stamp, self._wanted())
 
@@ -106,13 +105,15 @@ class VirtualEnvironment:
         return (self.path / 'bin' / 'cmake').exists() or not suitable_cmake(self._environment)
 
     def _requirement_files(self) -> list[Path]:
-        return [self._layout.tools / name for name in (*_REQUIREMENTS, _CMAKE_REQUIREMENTS, _CONSTRAINTS)]
+        return [
+            self._layout.tools / name for name in (*_REQUIREMENTS, _CMAKE_REQUIREMENTS, _UV_REQUIREMENT, _CONSTRAINTS)
+        ]
 
     def _usable(self) -> bool:
-        """Whether what is there can be completed: of the right Python, at this place, with a sound pip."""
+        """Whether what is there can be completed: of the right Python, and at this place."""
         if not self._stamp.exists() or not self._has_chosen_python():
             return False
-        look = 'import sys, pip; print(sys.prefix); sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))'
+        look = 'import sys; print(sys.prefix); sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))'
         try:
             answer = subprocess.run([self.python, '-E', '-c', look], capture_output=True, text=True, timeout=60)
         except (OSError, subprocess.TimeoutExpired):
@@ -128,36 +129,47 @@ class VirtualEnvironment:
 
     def _create(self, shown: Step, lock: int) -> None:
         remove(self.path)
-        command: list[str | Path] = [_BASE_PYTHON, '-E', '-m', 'venv', self.path]
-        self._run(command, 'setup-venv.log', 'making the virtual environment', shown, lock)
+        command: list[str | Path] = [_BASE_PYTHON, '-E', '-m', 'venv', '--without-pip', self.path]
+        self._run(command, 'setup-venv.log', 'making the virtual environment', shown, lock=lock)
         shown.outcome = f'made with Python {sys.version_info.major}.{sys.version_info.minor}.{sys.version_info.micro}'
 
-    def _install(self, shown: Step, lock: int) -> None:
+    def _install(self, lock: int) -> None:
         names = [*_REQUIREMENTS, *((_CMAKE_REQUIREMENTS,) if self._brings_cmake() else ())]
-        command: list[str | Path] = [self.python, '-m', 'pip', 'install', '--no-input', '--disable-pip-version-check']
-        command += ['--progress-bar', 'off', '--constraint', self._layout.tools / _CONSTRAINTS]
-        for name in names:
-            command += ['--requirement', self._layout.tools / name]
-        before = read_stamp(self._stamp)
+        tools = self._layout.tools
+        before, installed_before = read_stamp(self._stamp), self._installed()
         self._stamp.unlink(missing_ok=True)
+        installer = Installer(self.python, self._environment, partial(self._run, lock=lock))
         try:
-            self._run(command, 'setup-pip.log', 'pip', shown, lock, _PIP_REMEDY)
+            installer.install([tools / name for name in names], tools / _CONSTRAINTS, tools / _UV_REQUIREMENT)
         except CommandError as error:
-            if before and not error.was_killed:  # then it has taken back what it had begun
-                write_stamp(self._stamp, before)
+            if before and not error.was_killed and self._installed() == installed_before:
+                write_stamp(self._stamp, before)  # what was here can still be used
             raise
-        shown.outcome = 'installed'
+
+    def _installed(self) -> set[str]:
+        """The names and versions of what is installed."""
+        return {path.name for path in self.path.glob('lib/python3.*/site-packages/*.dist-info')}
 
     def _run(
-        self, command: Sequence[str | Path], log: str, what: str, shown: Step, lock: int, remedy: str = ''
+        self,
+        command: Sequence[str | Path],
+        log: str,
+        what: str,
+        shown: Step,
+        *,
+        lock: int,
+        remedy: str = '',
+        progress: Callable[[Path], str] = last_line,
+        variables: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         run_logged(
             command,
             self._layout.log / log,
             shown=shown,
             what=what,
-            environment=self._environment,
+            environment={**self._environment, **variables},
             directory=self._layout.root,
+            progress=progress,
             remedy=remedy,
             keep_open=[lock],
         )
@@ -169,12 +181,10 @@ class VirtualEnvironment:
             (self.path / f'local_setup.{shell}').write_text(text, encoding='utf-8')
             (self.path / f'setup.{shell}').write_text(f'. {shlex.quote(str(self.local_setup))}\n', encoding='utf-8')
         # JSON strings are YAML strings.
-        fix, python = self._layout.tools / 'ros_wheels_fix.cmake', self.python
         arguments = [
-            f'-DCMAKE_PROJECT_INCLUDE={fix}',
-            f'-DPython3_EXECUTABLE={python}',
+            f'-DCMAKE_PROJECT_INCLUDE={self._layout.interface_tools / "wheels.cmake"}',
+            f'-DPython3_EXECUTABLE={self.python}',
             '-DBUILD_TESTING=OFF',
-            '-DFLEXBT_MSGS_CPP=OFF',
         ]
         quoted = ', '.join('"' + argument.replace('\\', '\\\\').replace('"', '\\"') + '"' for argument in arguments)
         self.colcon_defaults.write_text(

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How the set-up installs and builds: where uv looks, what pip does without it, what is generated, what is shown."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TIMEOUT_S = 120
+
+sys.path.append(str(ROOT / 'tools'))
+from workspace import terminal  # noqa: E402
+from workspace.errors import CommandError, WorkspaceError  # noqa: E402
+from workspace.installer import Installer, bundled_pip, progress_of_uv, uv_variables  # noqa: E402
+from workspace.terminal import run_logged, step  # noqa: E402
+
+BARE = {'PATH': os.defpath, 'PIP_CONFIG_FILE': os.devnull}
+
+
+def configuration_of_pip(file: Path, **environment: str) -> str:
+    """What pip itself says about a configuration file and its variables."""
+    wheel = bundled_pip()
+    assert wheel is not None
+    ended = subprocess.run(
+        [sys.executable, wheel / 'pip', 'config', 'list'],
+        env={**BARE, 'PIP_CONFIG_FILE': str(file), **environment},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=True,
+    )
+    return ended.stdout
+
+
+def test_uv_looks_where_pip_is_told_to_look(tmp_path: Path) -> None:
+    file = tmp_path / 'pip.conf'
+    file.write_text(
+        '[global]\nindex-url = https://mirror.example/simple\nfind-links = /from/file\ntimeout = 60\n'
+        '[install]\ntimeout = 90\nextra-index-url = https://a.example\n  https://b.example\n',
+        encoding='utf-8',
+    )
+    configuration = configuration_of_pip(file, PIP_FIND_LINKS='/wheels /more', PIP_CERT='/ca.pem', PIP_NO_COLOR='1')
+    assert uv_variables(configuration, {'UV_DEFAULT_INDEX': 'https://own.example'}) == {
+        'SSL_CERT_FILE': '/ca.pem',
+        'UV_FIND_LINKS': '/wheels,/more',
+        'UV_HTTP_TIMEOUT': '90',
+        'UV_INDEX': 'https://a.example https://b.example',
+        'UV_INDEX_STRATEGY': 'unsafe-best-match',
+    }
+
+
+def test_a_setting_that_only_pip_knows_is_named() -> None:
+    with pytest.raises(WorkspaceError, match='pip is configured with no-binary'):
+        uv_variables(":env:.no-binary=':all:'\n", {})
+
+
+def test_without_uv_pip_installs_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where no index has uv: on a machine without network, with a directory of wheels."""
+    with zipfile.ZipFile(tmp_path / 'small-1.0-py3-none-any.whl', 'w') as wheel:
+        wheel.writestr('small.py', '')
+        wheel.writestr('small-1.0.dist-info/METADATA', 'Metadata-Version: 2.1\nName: small\nVersion: 1.0\n')
+        wheel.writestr('small-1.0.dist-info/WHEEL', 'Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n')
+        wheel.writestr('small-1.0.dist-info/RECORD', '')
+    for name, text in (('requirements', 'small'), ('constraints', 'small==1.0'), ('uv', 'uv==0.0.1')):
+        (tmp_path / name).write_text(text, encoding='utf-8')
+    environment = {**BARE, 'PIP_NO_INDEX': '1', 'PIP_FIND_LINKS': str(tmp_path)}
+    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', tmp_path / 'venv'], check=True, timeout=TIMEOUT_S)
+    python = tmp_path / 'venv' / 'bin' / 'python'
+
+    def run(command: Sequence[str | Path], log: str, what: str, shown: terminal.Step, **options: object) -> None:
+        options['environment'] = {**environment, **options.pop('variables', {})}  # type: ignore[dict-item]
+        run_logged(command, tmp_path / log, what=what, shown=shown, directory=tmp_path, **options)  # type: ignore[arg-type]
+
+    Installer(python, environment, run).install([tmp_path / 'requirements'], tmp_path / 'constraints', tmp_path / 'uv')
+    subprocess.run([python, '-c', 'import small'], check=True, timeout=TIMEOUT_S)
+    assert (
+        f'continuing without uv, with pip alone, which takes longer (see {tmp_path}/setup-uv.log)'
+        in capsys.readouterr().out
+    )
+
+
+def test_a_full_disk_is_named(tmp_path: Path) -> None:
+    log = tmp_path / 'log'
+    log.write_text("cc1: error: writing to 'x.o': No space left on device\n", encoding='utf-8')
+    error = CommandError('colcon build', 1, log, 'mend it')
+    assert error.disk_was_full
+    assert (error.message, error.remedy.split(',')[0]) == (
+        'colcon build ended with exit code 1: the disk is full',
+        'free disk space',
+    )
+
+
+@pytest.fixture
+def generator_arguments(tmp_path: Path) -> Iterator[Path]:
+    """What CMake gave to the Python generator, for one of the interfaces, with another place for what is generated."""
+    file = ROOT / 'build' / 'flexbt_msgs' / 'rosidl_generator_py__arguments.json'
+    if not file.exists():
+        pytest.skip('flexbt_msgs was not built here')
+    arguments = json.loads(file.read_text(encoding='utf-8'))
+    arguments['idl_tuples'] = [one for one in arguments['idl_tuples'] if one.endswith('/BtExecute.idl')]
+    arguments['output_dir'] = str(tmp_path)
+    changed = tmp_path / 'arguments.json'
+    changed.write_text(json.dumps(arguments), encoding='utf-8')
+    yield changed
+
+
+def test_generators_that_work_once_generate_the_same(generator_arguments: Path) -> None:
+    generator = next(
+        Path(prefix) / 'lib' / 'rosidl_generator_py' / 'rosidl_generator_py'
+        for prefix in os.environ['AMENT_PREFIX_PATH'].split(os.pathsep)
+        if (Path(prefix) / 'lib' / 'rosidl_generator_py').exists()
+    )
+    output = generator_arguments.parent
+
+    def generated(**environment: str) -> dict[str, str]:
+        subprocess.run(
+            [sys.executable, generator, '--generator-arguments-file', generator_arguments, '--typesupport-impls', 'c'],
+            env={**os.environ, 'PYTHONHASHSEED': '0', **environment},
+            timeout=TIMEOUT_S,
+            check=True,
+        )
+        files = [file for file in output.rglob('*') if file.suffix in ('.py', '.c')]
+        found = {f'{file.relative_to(output)}': file.read_text(encoding='utf-8') for file in files}
+        for name in found:
+            (output / name).unlink()
+        return found
+
+    ordinary = generated(PYTHONPATH='')
+    for _ in range(2):  # with what an earlier one kept, and with what this one keeps
+        assert generated(PYTHONPATH=str(ROOT / 'tools' / 'interfaces')) == ordinary
+    assert any('class BtExecute_Result' in text for text in ordinary.values())
+
+
+def test_in_a_log_file_nothing_is_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(terminal, '_FIRST_NOTE_S', 0.0)
+    log = tmp_path / 'uv.log'
+    log.write_text('Resolved 3 packages in 1s\nDownloading a (30.0MiB)\nDownloading b (1.5GiB)\n Downloaded a\n')
+    with step('packages') as shown:
+        shown.show(progress_of_uv(log))
+        shown.show('too soon for another')
+    first, last = capsys.readouterr().out.splitlines()
+    assert first == '  packages, 0 s: 30 of 1530 MB downloaded, for 3 packages'
+    assert last.startswith('  packages ....................... done  ')
