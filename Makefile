@@ -29,7 +29,7 @@ test:  ## lint and all tests
 fuzz:  ## the property tests with examples that are new in each run (those of `make test` are always the same)
 	@FLEXBT_FUZZ=1 tools/workspace.sh run python3 -m pytest -q -m hypothesis flexbt_*/test
 
-lint:  ## ruff, mypy, shellcheck
+lint:  ## ruff, mypy, the contracts of the architecture, shellcheck
 	@tools/workspace.sh lint
 
 bench:  ## the benchmarks; figures into out/bench

@@ -14,7 +14,7 @@ from typing import Any, Final
 import yaml
 
 from flexbt_core.behavior_tree import NodeManifest, PortDirection
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_core.behavior_tree.model import NO_DEFAULT
 from flexbt_server.node_types import node_registry
 
 HERE: Final = Path(__file__).parent

@@ -23,7 +23,7 @@ from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree import NodeStatus
-from flexbt_core.behavior_tree.model.library import TreeKey
+from flexbt_core.behavior_tree.model import TreeKey
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_server.runs.overruns import Overruns
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves

@@ -11,6 +11,8 @@ In pyproject.toml::
 
 from __future__ import annotations
 
+import re
+
 from grimp import ImportGraph
 from importlinter import Contract, ContractCheck, fields, output
 
@@ -18,8 +20,9 @@ from importlinter import Contract, ContractCheck, fields, output
 class FrontDoorsContract(Contract):
     """A module in a folder below one of ``packages`` is imported from outside of that folder only by way of the folder.
 
-    The folder's ``__init__.py`` names what is for others. Modules directly below a package, such as its ``errors``,
-    are for everybody.
+    The folder's ``__init__.py`` names what is for others, which may be a whole module (``from nodes import timing``) if
+    its name does not begin with an underscore. Modules directly below a package, such as its ``errors``, are for
+    everybody.
     """
 
     type_name = 'front_doors'
@@ -31,13 +34,16 @@ class FrontDoorsContract(Contract):
         found: list[str] = []
         for package in self.packages:
             for module in sorted(graph.find_descendants(package)):
-                room = module.rpartition('.')[0]
+                room, _, name = module.rpartition('.')
                 if room == package or graph.find_children(module):
                     continue
+                whole = re.compile(rf'from \S*\b{room.rpartition(".")[2]} import\b')
                 for importer in sorted(graph.find_modules_that_directly_import(module)):
-                    if importer != room and not importer.startswith(f'{room}.'):
-                        (first, *_) = graph.get_import_details(importer=importer, imported=module)
-                        found.append(f'{importer}:{first["line_number"]} imports {module}: take it from {room}')
+                    if importer == room or importer.startswith(f'{room}.'):
+                        continue
+                    for place in graph.get_import_details(importer=importer, imported=module):
+                        if name.startswith('_') or not whole.match(place['line_contents'].strip()):
+                            found.append(f'{importer}:{place["line_number"]} imports {module}: take it from {room}')
         return ContractCheck(kept=not found, metadata={'found': found})
 
     def render_broken_contract(self, check: ContractCheck) -> None:

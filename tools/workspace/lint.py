@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`make lint`: ruff, mypy in strict mode, shellcheck."""
+"""`make lint`: ruff, mypy in strict mode, the contracts of the architecture, shellcheck."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ def failing_checks(workspace: Workspace) -> list[str]:
                     environment={
                         **workspace.environment,
                         'MYPYPATH': os.pathsep.join(map(str, _mypy_roots(workspace))),
+                        'PYTHONPATH': _first_on_path(workspace.layout.tools, workspace),  # a contract type of ours
                     },
                     directory=workspace.layout.root,
                 )
@@ -67,6 +68,7 @@ def all_checks(workspace: Workspace) -> list[Check]:
         Check('ruff check', ['ruff', 'check', '.']),
         Check('ruff format', ['ruff', 'format', '--check', '.']),
         Check('mypy', ['mypy', *_typed_files(workspace)]),
+        Check('import-linter', ['lint-imports', '--no-cache']),
         Check('shellcheck', ['shellcheck', *scripts]),
     ]
 
@@ -94,6 +96,10 @@ def _mypy_roots(workspace: Workspace) -> list[Path]:
     packages = [package for package in layout.packages() if package.is_python]
     tests = {file.parent for package in packages for file in (package.path / 'test').rglob('*.py')}
     return [layout.tools, layout.benchmarks, *(package.path for package in packages), *sorted(tests)]
+
+
+def _first_on_path(directory: Path, workspace: Workspace) -> str:
+    return os.pathsep.join(filter(None, [str(directory), workspace.environment.get('PYTHONPATH')]))
 
 
 def _require(programs: set[str], workspace: Workspace) -> None:

@@ -15,50 +15,75 @@ What only makes it faster is in ``acceleration``, which may be left out: FLEXBT_
 
 import os
 
-from .engine.context import TreeContext, UnfinishedWork
-from .engine.control import Control
-from .engine.coroutine import CoroutineAction
-from .engine.decorator import Decorator
-from .engine.leaf import Condition, Halted, StatefulAction, SyncAction
-from .engine.node import NodeConfig, StatusObserver, TreeNode
-from .engine.registry import NodeRegistry
-from .engine.simple import (
+from flexbt_core.behavior_tree.engine import (
+    Condition,
+    Control,
+    CoroutineAction,
+    Decorator,
+    Halted,
+    NodeConfig,
+    NodeRegistry,
+    PostTick,
+    PreTick,
     SimpleAction,
     SimpleDecorator,
+    StatefulAction,
+    StatusObserver,
+    Substitute,
+    SubTreeInstance,
+    SyncAction,
+    ThreadedAction,
+    TickCallbacks,
+    TickCommand,
+    TickControl,
+    Tree,
+    TreeContext,
+    TreeNode,
+    UnfinishedWork,
     simple_action,
     simple_condition,
     simple_decorator,
 )
-from .engine.threaded import ThreadedAction
-from .engine.tick_callbacks import PostTick, PreTick, TickCallbacks
-from .engine.tick_control import TickCommand, TickControl
-from .engine.tree import Tree
-from .engine.tree_builder import Substitute, SubTreeInstance
-from .model.blackboard import EMPTY, Blackboard, Entry
-from .model.blackboard_json import JsonObject, JsonTypes, export_blackboard, import_blackboard, show_blackboard
-from .model.definition import NodeDefinition, NodeManifest, TreeDefinition, TreeDocument
-from .model.errors import (
+from flexbt_core.behavior_tree.model import (
+    EMPTY,
     BehaviorTreeError,
+    Blackboard,
     BlackboardError,
     ConversionError,
+    Entry,
+    JsonObject,
+    JsonTypes,
     LoadError,
+    NodeDefinition,
     NodeExecutionError,
+    NodeKind,
+    NodeManifest,
+    NodeStatus,
+    Port,
+    PortDirection,
     PortError,
+    PortType,
+    Reason,
+    Reasons,
     RegistrationError,
     ScriptError,
     TickAbandoned,
+    TreeDefinition,
+    TreeDocument,
+    TreeKey,
+    TreeLibrary,
     TreeLoadError,
+    export_blackboard,
+    import_blackboard,
+    inout_port,
+    input_port,
+    output_port,
+    show_blackboard,
 )
-from .model.failure_trace import Reason, Reasons
-from .model.library import TreeKey, TreeLibrary
-from .model.port_types import PortType
-from .model.ports import Port, PortDirection, inout_port, input_port, output_port
-from .model.status import NodeKind, NodeStatus
-from .nodes.builtin import builtin_registry
-from .nodes.loops import Loop
-from .observers.status_log import Log, LogReader, StatusLog, log_reader
-from .script.compiled_script import ScriptLibrary
-from .xml.reader import IncludeResolver, load_xml
+from flexbt_core.behavior_tree.nodes import Loop, builtin_registry
+from flexbt_core.behavior_tree.observers import Log, LogReader, StatusLog, log_reader
+from flexbt_core.behavior_tree.script import ScriptLibrary
+from flexbt_core.behavior_tree.xml import IncludeResolver, load_xml
 
 __all__ = [
     'EMPTY',

@@ -31,7 +31,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
     output_port,
 )
-from flexbt_core.behavior_tree.model.port_types import (
+from flexbt_core.behavior_tree.model import (
     BOOL,
     DOUBLE,
     INT,
@@ -42,8 +42,8 @@ from flexbt_core.behavior_tree.model.port_types import (
     UNSIGNED,
     cast,
     list_of,
+    pointer_key,
 )
-from flexbt_core.behavior_tree.model.ports import pointer_key
 
 REFUSED = 'refused'
 

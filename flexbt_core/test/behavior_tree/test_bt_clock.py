@@ -25,8 +25,8 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
+from flexbt_core.behavior_tree.nodes.nav2 import SpeedController
 from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
-from flexbt_core.behavior_tree.nodes.nav2.motion import SpeedController
 from flexbt_core.clock import ManualClock
 
 START = 1000.0

@@ -14,9 +14,8 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.behavior_tree.model.source import Source
-from flexbt_core.behavior_tree.xml.format3 import is_format_3, make_format_4
-from flexbt_core.behavior_tree.xml.parser import Element, parse
+from flexbt_core.behavior_tree.model import Source
+from flexbt_core.behavior_tree.xml import Element, is_format_3, make_format_4, parse
 
 
 def root(body: str, version: str = ' BTCPP_format="3"') -> Element:

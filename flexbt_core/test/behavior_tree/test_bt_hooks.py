@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree import (
     TreeNode,
     load_xml,
 )
-from flexbt_core.behavior_tree.engine.control import ControlNode
+from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.random_trees import make_case
 from flexbt_testing.behavior_trees.scripted_nodes import Act, Cond, Deco, Run, Script, Sync, registry

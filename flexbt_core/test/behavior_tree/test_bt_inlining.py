@@ -11,7 +11,7 @@ import types
 import pytest
 
 from flexbt_core.behavior_tree import NodeStatus, StatusLog, builtin_registry, log_reader
-from flexbt_core.behavior_tree.model.acceleration_seam import Acceleration, acceleration
+from flexbt_core.behavior_tree.model import Acceleration, acceleration
 from flexbt_core.behavior_tree.nodes import decorators
 from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
 from flexbt_testing.behavior_trees.user_nodes import make

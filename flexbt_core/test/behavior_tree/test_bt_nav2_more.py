@@ -10,8 +10,7 @@ from typing import Any, ClassVar
 import pytest
 
 from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, Tree, TreeLoadError
-from flexbt_core.behavior_tree.nodes.nav2.motion import DistanceController, Position, SpeedController
-from flexbt_core.behavior_tree.nodes.nav2.pause_resume import PauseResumeController
+from flexbt_core.behavior_tree.nodes.nav2 import DistanceController, PauseResumeController, Position, SpeedController
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.behavior_tree import Blackboard, NodeStatus, StatusLog, Tree, TreeNode, log_reader
-from flexbt_core.behavior_tree.engine.control import ControlNode
+from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.behavior_tree.model import acceleration_seam
 from flexbt_testing.behavior_trees import random_nodes as bt_random_nodes
 from flexbt_testing.behavior_trees import random_scripts as bt_random_scripts

@@ -23,7 +23,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
     output_port,
 )
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, INT64, STRING, UINT8, list_of
+from flexbt_core.behavior_tree.model import DOUBLE, INT, INT64, STRING, UINT8, list_of
 from flexbt_core.clock import ManualClock
 
 

@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree import (
     ScriptLibrary,
     input_port,
 )
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING, UINT8
+from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING, UINT8
 from flexbt_testing.behavior_trees.steps import make
 
 

@@ -21,7 +21,7 @@ from flexbt_core.behavior_tree import (
     simple_condition,
     simple_decorator,
 )
-from flexbt_core.behavior_tree.model.port_types import INT
+from flexbt_core.behavior_tree.model import INT
 from flexbt_testing.behavior_trees.steps import make as make_steps
 from flexbt_testing.behavior_trees.steps import step
 

@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree import (
     TreeNode,
     output_port,
 )
-from flexbt_core.behavior_tree.model.port_types import INT
+from flexbt_core.behavior_tree.model import INT
 from flexbt_core.clock import ManualClock, Timer
 from flexbt_testing.behavior_trees.steps import PATIENCE, Woken
 from flexbt_testing.behavior_trees.steps import make as make_steps

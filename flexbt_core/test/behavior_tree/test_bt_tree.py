@@ -30,7 +30,7 @@ from flexbt_core.behavior_tree import (
     input_port,
     load_xml,
 )
-from flexbt_core.behavior_tree.model.port_types import STRING
+from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.clock import ManualClock
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus

@@ -26,7 +26,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
     output_port,
 )
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING
+from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
 
 
 class OpenDoor(StatefulAction):

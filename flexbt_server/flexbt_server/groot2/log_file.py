@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError
-from flexbt_core.behavior_tree.engine.node import node_path
-from flexbt_core.behavior_tree.model.source import Source
-from flexbt_core.behavior_tree.observers.status_log import log_reader
-from flexbt_core.behavior_tree.xml.parser import Element, parse
+from flexbt_core.behavior_tree.engine import node_path
+from flexbt_core.behavior_tree.model import Source
+from flexbt_core.behavior_tree.observers import log_reader
+from flexbt_core.behavior_tree.xml import Element, parse
 
 from . import protocol
 from .mark_log import MarkLog

@@ -11,9 +11,8 @@ from collections.abc import Iterable, Iterator
 from xml.sax.saxutils import escape, quoteattr
 
 from flexbt_core.behavior_tree import NodeDefinition, NodeManifest, Port, Tree, TreeNode
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode
+from flexbt_core.behavior_tree.model import NO_DEFAULT
 
 
 def tree_document(tree: Tree) -> str:

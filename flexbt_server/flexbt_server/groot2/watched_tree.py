@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgpack
 
 from flexbt_core.behavior_tree import Blackboard, JsonTypes, Tree, TreeNode, show_blackboard
-from flexbt_core.behavior_tree.observers.status_log import log_reader
+from flexbt_core.behavior_tree.observers import log_reader
 
 from . import protocol
 from .breakpoints import Breakpoints

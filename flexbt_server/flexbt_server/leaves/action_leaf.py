@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree import (
     input_port,
     output_port,
 )
-from flexbt_core.behavior_tree.model.port_types import STRING, UINT16, UNSIGNED
+from flexbt_core.behavior_tree.model import STRING, UINT16, UNSIGNED
 
 from .leaf_services import LeafServices
 

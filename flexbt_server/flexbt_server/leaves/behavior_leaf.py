@@ -9,7 +9,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
 from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import BlackboardError, NodeStatus, inout_port, input_port, output_port
-from flexbt_core.behavior_tree.model.port_types import KEYS, STRING, UNSIGNED, separated
+from flexbt_core.behavior_tree.model import KEYS, STRING, UNSIGNED, separated
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs import action
 from flexbt_msgs.msg import BehaviorArgument

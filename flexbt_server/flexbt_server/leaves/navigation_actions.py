@@ -18,7 +18,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
 from flexbt_common.values import duration_message
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, input_port, output_port
-from flexbt_core.behavior_tree.model.port_types import BOOL, DOUBLE, STRING
+from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING
 from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY
 
 from .action_leaf import ACTION_PORTS, ActionLeaf

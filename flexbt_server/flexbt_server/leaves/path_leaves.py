@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, STRING
+from flexbt_core.behavior_tree.model import DOUBLE, STRING
 from flexbt_server.trees import PATH, POSES
 
 from .topic_cache import TopicCache

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry, TreeNode
-from flexbt_core.behavior_tree.nodes.nav2.register import Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import Dialect
 
 from . import (
     behavior_leaf,

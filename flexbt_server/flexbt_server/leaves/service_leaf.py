@@ -14,8 +14,7 @@ from nav_msgs.msg import Path
 from flexbt_common import names
 from flexbt_common.calls import ServiceCall
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
-from flexbt_core.behavior_tree.model.errors import PortError
-from flexbt_core.behavior_tree.model.port_types import STRING, UNSIGNED
+from flexbt_core.behavior_tree.model import STRING, UNSIGNED, PortError
 from flexbt_server.trees import PATH
 
 from .action_leaf import SERVER_PORTS

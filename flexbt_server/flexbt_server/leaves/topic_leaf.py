@@ -12,7 +12,7 @@ from std_msgs.msg import String
 
 from flexbt_common import names
 from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, Port, SyncAction, input_port, output_port
-from flexbt_core.behavior_tree.model.port_types import STRING
+from flexbt_core.behavior_tree.model import STRING
 
 from .leaf_services import LeafServices
 from .topic_cache import TopicCache

@@ -16,7 +16,7 @@ from flexbt_common.lifecycle import SHUTTING_DOWN, run_managed_node
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import JsonTypes
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
+from flexbt_core.behavior_tree.model import acceleration
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError

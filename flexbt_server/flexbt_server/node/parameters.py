@@ -12,8 +12,8 @@ from rclpy.node import Node
 from flexbt_common import names
 from flexbt_common.cli import home_path
 from flexbt_common.runtime import ParameterDeclarer
-from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS, Dialect
-from flexbt_core.behavior_tree.xml.parser import MAX_BYTES, MAX_DEPTH
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.xml import MAX_BYTES, MAX_DEPTH
 from flexbt_server.errors import ServerParameterError
 
 DEFAULT_ERROR_CODE_NAMES: Final = (

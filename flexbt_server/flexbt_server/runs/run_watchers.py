@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from flexbt_core.behavior_tree import Tree
-from flexbt_core.behavior_tree.observers.status_log import Log
+from flexbt_core.behavior_tree.observers import Log
 from flexbt_server.groot2 import LogOfSeveral
 
 from .tree_observer import TreeObserver

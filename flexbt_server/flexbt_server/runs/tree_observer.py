@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from flexbt_core.behavior_tree import Tree
-from flexbt_core.behavior_tree.observers.status_log import Log
+from flexbt_core.behavior_tree.observers import Log
 
 
 class TreeObserver(Protocol):

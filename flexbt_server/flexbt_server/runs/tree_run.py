@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
     TreeKey,
     TreeLibrary,
 )
-from flexbt_core.behavior_tree.observers.status_log import StatusLog
+from flexbt_core.behavior_tree.observers import StatusLog
 from flexbt_core.clock import Clock, WakeEvent
 from flexbt_msgs.action import BtExecute
 from flexbt_server.trees import NO_RECOVERIES, Value, write_all

@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree import (
     TreeNode,
     input_port,
 )
-from flexbt_core.behavior_tree.model.port_types import INT, STRING
+from flexbt_core.behavior_tree.model import INT, STRING
 
 STATUSES = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'K': NodeStatus.SKIPPED}
 

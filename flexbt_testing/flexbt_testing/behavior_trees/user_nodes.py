@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.behavior_tree.engine.control import ControlNode
+from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
 from flexbt_core.clock import ManualClock
 

@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree import (
     ThreadedAction,
     input_port,
 )
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, STRING
+from flexbt_core.behavior_tree.model import DOUBLE, STRING
 from flexbt_server.leaves import TopicCondition
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from flexbt_common.runtime import resolve_file
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.names import similar_names
+from flexbt_core.behavior_tree.model import similar_names
 from flexbt_core.state_machine import MachineDefinition, StateDefinition
 from flexbt_states.behavior_trees import BtUse, UsesBtServer
 from flexbt_tools.errors import RefusedError

@@ -7,7 +7,7 @@ import argparse
 import sys
 
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.nodes.nav2.register import DIALECTS
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
 from flexbt_core.values import one_line
 from flexbt_server.node_types import node_registry
 from flexbt_tools.trees import OpenRegistry, find_tree, is_main, read_models, roots

@@ -23,11 +23,8 @@ from flexbt_core.behavior_tree import (
     TreeDefinition,
     TreeLibrary,
 )
-from flexbt_core.behavior_tree.engine.leaf import LeafNode
-from flexbt_core.behavior_tree.model.names import similar_names
-from flexbt_core.behavior_tree.model.port_types import is_fixed
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS
+from flexbt_core.behavior_tree.engine import LeafNode
+from flexbt_core.behavior_tree.model import FAILURE, NO_DEFAULT, RUNNING, SKIPPED, SUCCESS, is_fixed, similar_names
 from flexbt_tools.trees import UNKNOWN_PORT, is_stand_in
 
 from .mock_plan import PASS, REAL, MockPlan, Rule, Step

@@ -16,9 +16,8 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
     TreeLoadError,
 )
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.model.names import similar_names
-from flexbt_core.behavior_tree.model.port_types import STRING, is_fixed
+from flexbt_core.behavior_tree.engine import ControlNode
+from flexbt_core.behavior_tree.model import STRING, is_fixed, similar_names
 from flexbt_tools.trees import (
     EntryUsage,
     KeyUsage,

@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
     TreeNode,
 )
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS
+from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS
 from flexbt_core.behavior_tree.nodes import actions, conditionals, decorators, reactive, script_nodes, sequences, timing
 from flexbt_tools.trees import sub_trees_first
 

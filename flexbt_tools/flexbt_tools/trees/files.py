@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import Final
 
 from flexbt_core.behavior_tree import LoadError, NodeRegistry, TreeDocument, TreeLibrary, TreeLoadError, load_xml
-from flexbt_core.behavior_tree.model.names import model_name_problem
-from flexbt_core.behavior_tree.xml.parser import MAX_BYTES
+from flexbt_core.behavior_tree.model import model_name_problem
+from flexbt_core.behavior_tree.xml import MAX_BYTES
 from flexbt_core.errors import FlexbtError
 from flexbt_tools.errors import RefusedError
 

@@ -25,8 +25,8 @@ from flexbt_core.behavior_tree import (
     TreeKey,
     TreeLibrary,
 )
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.model.definition import NO_CONDITIONS
+from flexbt_core.behavior_tree.engine import ControlNode
+from flexbt_core.behavior_tree.model import NO_CONDITIONS
 
 from .keys import KeyUse, uses
 

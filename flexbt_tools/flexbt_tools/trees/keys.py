@@ -7,14 +7,12 @@ from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 from flexbt_core.behavior_tree import NodeDefinition, Port
-from flexbt_core.behavior_tree.model.definition import Script
-from flexbt_core.behavior_tree.model.port_types import KEY, KEYS, separated
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
-from flexbt_core.behavior_tree.script.compiled_script import CompiledScript
-from flexbt_core.behavior_tree.script.parser import (
+from flexbt_core.behavior_tree.model import KEY, KEYS, NO_DEFAULT, Script, separated
+from flexbt_core.behavior_tree.script import (
     Assignment,
     Binary,
     Comparison,
+    CompiledScript,
     Conditional,
     Expression,
     Name,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeDefinition, NodeKind, PortDirection, TreeDefinition, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.names import similar_names
+from flexbt_core.behavior_tree.model import similar_names
 from flexbt_core.values import one_line
 from flexbt_tools.errors import UsageError
 

@@ -13,9 +13,7 @@ from typing import Final
 from xml.sax.saxutils import escape, quoteattr
 
 from flexbt_core.behavior_tree import NodeKind, NodeManifest, Port, PortType
-from flexbt_core.behavior_tree.model.names import PRE_POST_ATTRIBUTES
-from flexbt_core.behavior_tree.model.port_types import BOOL
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_core.behavior_tree.model import BOOL, NO_DEFAULT, PRE_POST_ATTRIBUTES
 
 _EXPLICIT: Final = (NodeKind.ACTION, NodeKind.CONDITION, NodeKind.CONTROL, NodeKind.DECORATOR)
 _METADATA: Final = ('_description', '_fullpath', '_uid')

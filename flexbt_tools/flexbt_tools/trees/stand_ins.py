@@ -23,13 +23,10 @@ from flexbt_core.behavior_tree import (
     TreeDocument,
     TreeNode,
 )
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
-from flexbt_core.behavior_tree.engine.leaf import LeafNode
+from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
+from flexbt_core.behavior_tree.model import NO_DEFAULT, Source
 from flexbt_core.behavior_tree.model import port_types as types
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
-from flexbt_core.behavior_tree.model.source import Source
-from flexbt_core.behavior_tree.xml.parser import Element, parse
+from flexbt_core.behavior_tree.xml import Element, parse
 
 _BASES: Final[Mapping[NodeKind, Any]] = {
     NodeKind.ACTION: LeafNode,

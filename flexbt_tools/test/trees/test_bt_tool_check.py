@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree import NodeRegistry, NodeStatus, SyncAction, input_port, output_port
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING, PortType
+from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING, PortType
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool, without_marks
 from flexbt_tools.tree_checks import REFUSED, check_trees

@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
     output_port,
 )
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING
+from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
 from flexbt_testing.behavior_trees.bt_tool import document
 from flexbt_tools.tree_checks import NEVER_WRITTEN, REFUSED, TYPE_CLASH, UNUSED_PORT, findings
 

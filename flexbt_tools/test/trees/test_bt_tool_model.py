@@ -24,9 +24,7 @@ from flexbt_core.behavior_tree import (
     TreeLoadError,
     builtin_registry,
 )
-from flexbt_core.behavior_tree.model import port_types
-from flexbt_core.behavior_tree.model.names import FORBIDDEN_IN_NAMES, RESERVED_ATTRIBUTES
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_core.behavior_tree.model import FORBIDDEN_IN_NAMES, NO_DEFAULT, RESERVED_ATTRIBUTES, port_types
 from flexbt_server.groot2 import models_document
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool

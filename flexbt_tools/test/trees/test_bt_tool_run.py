@@ -25,7 +25,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
     output_port,
 )
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, STRING
+from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Done, document, tool, without_marks
 from flexbt_testing.behavior_trees.random_nodes import make_case
 from flexbt_tools.errors import ToolError

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, TypeVar
 
-from flexbt_core.behavior_tree.engine.conditions import Conditions
+from flexbt_core.behavior_tree.engine import Conditions
 from flexbt_core.behavior_tree.model import acceleration_seam
-from flexbt_core.behavior_tree.observers.status_log import LogReader
-from flexbt_core.behavior_tree.script.compiled_script import BoundScript, CompiledScript
+from flexbt_core.behavior_tree.observers import LogReader
+from flexbt_core.behavior_tree.script import BoundScript, CompiledScript
 
 from .joined_marks import JoinedLogReader
 from .node_classes import class_for, fit, logging_class

@@ -37,7 +37,7 @@ import types
 from collections.abc import Iterator
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, NodeStatus
 
 from .joined_marks import CHILDREN_IDLE, EARLIER_CHILDREN_IDLE, FIRST_CHILDREN_IDLE
 

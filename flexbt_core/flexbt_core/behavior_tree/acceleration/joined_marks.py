@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final, TypeVar
 
-from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
-from flexbt_core.behavior_tree.observers.status_log import PLACES, SHIFT, LogReader
+from flexbt_core.behavior_tree.engine import TreeNode
+from flexbt_core.behavior_tree.model import NodeKind, NodeStatus
+from flexbt_core.behavior_tree.observers import PLACES, SHIFT, LogReader
 
 # The places of marks in the tuple of a node. At the number of a status: the node has it now.
 CHILDREN_IDLE: Final = 5

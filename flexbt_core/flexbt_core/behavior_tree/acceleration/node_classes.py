@@ -13,13 +13,17 @@ import types
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.engine.conditions import Conditions
-from flexbt_core.behavior_tree.engine.control import Control, ControlNode
-from flexbt_core.behavior_tree.engine.decorator import Decorator, DecoratorNode
-from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.engine.simple import SimpleAction
+from flexbt_core.behavior_tree.engine import (
+    Conditions,
+    Control,
+    ControlNode,
+    Decorator,
+    DecoratorNode,
+    SimpleAction,
+    TreeNode,
+)
 from flexbt_core.behavior_tree.nodes import decorators, entry_updates, loops, script_nodes, switch, timing
-from flexbt_core.behavior_tree.observers.status_log import StatusLog
+from flexbt_core.behavior_tree.observers import StatusLog
 
 from .inlining import inlined_methods
 from .joined_marks import marks_of

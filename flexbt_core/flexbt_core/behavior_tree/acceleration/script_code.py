@@ -9,11 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal, NamedTuple
 
-from flexbt_core.behavior_tree.model.blackboard import Entry
-from flexbt_core.behavior_tree.model.port_types import INT64
-from flexbt_core.behavior_tree.script.parser import Assignment, Binary, Comparison, Conditional, Expression, Name, Unary
-from flexbt_core.behavior_tree.script.parser import Literal as Constant
-from flexbt_core.behavior_tree.script.values import SAME_NUMBER
+from flexbt_core.behavior_tree.model import INT64, Entry
+from flexbt_core.behavior_tree.script import (
+    SAME_NUMBER,
+    Assignment,
+    Binary,
+    Comparison,
+    Conditional,
+    Expression,
+    Name,
+    Unary,
+)
+from flexbt_core.behavior_tree.script import Literal as Constant
 
 Kind = Literal['integer', 'bool', 'real', 'text']
 

@@ -13,8 +13,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
-from flexbt_core.behavior_tree.script.parser import Expression
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
+from flexbt_core.behavior_tree.script import Expression
 
 from .script_code import CodeWriter, NotSpecializable, Variable
 

@@ -6,13 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from flexbt_core.behavior_tree.engine.conditions import Conditions, NodeScript
-from flexbt_core.behavior_tree.engine.context import Tick
-from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.model.blackboard import Entry
-from flexbt_core.behavior_tree.model.definition import Script
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Conditions, NodeScript, Tick, TreeNode
+from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, Entry, NodeExecutionError, NodeStatus, Script
 
 from .node_classes import runs_first, stores_directly
 from .specialized_scripts import SpecializedBoundScript, SpecializedScript, completion_factory, gate_factory, kinds_of

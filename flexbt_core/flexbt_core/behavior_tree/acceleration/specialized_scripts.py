@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.model.blackboard import Blackboard, Entry
-from flexbt_core.behavior_tree.script.compiled_script import BoundScript, CompiledScript
+from flexbt_core.behavior_tree.model import Blackboard, Entry
+from flexbt_core.behavior_tree.script import BoundScript, CompiledScript
 
 from .script_code import NotSpecializable, Variable, variable_of
 from .script_specialization import Factory, specialize, specialize_completion, specialize_gate

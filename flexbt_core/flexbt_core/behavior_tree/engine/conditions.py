@@ -13,9 +13,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree.model.definition import RunnableScript, Script
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeExecutionError,
+    NodeStatus,
+    RunnableScript,
+    Script,
+    ScriptError,
+)
 
 from .context import Tick
 from .node import TreeNode

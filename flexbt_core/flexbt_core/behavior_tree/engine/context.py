@@ -8,9 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from flexbt_core.behavior_tree.model.definition import Scripts
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.model import NodeExecutionError, NodeStatus, Scripts
 from flexbt_core.clock import Clock
 
 Tick = Callable[[], NodeStatus]

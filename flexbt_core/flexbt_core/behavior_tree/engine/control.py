@@ -10,8 +10,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, NodeExecutionError, NodeKind, NodeStatus
 
 from .context import Tick
 from .node import NodeConfig, TreeNode

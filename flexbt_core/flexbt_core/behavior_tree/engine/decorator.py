@@ -9,8 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, SKIPPED, SUCCESS, NodeExecutionError, NodeKind, NodeStatus
 
 from .context import Tick
 from .node import NodeConfig, TreeNode

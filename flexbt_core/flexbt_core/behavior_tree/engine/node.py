@@ -17,11 +17,25 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Blackboard, Entry
-from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError, NodeExecutionError, PortError
-from flexbt_core.behavior_tree.model.port_types import cast
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    EMPTY,
+    FAILURE,
+    IDLE,
+    MISSING,
+    NO_DEFAULT,
+    SUCCESS,
+    Blackboard,
+    BlackboardError,
+    ConversionError,
+    Entry,
+    NodeExecutionError,
+    NodeKind,
+    NodeStatus,
+    Port,
+    PortError,
+    PortValue,
+    cast,
+)
 from flexbt_core.clock import Clock
 
 from .context import Tick, TreeContext

@@ -6,14 +6,21 @@ from __future__ import annotations
 import inspect
 from collections.abc import Iterator
 
-from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
-from flexbt_core.behavior_tree.model.definition import NodeManifest
-from flexbt_core.behavior_tree.model.errors import ConversionError, RegistrationError
-from flexbt_core.behavior_tree.model.names import model_name_problem, port_name_problem, similar_names
-from flexbt_core.behavior_tree.model.port_types import is_fixed
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, pointer_key
-from flexbt_core.behavior_tree.model.status import NodeKind
-from flexbt_core.behavior_tree.script.compiled_script import ScriptLibrary
+from flexbt_core.behavior_tree.model import (
+    NO_DEFAULT,
+    ConversionError,
+    JsonTypes,
+    NodeKind,
+    NodeManifest,
+    Port,
+    RegistrationError,
+    is_fixed,
+    model_name_problem,
+    pointer_key,
+    port_name_problem,
+    similar_names,
+)
+from flexbt_core.behavior_tree.script import ScriptLibrary
 
 from .control import ControlNode
 from .decorator import DecoratorNode

@@ -18,8 +18,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from flexbt_core.behavior_tree.model.ports import Port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus, Port
 
 from .decorator import Decorator
 from .leaf import Condition, SyncAction

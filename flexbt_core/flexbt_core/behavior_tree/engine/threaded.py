@@ -7,8 +7,7 @@ import threading
 from abc import abstractmethod
 from typing import Any
 
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeExecutionError, NodeKind, NodeStatus
 
 from .context import UnfinishedWork
 from .leaf import Halted, LeafNode

@@ -16,8 +16,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS, NodeExecutionError, NodeStatus
 
 from .context import Tick, TreeContext
 from .node import TreeNode

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from enum import Enum
 
-from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.model import NodeStatus
 
 from .tree import Tree
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from flexbt_core.behavior_tree.model.status import IDLE, RUNNING
+from flexbt_core.behavior_tree.model import IDLE, RUNNING
 
 from .context import Tick
 from .node import TreeNode

@@ -8,13 +8,23 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
-from flexbt_core.behavior_tree.model.blackboard import Blackboard
-from flexbt_core.behavior_tree.model.definition import NodeDefinition
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError
-from flexbt_core.behavior_tree.model.failure_trace import Reasons, failure_of, trace_of
-from flexbt_core.behavior_tree.model.library import TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    Blackboard,
+    NodeDefinition,
+    NodeExecutionError,
+    NodeKind,
+    NodeStatus,
+    PortError,
+    Reasons,
+    TreeKey,
+    TreeLibrary,
+    acceleration,
+    failure_of,
+    trace_of,
+)
 from flexbt_core.clock import Clock, SteadyClock
 
 from .call_stack import with_room

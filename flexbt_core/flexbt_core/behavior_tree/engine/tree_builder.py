@@ -6,13 +6,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
-from flexbt_core.behavior_tree.model.blackboard import Blackboard
-from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition
-from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
-from flexbt_core.behavior_tree.model.library import TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.port_types import STRING, is_fixed
-from flexbt_core.behavior_tree.model.ports import PortValue, pointer_key
+from flexbt_core.behavior_tree.model import (
+    STRING,
+    Blackboard,
+    BlackboardError,
+    LoadError,
+    NodeDefinition,
+    PortError,
+    PortValue,
+    ScriptError,
+    TreeDefinition,
+    TreeKey,
+    TreeLibrary,
+    TreeLoadError,
+    acceleration,
+    is_fixed,
+    pointer_key,
+)
 
 from .conditions import Conditions
 from .context import TreeContext

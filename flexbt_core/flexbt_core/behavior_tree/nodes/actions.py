@@ -5,13 +5,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from flexbt_core.behavior_tree.engine.leaf import LeafNode, SyncAction
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING
-from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError
-from flexbt_core.behavior_tree.model.port_types import KEY, STRING, PortType, is_fixed
-from flexbt_core.behavior_tree.model.ports import inout_port, input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.engine import LeafNode, NodeConfig, SyncAction
+from flexbt_core.behavior_tree.model import (
+    EMPTY,
+    FAILURE,
+    KEY,
+    MISSING,
+    STRING,
+    SUCCESS,
+    BlackboardError,
+    ConversionError,
+    NodeKind,
+    NodeStatus,
+    PortType,
+    inout_port,
+    input_port,
+    is_fixed,
+)
 
 
 class AlwaysSuccess(LeafNode):

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.engine.registry import NodeRegistry
-from flexbt_core.behavior_tree.script.compiled_script import ScriptLibrary
+from flexbt_core.behavior_tree.engine import NodeRegistry, TreeNode
+from flexbt_core.behavior_tree.script import ScriptLibrary
 
 from . import (
     actions,

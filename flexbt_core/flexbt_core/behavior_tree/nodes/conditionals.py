@@ -10,11 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.engine.ticking import halt_child
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, TreeNode, halt_child
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeExecutionError, NodeStatus
 
 
 class _Conditional(ControlNode):

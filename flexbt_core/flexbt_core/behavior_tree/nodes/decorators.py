@@ -5,14 +5,21 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.engine.ticking import halt_child
-from flexbt_core.behavior_tree.model.blackboard import MISSING
-from flexbt_core.behavior_tree.model.errors import PortError
-from flexbt_core.behavior_tree.model.port_types import BOOL, INT
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, TreeNode, halt_child
+from flexbt_core.behavior_tree.model import (
+    BOOL,
+    FAILURE,
+    IDLE,
+    INT,
+    MISSING,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeKind,
+    NodeStatus,
+    PortError,
+    input_port,
+)
 
 
 class Inverter(DecoratorNode):

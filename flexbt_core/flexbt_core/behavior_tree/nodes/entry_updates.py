@@ -11,13 +11,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
-from flexbt_core.behavior_tree.engine.leaf import LeafNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.model.blackboard import MISSING
-from flexbt_core.behavior_tree.model.port_types import ANY, KEY
-from flexbt_core.behavior_tree.model.ports import Port, input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.engine import DecoratorNode, LeafNode, NodeConfig
+from flexbt_core.behavior_tree.model import (
+    ANY,
+    FAILURE,
+    IDLE,
+    KEY,
+    MISSING,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeKind,
+    NodeStatus,
+    Port,
+    input_port,
+)
 
 _PORTS: Final[Mapping[str, Port]] = {'entry': input_port(ANY, literal=KEY, description='the entry: {key}, or just key')}
 

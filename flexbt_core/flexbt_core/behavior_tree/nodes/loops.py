@@ -7,22 +7,29 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, ClassVar, Final
 
-from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model.blackboard import MISSING, Entry
-from flexbt_core.behavior_tree.model.errors import ConversionError
-from flexbt_core.behavior_tree.model.port_types import (
+from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, TreeNode
+from flexbt_core.behavior_tree.model import (
     BOOL,
     DOUBLE,
+    FAILURE,
+    IDLE,
     INT,
+    MISSING,
     NODE_STATUS,
+    RUNNING,
+    SKIPPED,
     STRING,
+    SUCCESS,
+    ConversionError,
+    Entry,
+    NodeStatus,
     PortType,
+    inout_port,
+    input_port,
     is_fixed,
     list_of,
+    output_port,
 )
-from flexbt_core.behavior_tree.model.ports import inout_port, input_port, output_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 def _queue_of(element: PortType) -> PortType:

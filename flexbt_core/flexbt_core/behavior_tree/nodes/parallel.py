@@ -7,12 +7,8 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from operator import length_hint
 
-from flexbt_core.behavior_tree.engine.context import Tick
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.model.port_types import INT
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, Tick
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, INT, RUNNING, SKIPPED, SUCCESS, NodeStatus, input_port
 
 
 def _completed() -> NodeStatus:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from operator import length_hint
 
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.ticking import halt_child
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import ControlNode, halt_child
+from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 class _ReactiveControl(ControlNode):

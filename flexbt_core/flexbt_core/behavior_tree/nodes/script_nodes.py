@@ -6,14 +6,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
-from flexbt_core.behavior_tree.engine.leaf import LeafNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model.errors import ScriptError
-from flexbt_core.behavior_tree.model.port_types import NODE_STATUS, STRING
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, SKIPPED, SUCCESS, NodeKind, NodeStatus
-from flexbt_core.behavior_tree.script.compiled_script import CONDITION, SCRIPT
+from flexbt_core.behavior_tree.engine import DecoratorNode, LeafNode, NodeConfig, TreeNode
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    NODE_STATUS,
+    SKIPPED,
+    STRING,
+    SUCCESS,
+    NodeKind,
+    NodeStatus,
+    ScriptError,
+    input_port,
+)
+from flexbt_core.behavior_tree.script import CONDITION, SCRIPT
 
 
 class _Runnable(Protocol):

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from operator import length_hint
 
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.engine.ticking import halt_child
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 class _OrderedControl(ControlNode):

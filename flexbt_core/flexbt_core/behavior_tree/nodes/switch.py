@@ -6,15 +6,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.engine.ticking import halt_child
-from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Entry
-from flexbt_core.behavior_tree.model.errors import ConversionError, PortError
-from flexbt_core.behavior_tree.model.port_types import STRING, cast, number_from_text
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import RUNNING, SKIPPED, NodeStatus
-from flexbt_core.behavior_tree.script.values import SAME_NUMBER
+from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, TreeNode, halt_child
+from flexbt_core.behavior_tree.model import (
+    EMPTY,
+    MISSING,
+    RUNNING,
+    SKIPPED,
+    STRING,
+    ConversionError,
+    Entry,
+    NodeStatus,
+    PortError,
+    cast,
+    input_port,
+    number_from_text,
+)
+from flexbt_core.behavior_tree.script import SAME_NUMBER
 
 
 class Switch(ControlNode):

@@ -5,14 +5,8 @@ from __future__ import annotations
 
 import math
 
-from flexbt_core.behavior_tree.engine.decorator import DecoratorNode
-from flexbt_core.behavior_tree.engine.leaf import StatefulAction
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.engine.ticking import halt_child
-from flexbt_core.behavior_tree.model.blackboard import MISSING
-from flexbt_core.behavior_tree.model.port_types import UNSIGNED
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, StatefulAction, TreeNode, halt_child
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, MISSING, RUNNING, SUCCESS, UNSIGNED, NodeStatus, input_port
 
 
 class Timeout(DecoratorNode):

@@ -3,12 +3,8 @@
 
 from __future__ import annotations
 
-from flexbt_core.behavior_tree.engine.control import ControlNode
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.engine.ticking import halt_child
-from flexbt_core.behavior_tree.model.port_types import BOOL
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
+from flexbt_core.behavior_tree.model import BOOL, FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus, input_port
 
 
 class TryCatch(ControlNode):

@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final, Generic, Protocol, TypeVar
 
-from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
-from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.engine import TreeNode
+from flexbt_core.behavior_tree.model import NodeStatus, acceleration
 
 SHIFT: Final = 4
 """The bits of a mark that are not the number of the node."""

@@ -9,10 +9,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
-from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
-from flexbt_core.behavior_tree.model.errors import ConversionError, RegistrationError, ScriptError
-from flexbt_core.behavior_tree.model.port_types import PortType
+from flexbt_core.behavior_tree.model import (
+    EMPTY,
+    Blackboard,
+    ConversionError,
+    PortType,
+    RegistrationError,
+    ScriptError,
+    acceleration,
+)
 
 from .interpreter import ClosureCompiler, Scope
 from .parser import Comparison, Expression, parse_script

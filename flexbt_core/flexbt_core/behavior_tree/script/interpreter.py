@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from flexbt_core.behavior_tree.model.blackboard import MISSING, Blackboard, Entry
-from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError, ScriptError
+from flexbt_core.behavior_tree.model import MISSING, Blackboard, BlackboardError, ConversionError, Entry, ScriptError
 
 from .parser import Assignment, Binary, Comparison, Conditional, Expression, Literal, Name, Unary
 from .values import BINARY, UNARY, Value, assigned, choose, compare

@@ -7,8 +7,7 @@ import re
 from enum import Enum
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree.model.errors import ConversionError, ScriptError
-from flexbt_core.behavior_tree.model.port_types import decimal
+from flexbt_core.behavior_tree.model import ConversionError, ScriptError, decimal
 
 
 class TokenKind(Enum):

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple, TypeAlias
 
-from flexbt_core.behavior_tree.model.errors import ScriptError
+from flexbt_core.behavior_tree.model import ScriptError
 
 from .lexer import Token, TokenKind, tokenize
 

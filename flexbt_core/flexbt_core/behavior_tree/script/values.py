@@ -13,9 +13,18 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.model.blackboard import EMPTY, Entry
-from flexbt_core.behavior_tree.model.errors import ConversionError
-from flexbt_core.behavior_tree.model.port_types import BOOL, DOUBLE, INT64, STRING, UINT64, cast, fits
+from flexbt_core.behavior_tree.model import (
+    BOOL,
+    DOUBLE,
+    EMPTY,
+    INT64,
+    STRING,
+    UINT64,
+    ConversionError,
+    Entry,
+    cast,
+    fits,
+)
 
 Value = Any
 Operation = Callable[[Value, Value], Value]

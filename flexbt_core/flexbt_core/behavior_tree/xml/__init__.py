@@ -1,2 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """XML text to elements to definitions; formats 3 and 4."""
+
+from .format3 import is_format_3, make_format_4
+from .parser import MAX_BYTES, MAX_DEPTH, Element, parse
+from .reader import IncludeResolver, load_xml
+
+__all__ = ['MAX_BYTES', 'MAX_DEPTH', 'Element', 'IncludeResolver', 'is_format_3', 'load_xml', 'make_format_4', 'parse']

@@ -6,20 +6,30 @@ from __future__ import annotations
 import re
 from typing import Final, Protocol
 
-from flexbt_core.behavior_tree.model.definition import NO_CONDITIONS, NodeDefinition, NodeManifest, Script, Scripts
-from flexbt_core.behavior_tree.model.errors import ConversionError, LoadError, ScriptError
-from flexbt_core.behavior_tree.model.names import (
+from flexbt_core.behavior_tree.model import (
+    NO_CONDITIONS,
+    NO_DEFAULT,
     PRE_POST_ATTRIBUTES,
     RESERVED_ATTRIBUTES,
+    ConversionError,
+    LoadError,
+    NodeDefinition,
+    NodeKind,
+    NodeManifest,
+    Port,
+    PortValue,
+    Script,
+    ScriptError,
+    Scripts,
+    Source,
+    bool_from_text,
+    is_fixed,
     model_name_problem,
+    pointer_key,
     port_name_problem,
     similar_names,
 )
-from flexbt_core.behavior_tree.model.port_types import bool_from_text, is_fixed
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue, pointer_key
-from flexbt_core.behavior_tree.model.source import Source
-from flexbt_core.behavior_tree.model.status import NodeKind
-from flexbt_core.behavior_tree.script.compiled_script import CONDITION, SCRIPT
+from flexbt_core.behavior_tree.script import CONDITION, SCRIPT
 
 from .parser import Element, value_offset
 

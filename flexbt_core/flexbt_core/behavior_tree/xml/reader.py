@@ -12,11 +12,19 @@ import gc
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from flexbt_core.behavior_tree.model.definition import NodeDefinition, SubTreeModelPort, TreeDefinition, TreeDocument
-from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, LoadError, TreeLoadError
-from flexbt_core.behavior_tree.model.names import model_name_problem, port_name_problem
-from flexbt_core.behavior_tree.model.ports import PortDirection
-from flexbt_core.behavior_tree.model.source import Source
+from flexbt_core.behavior_tree.model import (
+    BehaviorTreeError,
+    LoadError,
+    NodeDefinition,
+    PortDirection,
+    Source,
+    SubTreeModelPort,
+    TreeDefinition,
+    TreeDocument,
+    TreeLoadError,
+    model_name_problem,
+    port_name_problem,
+)
 
 from .format3 import is_format_3, make_format_4
 from .node_elements import NodeReader, NodeTypes

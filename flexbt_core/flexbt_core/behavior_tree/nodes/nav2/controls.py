@@ -5,11 +5,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flexbt_core.behavior_tree.engine.control import Control
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model.port_types import BOOL, INT
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Control, NodeConfig, TreeNode
+from flexbt_core.behavior_tree.model import BOOL, FAILURE, INT, RUNNING, SKIPPED, SUCCESS, NodeStatus, input_port
 
 
 class RecoveryNode(Control):

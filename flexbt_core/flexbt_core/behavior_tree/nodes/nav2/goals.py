@@ -6,11 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.engine.decorator import Decorator
-from flexbt_core.behavior_tree.engine.leaf import Condition
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model.ports import Port, input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Condition, Decorator, NodeConfig, TreeNode
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus, Port, input_port
 
 GOAL_PORTS: Final[Mapping[str, Port]] = {
     'goal': input_port(optional=True, description='goal pose; by default the entry [goal]'),

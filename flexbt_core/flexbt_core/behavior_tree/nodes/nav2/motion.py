@@ -7,11 +7,8 @@ import math
 from abc import abstractmethod
 from typing import Any
 
-from flexbt_core.behavior_tree.engine.decorator import Decorator
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, STRING
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Decorator, NodeConfig
+from flexbt_core.behavior_tree.model import DOUBLE, FAILURE, RUNNING, STRING, SUCCESS, NodeStatus, input_port
 
 from .goals import GOAL_PORTS, read_goals
 

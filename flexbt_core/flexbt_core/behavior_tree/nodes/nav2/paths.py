@@ -8,11 +8,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from flexbt_core.behavior_tree.engine.decorator import Decorator
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.model.port_types import DOUBLE
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Decorator, NodeConfig
+from flexbt_core.behavior_tree.model import DOUBLE, FAILURE, RUNNING, SUCCESS, NodeStatus, input_port
 
 
 class PathLongerOnApproach(Decorator):

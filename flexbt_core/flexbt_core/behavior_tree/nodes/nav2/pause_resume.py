@@ -7,11 +7,8 @@ import threading
 from enum import Enum
 from typing import Final
 
-from flexbt_core.behavior_tree.engine.control import Control
-from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.model.port_types import STRING
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Control, NodeConfig
+from flexbt_core.behavior_tree.model import FAILURE, RUNNING, STRING, SUCCESS, NodeStatus, input_port
 
 
 class PauseState(Enum):

@@ -5,13 +5,18 @@ from __future__ import annotations
 
 from typing import ClassVar, Final, Literal, get_args
 
-from flexbt_core.behavior_tree.engine.decorator import Decorator
-from flexbt_core.behavior_tree.engine.leaf import Condition
-from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
-from flexbt_core.behavior_tree.engine.registry import NodeRegistry
-from flexbt_core.behavior_tree.model.port_types import DOUBLE, INT, UINT16, list_of
-from flexbt_core.behavior_tree.model.ports import input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Condition, Decorator, NodeConfig, NodeRegistry, TreeNode
+from flexbt_core.behavior_tree.model import (
+    DOUBLE,
+    FAILURE,
+    INT,
+    RUNNING,
+    SUCCESS,
+    UINT16,
+    NodeStatus,
+    input_port,
+    list_of,
+)
 
 from .controls import PipelineSequence, RecoveryNode, RoundRobin, RoundRobinOfMain
 from .goals import GlobalUpdatedGoal, GoalUpdated, GoalUpdatedController

@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-from flexbt_core.behavior_tree.engine.control import Control
-from flexbt_core.behavior_tree.model.port_types import INT
-from flexbt_core.behavior_tree.model.ports import inout_port
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.engine import Control
+from flexbt_core.behavior_tree.model import FAILURE, INT, RUNNING, SKIPPED, SUCCESS, NodeStatus, inout_port
 
 
 class NonblockingSequence(Control):
