@@ -43,10 +43,11 @@ def without_ros(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_it_works_where_there_is_no_ros(tmp_path: Path) -> None:
-    note = "note: without the nodes of flexbt_server.leaves: No module named 'rclpy'\n"
+    note = r"note: without the nodes of flexbt_server\.leaves: No module named '\w+'\n"
     tree = write(tmp_path, '<Sequence><RateController hz="1"><AlwaysSuccess/></RateController><Wait/></Sequence>')
     done = without_ros('check', tree)
-    assert (done.returncode, done.stderr) == (1, f'{note}1 file: 1 error\n')
+    assert done.returncode == 1
+    assert re.fullmatch(f'{note}1 file: 1 error\n', done.stderr), done.stderr
     assert 'node type [Wait] is not registered' in done.stdout
     assert without_ros('show', tree).stdout.splitlines()[1:] == [
         'Sequence',
@@ -57,7 +58,8 @@ def test_it_works_where_there_is_no_ros(tmp_path: Path) -> None:
     assert without_ros('run', tree, '--mock', 'Wait=SUCCESS', '--quiet').stdout == 'SUCCESS after 0.000 s and 1 tick\n'
     models = tmp_path / 'models.xml'
     models.write_text(tool('model').out)
-    assert without_ros('check', '--models', str(models), tree).stderr == f'{note}1 file: nothing to complain about\n'
+    clean = without_ros('check', '--models', str(models), tree).stderr
+    assert re.fullmatch(f'{note}1 file: nothing to complain about\n', clean), clean
 
 
 def test_an_include_from_a_package_needs_ros(tmp_path: Path) -> None:
