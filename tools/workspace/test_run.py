@@ -6,7 +6,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 import xml.etree.ElementTree as ElementTree  # of files that our own pytest runs wrote
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +19,21 @@ from .workspace import Workspace
 
 DEADLINE = 2700.0  # seconds for the tests of all packages, of which some may hang; a slow, busy machine needs half of it
 _MESSAGE_WIDTH = 160
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Tests of one package that run once more, in another environment: those in its directory `tests`."""
+
+    package: str
+    tests: str
+    environment: Mapping[str, str]
+
+    def __str__(self) -> str:
+        return ' '.join(f'{name}={value}' for name, value in self.environment.items())
+
+
+VARIANTS = (Variant('flexbt_core', 'test/behavior_tree', {'FLEXBT_ACCELERATION': '0'}),)
 
 
 @dataclass
@@ -38,12 +55,13 @@ def run(workspace: Workspace) -> int:
     tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
 
     packages = [package for package in workspace.layout.packages() if package.test_modules()]
-    for package in packages:
-        _result_file(workspace, package).unlink(missing_ok=True)
-    _colcon_test(workspace, packages)
+    runs = [_Run(workspace, packages), *(_Run(workspace, packages, variant) for variant in VARIANTS)]
+    deadline = time.monotonic() + DEADLINE
+    for one in runs:
+        one.start_and_wait(deadline)
     _show_results(workspace)
-    for package in packages:
-        _count(_result_file(workspace, package), package.name, tally)
+    for one in runs:
+        one.count(tally)
 
     for failure in tally.failures:
         print(failure)
@@ -51,28 +69,54 @@ def run(workspace: Workspace) -> int:
     return 1 if tally.failures else 0
 
 
-def _colcon_test(workspace: Workspace, packages: list[Package]) -> None:
-    """Runs the tests of one package after another. How they ended is in the result files, not in colcon's exit code."""
-    command: list[str | Path] = ['colcon', '--log-base', workspace.layout.log / 'colcon', 'test']
-    command += ['--base-paths', workspace.layout.root, '--return-code-on-test-failure']
-    command += ['--executor', 'sequential']
-    command += ['--packages-select', *(package.name for package in packages)]
-    command += _in_parallel(workspace)
-    process = subprocess.Popen(
-        [str(word) for word in workspace.inside(command)],
-        stdin=subprocess.DEVNULL,
-        stderr=subprocess.STDOUT,
-        env=workspace.environment,
-        cwd=workspace.layout.root,
-        start_new_session=True,
-    )
-    try:
-        process.wait(timeout=DEADLINE)
-    except subprocess.TimeoutExpired:
-        print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
-    finally:
-        if process.returncode is None:
-            stop_group(process)
+class _Run:
+    """The tests of one package after another. How they ended is in the result files, not in colcon's exit code."""
+
+    def __init__(self, workspace: Workspace, packages: list[Package], variant: Variant | None = None) -> None:
+        self._workspace = workspace
+        self._packages = [package for package in packages if variant is None or package.name == variant.package]
+        self._variant = variant
+        build = workspace.layout.build
+        self._results = build / 'variants' / str(variant) if variant else build  # below which colcon looks for results
+
+    def start_and_wait(self, deadline: float) -> None:
+        """Runs the tests until they have ended, or to the deadline (a monotonic time)."""
+        for package in self._packages:
+            self._result_file(package).unlink(missing_ok=True)
+        workspace, variant = self._workspace, self._variant
+        command: list[str | Path] = ['colcon', '--log-base', workspace.layout.log / 'colcon', 'test']
+        command += ['--base-paths', workspace.layout.root, '--return-code-on-test-failure']
+        command += ['--test-result-base', self._results, '--executor', 'sequential']
+        command += ['--packages-select', *(package.name for package in self._packages)]
+        options = [*_in_parallel(workspace), *([variant.tests] if variant else [])]
+        if options:
+            command += ['--pytest-args', *options]
+        if variant:
+            print(f'once more with {variant}: {variant.package}/{variant.tests}', flush=True)
+        process = subprocess.Popen(
+            [str(word) for word in workspace.inside(command)],
+            stdin=subprocess.DEVNULL,
+            stderr=subprocess.STDOUT,
+            env={**workspace.environment, **(variant.environment if variant else {})},
+            cwd=workspace.layout.root,
+            start_new_session=True,
+        )
+        try:
+            process.wait(timeout=max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
+        finally:
+            if process.returncode is None:
+                stop_group(process)
+
+    def count(self, tally: Tally) -> None:
+        """Adds the results to the tally."""
+        for package in self._packages:
+            label = f' [{self._variant}]' if self._variant else ''
+            _count(self._result_file(package), package.name, label, tally)
+
+    def _result_file(self, package: Package) -> Path:
+        return self._results / package.name / 'pytest.xml'
 
 
 def _in_parallel(workspace: Workspace) -> list[str]:
@@ -88,7 +132,7 @@ def _in_parallel(workspace: Workspace) -> list[str]:
     )
     if look.returncode != 0:
         return []
-    return ['--pytest-args', '--numprocesses', str(os.cpu_count() or 2), '--dist', 'worksteal']
+    return ['--numprocesses', str(os.cpu_count() or 2), '--dist', 'worksteal']
 
 
 def _show_results(workspace: Workspace) -> None:
@@ -99,23 +143,22 @@ def _show_results(workspace: Workspace) -> None:
     )
 
 
-def _result_file(workspace: Workspace, package: Package) -> Path:
-    return workspace.layout.build / package.name / 'pytest.xml'
+def _count(file: Path, package: str, label: str, tally: Tally) -> None:
+    """Adds the results in a JUnit file to the tally. A file that is missing or damaged is a failure of the package.
 
-
-def _count(file: Path, package: str, tally: Tally) -> None:
-    """Adds the results in a JUnit file to the tally. A file that is missing or damaged is a failure of the package."""
+    The `label` tells the names of tests that run more than once apart.
+    """
     try:
         cases = list(ElementTree.parse(file).iter('testcase'))  # noqa: S314
     except (OSError, ElementTree.ParseError) as error:
-        tally.failures.append(f'FAILED {package}: no result of its tests ({error})')
+        tally.failures.append(f'FAILED {package}{label}: no result of its tests ({error})')
         return
     for case in cases:
         problem = next((found for found in case if found.tag in ('failure', 'error')), None)
         if problem is not None:
             name = f'{case.get("classname", package)}.{case.get("name", "?")}'
             message = ' '.join(problem.get('message', '').split())[:_MESSAGE_WIDTH]
-            tally.failures.append(f'FAILED {name}: {message}')
+            tally.failures.append(f'FAILED {name}{label}: {message}')
         elif case.find('skipped') is not None:
             tally.skipped += 1
         else:
