@@ -17,7 +17,7 @@ from .lint import all_checks, failing_checks
 from .terminal import stop_group
 from .workspace import Workspace
 
-DEADLINE = 2700.0  # seconds for the tests of all packages, of which some may hang; a slow, busy machine needs half of it
+DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
 _MESSAGE_WIDTH = 160
 
 
