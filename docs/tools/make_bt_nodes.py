@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes docs/reference/bt_nodes.md, the reference of the node types, from declarations and bt_node_examples.yaml.
+"""Writes docs/reference/bt_nodes.md, the reference of the node types, from the declarations of their classes.
 
 Usage: make_bt_nodes.py [FILE]     in a shell with the environment of the workspace
 """
@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
-from flexbt_core.behavior_tree import NodeManifest, PortDirection
+from flexbt_core.behavior_tree import Example, NodeManifest, PortDirection
 from flexbt_core.behavior_tree.model import NO_DEFAULT
 from flexbt_server.node_types import node_registry
 
@@ -47,7 +46,6 @@ output.
 
 def page() -> str:
     """The whole page."""
-    examples: Mapping[str, Mapping[str, Any]] = yaml.safe_load((HERE / 'bt_node_examples.yaml').read_text())
     broken: list[str] = []
     registry = node_registry(lambda point, error: broken.append(f'{point}: {error}'))
     assert not broken, broken
@@ -60,7 +58,7 @@ def page() -> str:
         lines += [f'## {kind.value} nodes', '']
         for manifest in manifests:
             if manifest.kind is kind:
-                lines += [*section(manifest, examples.get(manifest.id)), '']
+                lines += [*section(manifest), '']
     return '\n'.join(lines).rstrip('\n') + '\n'
 
 
@@ -73,7 +71,7 @@ def overview_row(manifest: NodeManifest) -> str:
     return f'| [{manifest.id}](#{manifest.id.lower()}) | {manifest.kind.value} | {ports} | {summary} |'
 
 
-def section(manifest: NodeManifest, example: Mapping[str, Any] | None) -> Iterator[str]:
+def section(manifest: NodeManifest) -> Iterator[str]:
     """What the page says of one node type."""
     yield f'### {manifest.id}'
     yield ''
@@ -91,18 +89,22 @@ def section(manifest: NodeManifest, example: Mapping[str, Any] | None) -> Iterat
             default = '' if port.default is NO_DEFAULT else f'`{port.default}`'
             kind = f'`{port.type.name}`' if port.type is not None else 'any'
             yield f'| `{name}` | {port.direction.value} | {kind} | {default} | {port.description} |'
-    if example is not None:
+    if manifest.example is not None:
         yield ''
-        yield '```xml'
-        yield example['xml']
-        if 'trees' in example:
-            yield example['trees']
-        yield '```'
-        if 'ticks' in example:
-            yield ''
-            before = f'Before: {_entries(example["before"])}. ' if 'before' in example else ''
-            after = f' After: {_entries(example["leaves"])}.' if 'leaves' in example else ''
-            yield f'{before}Ticks: {", ".join(example["ticks"])}.{after}'
+        yield from _shown(manifest.example)
+
+
+def _shown(example: Example) -> Iterator[str]:
+    yield '```xml'
+    yield cleandoc(example.xml)
+    if example.trees:
+        yield cleandoc(example.trees)
+    yield '```'
+    if example.ticks:
+        yield ''
+        before = f'Before: {_entries(example.before)}. ' if example.before else ''
+        after = f' After: {_entries(example.after)}.' if example.after else ''
+        yield f'{before}Ticks: {", ".join(status.name for status in example.ticks)}.{after}'
 
 
 def _entries(entries: Mapping[str, Any]) -> str:

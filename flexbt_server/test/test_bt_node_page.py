@@ -6,18 +6,16 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 
 from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
 from flexbt_server.node_types import node_registry
 
 DOCS = Path(__file__).parents[2] / 'docs'
-EXAMPLES: dict[str, dict[str, Any]] = yaml.safe_load((DOCS / 'tools' / 'bt_node_examples.yaml').read_text())
 REGISTRY = node_registry(lambda point, error: None)
+EXAMPLES = {manifest.id: manifest.example for manifest in REGISTRY if manifest.example is not None}
 
 
 def test_the_page_is_what_its_program_writes(tmp_path: Path) -> None:
@@ -37,20 +35,20 @@ def test_every_node_of_the_engine_has_an_example() -> None:
 @pytest.mark.parametrize('id', EXAMPLES)
 def test_an_example_gives_what_the_page_says(id: str) -> None:
     example = EXAMPLES[id]
-    text = f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{example["xml"]}</BehaviorTree>'
-    document = load_xml(f'{text}{example.get("trees", "")}</root>', f'{id}.xml', REGISTRY)
+    text = f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{example.xml}</BehaviorTree>'
+    document = load_xml(f'{text}{example.trees}</root>', f'{id}.xml', REGISTRY)
     assert any(node.manifest.id == id for node in document.trees['Main'].nodes())
     board = Blackboard()
-    for key, value in example.get('before', {}).items():
+    for key, value in example.before.items():
         board.set(key, value)
     clock = ManualClock()
     tree = Tree(TreeLibrary([document]), 'Main', blackboard=board, clock=clock)
     given = []
-    for _ in example.get('ticks', ()):
-        given.append(tree.tick_exactly_once().name)
+    for _ in example.ticks:
+        given.append(tree.tick_exactly_once())
         if tree.next_wake is not None:
             clock.advance(tree.next_wake - clock.now())
-    assert given == example.get('ticks', [])
-    for key, value in example.get('leaves', {}).items():
+    assert tuple(given) == example.ticks
+    for key, value in example.after.items():
         assert board.get(key) == value
     tree.halt()

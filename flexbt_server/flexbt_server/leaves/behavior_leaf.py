@@ -8,7 +8,7 @@ from typing import Any, Final
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
 from flexbt_common.values import Encoding
-from flexbt_core.behavior_tree import BlackboardError, NodeStatus, inout_port, input_port, output_port
+from flexbt_core.behavior_tree import BlackboardError, Example, NodeStatus, inout_port, input_port, output_port
 from flexbt_core.behavior_tree.model import KEYS, STRING, UNSIGNED, separated
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs import action
@@ -43,6 +43,7 @@ class ExecuteBehavior(ActionLeaf):
         'success_outcomes': input_port(STRING, default='finished;done', description='its outcomes that are a SUCCESS'),
         'outcome': output_port(STRING, description='outcome of the behavior; empty when it did not end by one'),
     }
+    example = Example('<ExecuteBehavior behavior="Inspect Site" inputs="site" outputs="report" outcome="{outcome}"/>')
 
     def make_goal(self) -> Any:
         autonomy = int(self.get_input('autonomy'))

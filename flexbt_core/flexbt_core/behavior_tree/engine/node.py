@@ -28,6 +28,7 @@ from flexbt_core.behavior_tree.model import (
     BlackboardError,
     ConversionError,
     Entry,
+    Example,
     NodeExecutionError,
     NodeKind,
     NodeStatus,
@@ -97,6 +98,8 @@ class TreeNode(ABC):
 
     ports: ClassVar[Mapping[str, Port]] = NO_PORTS
     kind: ClassVar[NodeKind]
+    example: ClassVar[Example | None] = None
+    """A tree that shows what nodes of just this class do: one that derives from it has its own, or none."""
 
     conditions: NodeConditions | None
     """The pre- and post-conditions, if it has any."""

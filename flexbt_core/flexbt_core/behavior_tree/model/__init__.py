@@ -27,6 +27,7 @@ from .errors import (
     TickAbandoned,
     TreeLoadError,
 )
+from .example import Example
 from .failure_trace import Reason, Reasons, failure_of, trace_of
 from .library import TreeKey, TreeLibrary
 from .names import (
@@ -97,6 +98,7 @@ __all__ = [
     'BlackboardError',
     'ConversionError',
     'Entry',
+    'Example',
     'JsonObject',
     'JsonTypes',
     'LoadError',

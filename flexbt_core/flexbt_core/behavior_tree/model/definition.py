@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from .blackboard import Blackboard
 from .errors import LoadError
+from .example import Example
 from .ports import Port, PortDirection, PortValue
 from .source import Source
 from .status import NodeKind
@@ -27,6 +28,7 @@ class NodeManifest:
     ports: Mapping[str, Port]
     children: tuple[int, int | None]
     description: str
+    example: Example | None = None
 
 
 class RunnableScript(Protocol):

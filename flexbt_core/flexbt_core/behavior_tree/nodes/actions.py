@@ -15,6 +15,7 @@ from flexbt_core.behavior_tree.model import (
     SUCCESS,
     BlackboardError,
     ConversionError,
+    Example,
     NodeKind,
     NodeStatus,
     PortType,
@@ -30,6 +31,7 @@ class AlwaysSuccess(LeafNode):
     __slots__ = ()
 
     kind = NodeKind.ACTION
+    example = Example('<AlwaysSuccess/>', ticks=(SUCCESS,))
 
     def execute(self) -> NodeStatus:
         self.status = SUCCESS
@@ -42,6 +44,7 @@ class AlwaysFailure(LeafNode):
     __slots__ = ()
 
     kind = NodeKind.ACTION
+    example = Example('<AlwaysFailure/>', ticks=(FAILURE,))
 
     def execute(self) -> NodeStatus:
         self.status = FAILURE
@@ -65,6 +68,7 @@ class SetBlackboard(SyncAction):
         'value': input_port(description='text, or {key} of the entry to be copied'),
         'output_key': inout_port(STRING, literal=KEY, description='key to be written'),
     }
+    example = Example('<SetBlackboard value="dock" output_key="place"/>', ticks=(SUCCESS,), after={'place': 'dock'})
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -156,6 +160,11 @@ class UnsetBlackboard(SyncAction):
     __slots__ = ('_key',)
 
     ports = {'key': input_port(STRING, description='key of the entry to be removed')}
+    example = Example(
+        '<Sequence><UnsetBlackboard key="goal"/><WasEntryUpdated entry="goal"/></Sequence>',
+        ticks=(FAILURE,),
+        before={'goal': 'dock'},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

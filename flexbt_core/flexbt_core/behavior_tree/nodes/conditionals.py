@@ -11,7 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, TreeNode, halt_child
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeExecutionError, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Example,
+    NodeExecutionError,
+    NodeStatus,
+)
 
 
 class _Conditional(ControlNode):
@@ -37,6 +46,19 @@ class IfThenElse(_Conditional):
     """
 
     __slots__ = ('_chosen',)
+
+    example = Example(
+        """
+        <IfThenElse>
+          <ScriptCondition code="battery > 20"/>
+          <Script code="next := 'work'"/>
+          <Script code="next := 'dock'"/>
+        </IfThenElse>
+        """,
+        ticks=(SUCCESS,),
+        before={'battery': 10},
+        after={'next': 'dock'},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -90,6 +112,19 @@ class WhileDoElse(_Conditional):
     """
 
     __slots__ = ()
+
+    example = Example(
+        """
+        <WhileDoElse>
+          <ScriptCondition code="(asked += 1) == 1"/>
+          <Sleep msec="100"/>
+          <Script code="next := 'else'"/>
+        </WhileDoElse>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'asked': 0},
+        after={'next': 'else'},
+    )
 
     def execute(self) -> NodeStatus:
         if self._incomplete:

@@ -15,6 +15,7 @@ from flexbt_core.behavior_tree.model import (
     RUNNING,
     SKIPPED,
     SUCCESS,
+    Example,
     NodeKind,
     NodeStatus,
     PortError,
@@ -26,6 +27,8 @@ class Inverter(DecoratorNode):
     """SUCCESS and FAILURE of the child exchanged."""
 
     __slots__ = ()
+
+    example = Example('<Inverter><AlwaysFailure/></Inverter>', ticks=(SUCCESS,))
 
     def execute(self) -> NodeStatus:
         self.status = RUNNING
@@ -52,6 +55,8 @@ class ForceSuccess(DecoratorNode):
 
     __slots__ = ()
 
+    example = Example('<ForceSuccess><AlwaysFailure/></ForceSuccess>', ticks=(SUCCESS,))
+
     def execute(self) -> NodeStatus:
         self.status = RUNNING
         status = self._tick()
@@ -66,6 +71,8 @@ class ForceFailure(DecoratorNode):
     """FAILURE whenever the child completes."""
 
     __slots__ = ()
+
+    example = Example('<ForceFailure><AlwaysSuccess/></ForceFailure>', ticks=(FAILURE,))
 
     def execute(self) -> NodeStatus:
         self.status = RUNNING
@@ -116,6 +123,12 @@ class Repeat(_Repeating):
 
     ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}
     limit = 'num_cycles'
+    example = Example(
+        '<Repeat num_cycles="3"><Script code="n += 1"/></Repeat>',
+        ticks=(RUNNING, RUNNING, SUCCESS),
+        before={'n': 0},
+        after={'n': 3},
+    )
 
     def execute(self) -> NodeStatus:
         cycles = self._limit.value
@@ -159,6 +172,13 @@ class RetryUntilSuccessful(_Repeating):
 
     ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}
     limit = 'num_attempts'
+    example = Example(
+        """
+        <RetryUntilSuccessful num_attempts="5"><ScriptCondition code="(n += 1) == 2"/></RetryUntilSuccessful>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'n': 0},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -222,6 +242,12 @@ class KeepRunningUntilFailure(DecoratorNode):
 
     __slots__ = ()
 
+    example = Example(
+        '<KeepRunningUntilFailure><ScriptCondition code="(n += 1) != 3"/></KeepRunningUntilFailure>',
+        ticks=(RUNNING, RUNNING, FAILURE),
+        before={'n': 0},
+    )
+
     def execute(self) -> NodeStatus:
         self.status = RUNNING
         status = self._tick()
@@ -245,6 +271,16 @@ class RunOnce(DecoratorNode):
     ports = {
         'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
     }
+    example = Example(
+        """
+        <Repeat num_cycles="2">
+          <Fallback><RunOnce then_skip="false"><Script code="n += 1"/></RunOnce></Fallback>
+        </Repeat>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'n': 0},
+        after={'n': 1},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -281,6 +317,15 @@ class SubTree(DecoratorNode):
     __slots__ = ()
 
     kind = NodeKind.SUBTREE
+    example = Example(
+        '<SubTree ID="Greet" who="{name}" text="{greeting}"/>',
+        ticks=(SUCCESS,),
+        before={'name': 'robot'},
+        after={'greeting': 'Hello robot'},
+        trees="""
+        <BehaviorTree ID="Greet"><Script code="text := 'Hello ' + who"/></BehaviorTree>
+        """,
+    )
 
     def execute(self) -> NodeStatus:
         if self.status is IDLE:

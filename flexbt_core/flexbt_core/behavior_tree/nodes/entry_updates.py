@@ -21,6 +21,7 @@ from flexbt_core.behavior_tree.model import (
     RUNNING,
     SKIPPED,
     SUCCESS,
+    Example,
     NodeKind,
     NodeStatus,
     Port,
@@ -81,6 +82,20 @@ class SkipUnlessUpdated(UpdateDecorator):
 
     __slots__ = ()
 
+    example = Example(
+        """
+        <Repeat num_cycles="2">
+          <Fallback>
+            <SkipUnlessUpdated entry="{goal}"><Script code="n += 1"/></SkipUnlessUpdated>
+            <AlwaysSuccess/>
+          </Fallback>
+        </Repeat>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'n': 0, 'goal': 'dock'},
+        after={'n': 1},
+    )
+
     def execute(self) -> NodeStatus:
         # Nothing new is what most ticks find; a call would take longer than that.
         if not self._child_running and (self._entry.sequence == self._seen or not _updated(self)):
@@ -96,6 +111,8 @@ class WaitValueUpdate(UpdateDecorator):
 
     __slots__ = ()
 
+    example = Example('<WaitValueUpdate entry="{goal}"><AlwaysSuccess/></WaitValueUpdate>', ticks=(RUNNING, RUNNING))
+
     def execute(self) -> NodeStatus:
         if not self._child_running and (self._entry.sequence == self._seen or not _updated(self)):
             self.status = RUNNING
@@ -110,6 +127,7 @@ class WasEntryUpdated(LeafNode):
 
     kind = NodeKind.ACTION
     ports = _PORTS
+    example = Example('<WasEntryUpdated entry="{goal}"/>', ticks=(SUCCESS, FAILURE), before={'goal': 'dock'})
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

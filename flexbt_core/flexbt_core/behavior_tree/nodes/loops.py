@@ -22,6 +22,7 @@ from flexbt_core.behavior_tree.model import (
     SUCCESS,
     ConversionError,
     Entry,
+    Example,
     NodeStatus,
     PortType,
     inout_port,
@@ -184,14 +185,38 @@ class Loop(DecoratorNode):
 class LoopInt(Loop, element=INT):
     __slots__ = ()
 
+    example = Example(
+        '<LoopInt queue="1;2;3" value="{item}"><Script code="sum += item"/></LoopInt>',
+        ticks=(RUNNING, RUNNING, RUNNING, SUCCESS),
+        before={'sum': 0},
+        after={'sum': 6},
+    )
+
 
 class LoopBool(Loop, element=BOOL):
     __slots__ = ()
+
+    example = Example(
+        '<LoopBool queue="true;false" value="{item}"><AlwaysSuccess/></LoopBool>',
+        ticks=(RUNNING, RUNNING, SUCCESS),
+    )
 
 
 class LoopDouble(Loop, element=DOUBLE):
     __slots__ = ()
 
+    example = Example(
+        '<LoopDouble queue="0.5;1.5" value="{item}"><AlwaysSuccess/></LoopDouble>',
+        ticks=(RUNNING, RUNNING, SUCCESS),
+        after={'item': 1.5},
+    )
+
 
 class LoopString(Loop, element=STRING):
     __slots__ = ()
+
+    example = Example(
+        '<LoopString queue="dock;kitchen" if_empty="FAILURE" value="{place}"><AlwaysSuccess/></LoopString>',
+        ticks=(RUNNING, RUNNING, FAILURE),
+        after={'place': 'kitchen'},
+    )

@@ -8,7 +8,17 @@ from collections.abc import Sequence
 from operator import length_hint
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, Tick
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, INT, RUNNING, SKIPPED, SUCCESS, NodeStatus, input_port
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    INT,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Example,
+    NodeStatus,
+    input_port,
+)
 
 
 def _completed() -> NodeStatus:
@@ -94,6 +104,12 @@ class Parallel(_ParallelControl):
         'success_count': input_port(INT, default='-1', description='successes needed; negative: from the end'),
         'failure_count': input_port(INT, default='1', description='failures that end it; negative: from the end'),
     }
+    example = Example(
+        """
+        <Parallel success_count="2" failure_count="2"><AlwaysSuccess/><AlwaysFailure/><Sleep msec="50"/></Parallel>
+        """,
+        ticks=(RUNNING, SUCCESS),
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -181,6 +197,10 @@ class ParallelAll(_ParallelControl):
     ports = {
         'max_failures': input_port(INT, default='1', description='failures that are too many; negative: from the end'),
     }
+    example = Example(
+        '<ParallelAll max_failures="1"><AlwaysFailure/><Sleep msec="50"/></ParallelAll>',
+        ticks=(RUNNING, FAILURE),
+    )
 
     def execute(self) -> NodeStatus:
         (too_many,) = self._limits or self._current_limits()

@@ -9,7 +9,14 @@ from __future__ import annotations
 from operator import length_hint
 
 from flexbt_core.behavior_tree.engine import ControlNode, halt_child
-from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Example,
+    NodeStatus,
+)
 
 
 class _ReactiveControl(ControlNode):
@@ -53,6 +60,17 @@ class ReactiveSequence(_ReactiveControl):
     __slots__ = ()
 
     _passing = SUCCESS
+    example = Example(
+        """
+        <ReactiveSequence>
+          <ScriptCondition code="(asked += 1) > 0"/>
+          <Sleep msec="100"/>
+        </ReactiveSequence>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'asked': 0},
+        after={'asked': 2},
+    )
 
 
 class ReactiveFallback(_ReactiveControl):
@@ -62,3 +80,13 @@ class ReactiveFallback(_ReactiveControl):
 
     tries_all = True
     _passing = FAILURE
+    example = Example(
+        """
+        <ReactiveFallback>
+          <ScriptCondition code="(asked += 1) == 2"/>
+          <Sleep msec="100"/>
+        </ReactiveFallback>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'asked': 0},
+    )

@@ -14,6 +14,7 @@ from flexbt_core.behavior_tree.model import (
     SKIPPED,
     STRING,
     SUCCESS,
+    Example,
     NodeKind,
     NodeStatus,
     ScriptError,
@@ -69,6 +70,13 @@ class Script(LeafNode):
 
     kind = NodeKind.ACTION
     ports = {'code': input_port(STRING, literal=SCRIPT, description='the script')}
+    example = Example(
+        """
+        <Script code="speed := 0.2; label := speed > 0.1 ? 'fast' : 'slow'"/>
+        """,
+        ticks=(SUCCESS,),
+        after={'speed': 0.2, 'label': 'fast'},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -90,6 +98,11 @@ class ScriptCondition(LeafNode):
 
     kind = NodeKind.CONDITION
     ports = {'code': input_port(STRING, literal=CONDITION, description='the script')}
+    example = Example(
+        '<ScriptCondition code="battery &lt; 20 || tired"/>',
+        ticks=(SUCCESS,),
+        before={'battery': 50, 'tired': True},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -120,6 +133,11 @@ class Precondition(DecoratorNode):
         'if': input_port(STRING, literal=CONDITION, description='the script'),
         'else': input_port(NODE_STATUS, default='FAILURE', description='result when the script is false'),
     }
+    example = Example(
+        '<Precondition if="battery > 20" else="FAILURE"><AlwaysSuccess/></Precondition>',
+        ticks=(FAILURE,),
+        before={'battery': 10},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -11,7 +11,15 @@ from __future__ import annotations
 from operator import length_hint
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Example,
+    NodeStatus,
+)
 
 
 class _OrderedControl(ControlNode):
@@ -43,6 +51,12 @@ class Sequence(_OrderedControl):
     """SUCCESS when all children succeed, in order; FAILURE at the first that fails."""
 
     __slots__ = ()
+
+    example = Example(
+        '<Sequence><Script code="a := 1"/><ScriptCondition code="a == 2"/><Script code="a := 3"/></Sequence>',
+        ticks=(FAILURE,),
+        after={'a': 1},
+    )
 
     def execute(self) -> NodeStatus:
         if self.status is IDLE:
@@ -91,6 +105,13 @@ class Fallback(_OrderedControl):
     __slots__ = ()
 
     tries_all = True
+    example = Example(
+        """
+        <Fallback><AlwaysFailure/><Script code="used := 'second'"/><Script code="used := 'third'"/></Fallback>
+        """,
+        ticks=(SUCCESS,),
+        after={'used': 'second'},
+    )
 
     def execute(self) -> NodeStatus:
         if self.status is IDLE:
@@ -193,6 +214,11 @@ class AsyncSequence(_YieldingControl):
     __slots__ = ()
 
     _passing = SUCCESS
+    example = Example(
+        '<AsyncSequence><Script code="a := 1"/><Script code="a := 2"/></AsyncSequence>',
+        ticks=(RUNNING, SUCCESS),
+        after={'a': 2},
+    )
 
 
 class AsyncFallback(_YieldingControl):
@@ -202,6 +228,7 @@ class AsyncFallback(_YieldingControl):
 
     tries_all = True
     _passing = FAILURE
+    example = Example('<AsyncFallback><AlwaysFailure/><AlwaysSuccess/></AsyncFallback>', ticks=(RUNNING, SUCCESS))
 
 
 class SequenceWithMemory(_YieldingControl):
@@ -213,6 +240,19 @@ class SequenceWithMemory(_YieldingControl):
     __slots__ = ()
 
     _passing = SUCCESS
+    example = Example(
+        """
+        <RetryUntilSuccessful num_attempts="3">
+          <SequenceWithMemory>
+            <Script code="begun += 1"/>
+            <ScriptCondition code="(tries += 1) == 2"/>
+          </SequenceWithMemory>
+        </RetryUntilSuccessful>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'begun': 0, 'tries': 0},
+        after={'begun': 1, 'tries': 2},
+    )
 
     def _stop(self, status: NodeStatus) -> NodeStatus:
         self._failed = self._index

@@ -13,8 +13,10 @@ from flexbt_core.behavior_tree.model import (
     RUNNING,
     SKIPPED,
     STRING,
+    SUCCESS,
     ConversionError,
     Entry,
+    Example,
     NodeStatus,
     PortError,
     cast,
@@ -136,6 +138,16 @@ class Switch(ControlNode):
 
 class Switch2(Switch, count=2):
     __slots__ = ()
+
+    example = Example(
+        """
+        <Switch2 variable="{room}" case_1="office" case_2="store">
+          <AlwaysFailure/><AlwaysSuccess/><AlwaysFailure/>
+        </Switch2>
+        """,
+        ticks=(SUCCESS,),
+        before={'room': 'store'},
+    )
 
 
 class Switch3(Switch, count=3):

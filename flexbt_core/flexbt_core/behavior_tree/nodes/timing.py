@@ -6,7 +6,17 @@ from __future__ import annotations
 import math
 
 from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, StatefulAction, TreeNode, halt_child
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, MISSING, RUNNING, SUCCESS, UNSIGNED, NodeStatus, input_port
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    MISSING,
+    RUNNING,
+    SUCCESS,
+    UNSIGNED,
+    Example,
+    NodeStatus,
+    input_port,
+)
 
 
 class Timeout(DecoratorNode):
@@ -19,6 +29,7 @@ class Timeout(DecoratorNode):
     __slots__ = ('_deadline', '_expired')
 
     ports = {'msec': input_port(UNSIGNED, description='limit in ms; 0: none')}
+    example = Example('<Timeout msec="100"><Sleep msec="500"/></Timeout>', ticks=(RUNNING, FAILURE))
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -75,6 +86,7 @@ class Delay(DecoratorNode):
     __slots__ = ('_begun', '_delay')
 
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
+    example = Example('<Delay delay_msec="100"><AlwaysSuccess/></Delay>', ticks=(RUNNING, SUCCESS))
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -117,6 +129,7 @@ class Sleep(StatefulAction):
     __slots__ = ('_deadline',)
 
     ports = {'msec': input_port(UNSIGNED, description='time to sleep in ms')}
+    example = Example('<Sleep msec="100"/>', ticks=(RUNNING, SUCCESS))
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

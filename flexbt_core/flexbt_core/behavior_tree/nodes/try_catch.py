@@ -4,7 +4,17 @@
 from __future__ import annotations
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
-from flexbt_core.behavior_tree.model import BOOL, FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus, input_port
+from flexbt_core.behavior_tree.model import (
+    BOOL,
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Example,
+    NodeStatus,
+    input_port,
+)
 
 
 class TryCatch(ControlNode):
@@ -21,6 +31,13 @@ class TryCatch(ControlNode):
         'catch_on_halt': input_port(BOOL, default='false', description='whether a halt ticks the last child, too'),
     }
     children_bounds = (2, None)
+    example = Example(
+        """
+        <TryCatch><Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence><Script code="repaired := true"/></TryCatch>
+        """,
+        ticks=(FAILURE,),
+        after={'repaired': True},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -6,7 +6,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flexbt_core.behavior_tree.engine import Control, NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model import BOOL, FAILURE, INT, RUNNING, SKIPPED, SUCCESS, NodeStatus, input_port
+from flexbt_core.behavior_tree.model import (
+    BOOL,
+    FAILURE,
+    INT,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Example,
+    NodeStatus,
+    input_port,
+)
 
 
 class RecoveryNode(Control):
@@ -21,6 +31,14 @@ class RecoveryNode(Control):
 
     ports = {'number_of_retries': input_port(INT, default='1', description='recoveries that are allowed')}
     children_bounds = (2, 2)
+    example = Example(
+        """
+        <RecoveryNode number_of_retries="2"><ScriptCondition code="(tries += 1) == 2"/><AlwaysSuccess/></RecoveryNode>
+        """,
+        ticks=(SUCCESS,),
+        before={'tries': 0},
+        after={'tries': 2},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -78,6 +96,13 @@ class PipelineSequence(Control):
 
     __slots__ = ('_reached',)
 
+    example = Example(
+        '<PipelineSequence><Script code="planned += 1"/><Sleep msec="100"/></PipelineSequence>',
+        ticks=(RUNNING, SUCCESS),
+        before={'planned': 0},
+        after={'planned': 2},
+    )
+
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._reached = 0
@@ -118,6 +143,13 @@ class RoundRobin(Control):
     tries_all = True
 
     ports = {'wrap_around': input_port(BOOL, default='true', description='whether the first child follows the last')}
+    example = Example(
+        """
+        <RoundRobin><AlwaysFailure/><Script code="chosen := 'second'"/></RoundRobin>
+        """,
+        ticks=(SUCCESS,),
+        after={'chosen': 'second'},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

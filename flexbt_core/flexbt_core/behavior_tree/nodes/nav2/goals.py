@@ -7,7 +7,16 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.engine import Condition, Decorator, NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus, Port, input_port
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SUCCESS,
+    Example,
+    NodeStatus,
+    Port,
+    input_port,
+)
 
 GOAL_PORTS: Final[Mapping[str, Port]] = {
     'goal': input_port(optional=True, description='goal pose; by default the entry [goal]'),
@@ -36,6 +45,7 @@ class GoalUpdated(Condition):
     __slots__ = ('_latched',)
 
     ports = GOAL_PORTS
+    example = Example('<GoalUpdated/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -54,6 +64,7 @@ class GlobalUpdatedGoal(Condition):
     __slots__ = ('_first', '_latched')
 
     ports = GOAL_PORTS
+    example = Example('<GlobalUpdatedGoal/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -74,6 +85,7 @@ class GoalUpdatedController(Decorator):
     __slots__ = ('_latched', '_updated')
 
     ports = GOAL_PORTS
+    example = Example('<GoalUpdatedController><AlwaysSuccess/></GoalUpdatedController>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

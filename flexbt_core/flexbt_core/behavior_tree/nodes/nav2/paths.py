@@ -9,7 +9,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexbt_core.behavior_tree.engine import Decorator, NodeConfig
-from flexbt_core.behavior_tree.model import DOUBLE, FAILURE, RUNNING, SUCCESS, NodeStatus, input_port
+from flexbt_core.behavior_tree.model import (
+    DOUBLE,
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Example,
+    NodeStatus,
+    input_port,
+)
 
 
 class PathLongerOnApproach(Decorator):
@@ -26,6 +34,7 @@ class PathLongerOnApproach(Decorator):
         'prox_len': input_port(DOUBLE, default='3.0', description='length below which the robot is close, m'),
         'length_factor': input_port(DOUBLE, default='2.0', description='how many times longer is much longer'),
     }
+    example = Example('<PathLongerOnApproach path="{path}" prox_len="3.0"><AlwaysSuccess/></PathLongerOnApproach>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

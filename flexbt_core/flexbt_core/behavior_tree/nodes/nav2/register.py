@@ -13,6 +13,7 @@ from flexbt_core.behavior_tree.model import (
     RUNNING,
     SUCCESS,
     UINT16,
+    Example,
     NodeStatus,
     input_port,
     list_of,
@@ -34,6 +35,12 @@ class RateController(Decorator):
     __slots__ = ('_first', '_period', '_start')
 
     ports = {'hz': input_port(DOUBLE, default='10.0', description='rate in 1/s')}
+    example = Example(
+        '<RateController hz="2"><Script code="n += 1"/></RateController>',
+        ticks=(SUCCESS,),
+        before={'n': 0},
+        after={'n': 1},
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -71,6 +78,15 @@ class SingleTrigger(Decorator):
 
     __slots__ = ('_armed',)
 
+    example = Example(
+        """
+        <KeepRunningUntilFailure>
+          <Inverter><SingleTrigger><AlwaysFailure/></SingleTrigger></Inverter>
+        </KeepRunningUntilFailure>
+        """,
+        ticks=(RUNNING, RUNNING),
+    )
+
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._armed = True
@@ -102,6 +118,7 @@ class AreErrorCodesPresent(Condition):
         'error_codes_to_check': input_port(list_of(INT), optional=True, description='codes, separated by ;'),
     }
     default_codes: ClassVar[tuple[int, ...]] = ()
+    example = Example('<AreErrorCodesPresent error_code="106" error_codes_to_check="103;106"/>', ticks=(SUCCESS,))
 
     def tick(self) -> NodeStatus:
         code: int = self.get_input_or('error_code', 0)
@@ -118,6 +135,7 @@ class WouldAControllerRecoveryHelp(AreErrorCodesPresent):
     __slots__ = ()
 
     default_codes = (100, 104, 105, 106)
+    example = Example('<WouldAControllerRecoveryHelp error_code="{follow_path_error_code}"/>')
 
 
 class WouldAPlannerRecoveryHelp(AreErrorCodesPresent):
@@ -126,6 +144,7 @@ class WouldAPlannerRecoveryHelp(AreErrorCodesPresent):
     __slots__ = ()
 
     default_codes = (200, 207, 208, 300, 307, 308)
+    example = Example('<WouldAPlannerRecoveryHelp error_code="{compute_path_error_code}"/>')
 
 
 class WouldASmootherRecoveryHelp(AreErrorCodesPresent):

@@ -4,7 +4,16 @@
 from __future__ import annotations
 
 from flexbt_core.behavior_tree.engine import Control
-from flexbt_core.behavior_tree.model import FAILURE, INT, RUNNING, SKIPPED, SUCCESS, NodeStatus, inout_port
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    INT,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Example,
+    NodeStatus,
+    inout_port,
+)
 
 
 class NonblockingSequence(Control):
@@ -15,6 +24,13 @@ class NonblockingSequence(Control):
     """
 
     __slots__ = ()
+
+    example = Example(
+        '<NonblockingSequence><Sleep msec="100"/><Script code="n += 1"/></NonblockingSequence>',
+        ticks=(RUNNING, SUCCESS),
+        before={'n': 0},
+        after={'n': 2},
+    )
 
     def tick(self) -> NodeStatus:
         result = SUCCESS
@@ -42,6 +58,14 @@ class PersistentSequence(Control):
     __slots__ = ()
 
     ports = {'current_child_idx': inout_port(INT, description='{key} of the position, from 0')}
+    example = Example(
+        """
+        <PersistentSequence current_child_idx="{position}"><AlwaysSuccess/><Sleep msec="100"/></PersistentSequence>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'position': 0},
+        after={'position': 0},
+    )
 
     def tick(self) -> NodeStatus:
         current: int = self.get_input('current_child_idx')
