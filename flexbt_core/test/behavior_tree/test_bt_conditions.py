@@ -23,11 +23,11 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
-from flexbt_testing.behavior_trees.steps import NAMES, check, make, reasons
+from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make
 
 
 def leaf(script: str, number: int = 0, **conditions: str) -> str:
-    """A step of ``bt_steps`` with pre- and post-conditions."""
+    """A step of ``flexbt_testing.behavior_trees.steps`` with pre- and post-conditions."""
     return f'<Step name="{script}_{number}"{_attributes(conditions)}/>'
 
 
@@ -47,7 +47,8 @@ def script(code: str) -> str:
     return node('Script', code=code)
 
 
-# What happens to a tree, in the notation of bt_steps. Many are the cases of BehaviorTree.CPP's own tests.
+# What happens to a tree, in the notation of flexbt_testing.behavior_trees.steps.
+# Many are the cases of BehaviorTree.CPP's own tests.
 VECTORS: dict[str, list[tuple[str, str]]] = {
     'the first pre-condition that is true decides': [
         (leaf('S', _failureIf='x == 1', _successIf='x == 1', _skipIf='x == 1', _while='x == 1'), 'x=1 F | x=2 K'),
@@ -363,14 +364,14 @@ def test_a_halt_goes_on_when_a_script_of_it_fails() -> None:
 
 
 def test_why_a_tree_failed_because_of_a_condition() -> None:
-    assert reasons(run(leaf('S', _failureIf='1 < 2')))[:2] == ('S_0', 'Step: [1 < 2] of _failureIf holds')
-    assert reasons(node('ScriptCondition', code='1 > 2', name='c'))[:2] == (
+    assert first_failure(run(leaf('S', _failureIf='1 < 2')))[:2] == ('S_0', 'Step: [1 < 2] of _failureIf holds')
+    assert first_failure(node('ScriptCondition', code='1 > 2', name='c'))[:2] == (
         'c',
         'ScriptCondition: [1 > 2] does not hold',
     )
     body = node('Precondition', leaf('S'), if_='1 > 2', name='p')
-    assert reasons(body)[:2] == ('p', 'Precondition: [1 > 2] does not hold')
-    assert reasons(node('Precondition', leaf('F'), if_='1', name='p'))[2] == ['p', 'F_0']
+    assert first_failure(body)[:2] == ('p', 'Precondition: [1 > 2] does not hold')
+    assert first_failure(node('Precondition', leaf('F'), if_='1', name='p'))[2] == ['p', 'F_0']
     # A control that fails by itself in another run is not blamed on the condition of the run before.
     body = node('Sequence', leaf('F'), _failureIf='x', name='s')
     tree, _ = make(body)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.behavior_tree import Loop, NodeExecutionError, NodeStatus, PortError, PortType, TreeLoadError
-from flexbt_testing.behavior_trees.steps import NAMES, check, make, reasons, step
+from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make, step
 
 
 def loop(script: str, queue: str, tag: str = 'LoopInt', **ports: str) -> str:
@@ -21,7 +21,7 @@ def watch(tag: str, script: str, entry: str = '{x}') -> str:
     return f'<{tag} name="watch" entry="{entry}">{step(script)}</{tag}>'
 
 
-# What happens to a tree, in the notation of bt_steps.
+# What happens to a tree, in the notation of flexbt_testing.behavior_trees.steps.
 VECTORS: list[tuple[str, str]] = [
     # An element a tick; when none is left, one more.
     (loop('S', '1;2;3'), 'R 0S | R 0S | R 0S | S'),
@@ -179,7 +179,7 @@ CAUSES = [
 
 @pytest.mark.parametrize(('body', 'path', 'reason'), CAUSES)
 def test_why_it_failed(body: str, path: str, reason: str) -> None:
-    assert reasons(f'<Sequence name="root">{body}</Sequence>')[:2] == (path, reason)
+    assert first_failure(f'<Sequence name="root">{body}</Sequence>')[:2] == (path, reason)
 
 
 @pytest.mark.parametrize('tag', ['SkipUnlessUpdated', 'WaitValueUpdate'])

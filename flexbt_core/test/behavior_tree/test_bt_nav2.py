@@ -11,7 +11,7 @@ from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, TreeLoadEr
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make
 
-# Tree, and what happens to it (the notation of bt_steps).
+# Tree, and what happens to it (the notation of flexbt_testing.behavior_trees.steps).
 VECTORS: list[tuple[str, str]] = [
     # RecoveryNode
     (control('RecoveryNode', 'S', 'S'), 'S 0S'),

@@ -11,7 +11,15 @@ from typing import Final
 
 import pytest
 
-TESTS: Final = ('tree', 'conditions', 'reasons', 'decisions', 'simple', 'loops', 'coroutine')
+TESTS: Final = (
+    'tree',
+    'conditions',
+    'failure_trace',
+    'decision_controls',
+    'function_nodes',
+    'loops',
+    'coroutine_action',
+)
 DEADLINE: Final = 300.0
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""When states are executed: woken by news, at times that they ask for, at a rate; and never otherwise."""
+"""When states are executed: woken by events, at times that they ask for, at a rate; and never otherwise."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def test_news_for_a_state_that_is_not_active_are_nothing() -> None:
 
 
 def test_news_from_other_threads_are_never_lost() -> None:
-    """A chain of states, each ended by news from another thread at whatever moment it is waited for."""
+    """A chain of states, each ended by an event from another thread at whatever moment it is waited for."""
     length = 300
     clock, wake_event = SteadyClock(), WakeEvent()
     states = [Scripted() for _ in range(length)]

@@ -86,10 +86,10 @@ class _OperatorInputState(RosAccess, EventState):
 
 class InputState(_OperatorInputState):
     """
-    Ask the operator for a value. The question is withdrawn when the state is left.
+    Ask the operator for a value. The input request is withdrawn when the state is left.
 
     -- request      uint8       0 int, 1 float, 2 to 4 as many floats, 10 Pose, 11 PoseStamped, 12 string
-    -- message      string      The question
+    -- message      string      Text of the input request
     -- timeout      float       Of no effect: that nobody can be asked is known after a second
     -- action_topic string      Name of the action of the executive that asks; None for the usual one
 
@@ -119,7 +119,7 @@ class SelectionState(_OperatorInputState):
     """
     Let the operator select one of several texts.
 
-    -- message      string      The question
+    -- message      string      Text of the input request
     -- timeout      float       Of no effect: that nobody can be asked is known after a second
     -- action_topic string      Name of the action of the executive that asks; None for the usual one
 

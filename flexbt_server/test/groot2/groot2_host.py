@@ -5,7 +5,7 @@ Run as a program with ``engine`` or ``wheel``. Reads ``{"xml", "port", "silence"
 input, then a command a line: ``tick``, ``halt``, ``log FILE`` (from now on). Writes ``ready``, and the result of each
 command. The engine also writes ``held`` when a breakpoint holds the tick up, adds to each line how many hooks have been
 reached, and answers ``held?`` at once: ``?``, whether a breakpoint holds the tick up, and how many have. Leaves are
-those of ``bt_scripted``, apart from what they read and write.
+those of ``scripted_nodes``, apart from what they read and write.
 """
 
 from __future__ import annotations

@@ -17,9 +17,9 @@ from flexbt_states.support import GoalCall, checked_timeout, checked_topic, chec
 
 class OperatorInputState(EventState):
     """
-    Ask the operator for a typed value, such as a goal pose. The question is withdrawn when the state is left.
+    Ask the operator for a typed value, such as a goal pose. The input request is withdrawn when the state is left.
 
-    -- prompt       string      The question
+    -- prompt       string      Text of the input request
     -- type         string      Type of the value, e.g. geometry_msgs/msg/PoseStamped
     -- choices      string[]    Texts that may be answered; empty for any value of the type
     -- timeout      float       Seconds (wall time) to wait for the answer; None for no limit

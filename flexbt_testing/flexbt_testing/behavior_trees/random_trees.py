@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random trees with scripted leaves (see ``bt_scripted``), for the comparison with BehaviorTree.CPP.
+"""Random trees with scripted leaves (see ``scripted_nodes``), for the comparison with BehaviorTree.CPP.
 
 The same seed always gives the same tree.
 

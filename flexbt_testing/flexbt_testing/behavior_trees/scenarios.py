@@ -1,6 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The scenarios of BehaviorTree.CPP's own tests, written anew with scripted leaves, by theme. A script ``RS``
-stands for a leaf that is RUNNING once, then SUCCESS."""
+"""The scenarios of BehaviorTree.CPP's own tests, written anew with scripted leaves, by theme.
+
+The script of a leaf has a letter for each call, over and over: S success, F failure, R running, K skipped. ``RS``
+stands for a leaf that is RUNNING once, then SUCCESS.
+
+Operations, of which a text such as ``'tth'`` has one a letter: ``t`` tick exactly once, ``o`` tick once, ``h`` halt,
+``s text`` writes a text to the entry my_var, ``i key number`` an integer, ``b key 1`` a bool, ``unset key`` removes it.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs a scripted case on the engine and records a trace; ``bt_wheel`` does the same on BehaviorTree.CPP.
+"""Runs a scripted case on the engine and records a trace; ``wheel`` does the same on BehaviorTree.CPP.
 
 A case is ``{'xml', 'bb', 'ops'}``. Its leaves follow scripts in attributes that both engines pass over:
 
@@ -8,7 +8,18 @@ A case is ``{'xml', 'bb', 'ops'}``. Its leaves follow scripts in attributes that
 * ``<Deco _map="S>F">`` a decorator that exchanges results;
 * ``_write="x:i:3;y:s:text"`` and ``_read="x;y"``: what a leaf does with the blackboard at each call.
 
+A pair of ``_map`` is ``of the child>own``: ``S>F R>S`` turns SUCCESS into FAILURE and RUNNING into SUCCESS. An item of
+``_write`` is ``key:type:value``, with the types i (integer), d (real), s (text) and b (bool).
+
 Operations: tick, once, halt, sleep (ms), set (key, type, value), unset (key).
+
+Events of the trace, each a list, in the order in which they happened:
+
+* ``st`` name, status before, status after: a node has changed its status, as a letter from above;
+* ``call`` path, ``start`` | ``run`` | ``tick``, letter: a leaf was called, and what it returned;
+* ``halt`` path: a running leaf was halted;
+* ``deco`` path, letter of the child, letter that the decorator made of it;
+* ``write`` path, key, ``ok`` | ``error``; ``read`` path, key, entry (its type and text, see :func:`content`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trees of scripted leaves in a short notation, for tables of what a node does tick by tick.
 
-``control('IfThenElse', 'FS', 'R')`` is the XML of a node whose children are leaves with the scripts ``FS`` and ``R``.
-``'F 0F | R 0S 1R | halt 1!'`` is what happens to it: at the first tick the result is FAILURE and leaf 0 gave F; at the
-second RUNNING, leaf 0 gave S and then leaf 1 R; then the tree is halted, and leaf 1 with it. ``x=3`` before a step
-writes an entry of the blackboard (``x='3'`` a text), ``-x`` removes it; a step ``error`` is a tick that raises
-NodeExecutionError.
+``control('IfThenElse', 'FS', 'R')`` is the XML of a node whose children are leaves with the scripts ``FS`` and ``R``: a
+letter for each call, over and over. What happens to the tree is a row of steps with ``|`` between them, for example
+``'F 0F | R 0S 1R | halt 1!'``:
+
+* ``S``, ``F``, ``R``, ``K``: the status SUCCESS, FAILURE, RUNNING, SKIPPED;
+* first word of a step: what the tick of the tree results in; ``halt``: instead of a tick the tree is halted; ``error``:
+  the tick raises NodeExecutionError;
+* further words: what the leaves do meanwhile, in this order and nothing else: ``0S`` leaf 0 is called and gives
+  SUCCESS, ``1!`` leaf 1 is halted;
+* before the first word: ``x=3`` writes an entry of the blackboard (``x='3'`` a text), ``-x`` removes it.
 """
 
 from __future__ import annotations
@@ -134,7 +139,7 @@ def _write(tree: Tree, word: str) -> None:
     tree.blackboard.set(key, value)
 
 
-def reasons(body: str) -> tuple[str, str, list[str]]:
+def first_failure(body: str) -> tuple[str, str, list[str]]:
     """Why the tree fails at its first tick that completes: node responsible, reason, and the chain from the root."""
     tree, _ = make(body)
     for _ in range(20):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs scripted cases (see ``bt_scripted``) on BehaviorTree.CPP itself, through the PyPI wheel ``behaviortreepy``.
+"""Runs scripted cases (see ``scripted_nodes``) on BehaviorTree.CPP itself, through the PyPI wheel ``behaviortreepy``.
 
 The library shows inner statuses only to its console logger. So this file is a program of its own whose standard output
 is a memory file: the logger writes to it line by line, the scripted leaves write to it too, and so the order is exact.

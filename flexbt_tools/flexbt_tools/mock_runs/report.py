@@ -8,7 +8,7 @@ import math
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, Reasons, TreeNode
+from flexbt_core.behavior_tree import FailureTrace, NodeExecutionError, NodeStatus, TreeNode
 from flexbt_core.values import one_line
 
 from .mock_run import MockRun
@@ -31,7 +31,7 @@ def ended(mock_run: MockRun, timeout: float) -> dict[str, Any]:
     }
 
 
-def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, Reasons | None]:
+def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, FailureTrace | None]:
     """How the run has ended; why; and the nodes that had a part in that."""
     tree = mock_run.tree
     try:

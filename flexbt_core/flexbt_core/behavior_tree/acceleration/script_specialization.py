@@ -62,15 +62,15 @@ def specialize_gate(
     ``forgetful``. The last condition is asked while the node is RUNNING as well when it is ``ongoing``. Raises
     NotSpecializable.
     """
-    gate = ['status = node.status', 'if status is IDLE or status is SKIPPED:']
-    gate += _indented(_decision(conditions, 0, variables, enums))
+    lines = ['status = node.status', 'if status is IDLE or status is SKIPPED:']
+    lines += _indented(_decision(conditions, 0, variables, enums))
     if forgetful:
-        gate.append('    node.decided_by = None')
+        lines.append('    node.decided_by = None')
     if ongoing:
-        gate.append('elif status is RUNNING:')
-        gate += _indented(_decision(conditions[-1:], len(conditions) - 1, variables, enums))
-    gate.append('return execute()')
-    return _compiled(len(variables), ['slow', 'node', 'execute', 'conditions'], gate)
+        lines.append('elif status is RUNNING:')
+        lines += _indented(_decision(conditions[-1:], len(conditions) - 1, variables, enums))
+    lines.append('return execute()')
+    return _compiled(len(variables), ['slow', 'node', 'execute', 'conditions'], lines)
 
 
 def specialize_completion(

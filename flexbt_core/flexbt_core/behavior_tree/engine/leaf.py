@@ -86,7 +86,7 @@ class StatefulAction(LeafNode):
     """An action that takes time and never blocks.
 
     ``on_start`` begins the work; while the node is RUNNING, ``on_running`` asks how it is; ``on_halted`` stops it.
-    Work that goes on elsewhere calls ``self.wake()`` (from any thread) when there is news; work that only takes time
+    Work that goes on elsewhere calls ``self.wake()`` (from any thread) when its result may change; work that takes time
     asks for its next tick by ``self.wake_at``. Work that outlives the halt is registered by
     ``self.context.add_unfinished``.
     """

@@ -89,7 +89,7 @@ class TickCallbacks:
             self._switch()
 
     def _switch(self) -> None:
-        """Says whether the callables of nodes are to have callbacks, and has them fetched anew when that is news."""
+        """Says whether the callables of nodes are to have callbacks, and has them fetched anew when that changes."""
         used = bool(self._before or self._after)
         if used is not self.active:
             self._context.callbacks = self if used else None

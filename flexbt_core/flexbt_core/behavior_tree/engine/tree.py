@@ -13,17 +13,17 @@ from flexbt_core.behavior_tree.model import (
     IDLE,
     RUNNING,
     Blackboard,
+    FailureTrace,
     NodeDefinition,
     NodeExecutionError,
     NodeKind,
     NodeStatus,
     PortError,
-    Reasons,
     TreeKey,
     TreeLibrary,
     acceleration,
-    failure_of,
-    trace_of,
+    trace_error,
+    trace_failure,
 )
 from flexbt_core.clock import Clock, SteadyClock
 
@@ -86,7 +86,7 @@ class Tree:
         self._after_round = after_round
         self._entry = self._fetch_entry()
         self._max_rounds = max_rounds
-        self._failure: Reasons | None = None
+        self._failure: FailureTrace | None = None
         self._status = IDLE
         self.context.on_wake = on_wake
 
@@ -216,7 +216,7 @@ class Tree:
     def _traced(self, error: NodeExecutionError) -> NodeExecutionError:
         self._status = RUNNING  # it has not completed
         if error.uid:
-            error.trace = trace_of(self.nodes, error.uid, error.reason)
+            error.trace = trace_error(self.nodes, error.uid, error.reason)
         return error
 
     # -- waking ------------------------------------------------------------------------------------------------------
@@ -263,11 +263,11 @@ class Tree:
         return self._status
 
     @property
-    def failure(self) -> Reasons | None:
+    def failure(self) -> FailureTrace | None:
         """Why the last tick gave FAILURE, if it did. The nodes know until the next tick; nothing is put together before
         somebody asks."""
         if self._status is FAILURE and self._failure is None:
-            self._failure = failure_of(self.root)
+            self._failure = trace_failure(self.root)
         return self._failure if self._status is FAILURE else None
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:

@@ -28,7 +28,7 @@ from .errors import (
     TreeLoadError,
 )
 from .example import Example
-from .failure_trace import Reason, Reasons, failure_of, trace_of
+from .failure_trace import FailureStep, FailureTrace, trace_error, trace_failure
 from .library import TreeKey, TreeLibrary
 from .names import (
     FORBIDDEN_IN_NAMES,
@@ -99,6 +99,8 @@ __all__ = [
     'ConversionError',
     'Entry',
     'Example',
+    'FailureStep',
+    'FailureTrace',
     'JsonObject',
     'JsonTypes',
     'LoadError',
@@ -112,8 +114,6 @@ __all__ = [
     'PortError',
     'PortType',
     'PortValue',
-    'Reason',
-    'Reasons',
     'RegistrationError',
     'RunnableScript',
     'Script',
@@ -132,7 +132,6 @@ __all__ = [
     'cast',
     'decimal',
     'export_blackboard',
-    'failure_of',
     'fits',
     'import_blackboard',
     'inout_port',
@@ -147,5 +146,6 @@ __all__ = [
     'separated',
     'show_blackboard',
     'similar_names',
-    'trace_of',
+    'trace_error',
+    'trace_failure',
 ]

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from .failure_trace import Reason, Reasons
+from .failure_trace import FailureStep, FailureTrace
 
 
 class BehaviorTreeError(Exception):
@@ -115,7 +115,7 @@ class NodeExecutionError(BehaviorTreeError):
         self.uid = uid
         self.cause: BaseException | None = cause if isinstance(cause, BaseException) else None
         self.reason = _text_of(cause)
-        self.trace = Reasons((Reason(node_path, self.reason),))
+        self.trace = FailureTrace((FailureStep(node_path, self.reason),))
         super().__init__(f'exception in node [{node_path}] ({node_id}): {self.reason}')
 
 

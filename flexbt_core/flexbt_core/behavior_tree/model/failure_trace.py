@@ -40,7 +40,7 @@ class TracedNode(Protocol):
         """Why the node failed just now."""
 
 
-class Reason(NamedTuple):
+class FailureStep(NamedTuple):
     """The path of a node, and its part in what happened."""
 
     path: str
@@ -50,10 +50,10 @@ class Reason(NamedTuple):
         return f'{self.path}: {self.reason}'
 
 
-class Reasons(NamedTuple):
+class FailureTrace(NamedTuple):
     """The node at fault and its reason come first, then its parent and what that made of it, up to the root."""
 
-    steps: tuple[Reason, ...]
+    steps: tuple[FailureStep, ...]
 
     @property
     def path(self) -> str:
@@ -81,28 +81,28 @@ class Reasons(NamedTuple):
         return [*map(str, steps[:head]), between, *map(str, steps[len(steps) - tail :])]
 
 
-def failure_of(root: TracedNode) -> Reasons:
+def trace_failure(root: TracedNode) -> FailureTrace:
     """Why ``root`` has failed in its last tick."""
-    steps: list[Reason] = []
+    steps: list[FailureStep] = []
     node: TracedNode | None = root
     while node is not None:
         if node.decided_by is not None:
-            steps.append(Reason(node.path, f'{node.id}: {node.decided_by}'))
+            steps.append(FailureStep(node.path, f'{node.id}: {node.decided_by}'))
             break
-        steps.append(Reason(node.path, node.failure_reason()))
+        steps.append(FailureStep(node.path, node.failure_reason()))
         node = node.failure_cause()
-    return Reasons(tuple(reversed(steps)))
+    return FailureTrace(tuple(reversed(steps)))
 
 
-def trace_of(nodes: Sequence[TracedNode], uid: int, reason: str) -> Reasons:
+def trace_error(nodes: Sequence[TracedNode], uid: int, reason: str) -> FailureTrace:
     """The way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these nodes."""
     parents = {child.uid: (node, place) for node in nodes for place, child in enumerate(node.attached, 1)}
-    steps = [Reason(nodes[uid - 1].path, reason)]
+    steps = [FailureStep(nodes[uid - 1].path, reason)]
     above = parents.get(uid)
     while above is not None:
         node, place = above
         count = len(node.attached)
         which = f'in child {place} of {count}' if count > 1 else 'in the child'
-        steps.append(Reason(node.path, f'{node.id}: {which}'))
+        steps.append(FailureStep(node.path, f'{node.id}: {which}'))
         above = parents.get(node.uid)
-    return Reasons(tuple(steps))
+    return FailureTrace(tuple(steps))

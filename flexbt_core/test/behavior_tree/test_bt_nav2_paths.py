@@ -14,7 +14,7 @@ from flexbt_core.behavior_tree.nodes.nav2 import DistanceController, PauseResume
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 
-# Tree, and what happens to it in the dialect main (the notation of bt_steps).
+# Tree, and what happens to it in the dialect main (the notation of flexbt_testing.behavior_trees.steps).
 MAIN: list[tuple[str, str]] = [
     # The last child ends it, and fails even when it succeeds; Nav2's own test of this has the same counts.
     (control('RoundRobin', 'S', 'S', 'S'), 'S 0S | S 1S | F 2S | S 0S'),

@@ -17,11 +17,11 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, reasons, step
+from flexbt_testing.behavior_trees.steps import NAMES, check, control, first_failure, make, step
 
 SWITCH = {'variable': '{x}', 'case_1': 'a', 'case_2': '2'}
 
-# Tree, and what happens to it (the notation of bt_steps).
+# Tree, and what happens to it (the notation of flexbt_testing.behavior_trees.steps).
 VECTORS: dict[str, list[tuple[str, str]]] = {
     'IfThenElse': [
         (control('IfThenElse', 'S', 'S', 'F'), 'S 0S 1S'),
@@ -157,7 +157,7 @@ CAUSES = [
 
 @pytest.mark.parametrize(('body', 'path'), CAUSES)
 def test_the_failure_names_the_child_that_decided(body: str, path: str) -> None:
-    responsible, reason, chain = reasons(
+    responsible, reason, chain = first_failure(
         f'<Sequence name="root"><Delay name="d" delay_msec="0">{body}</Delay></Sequence>'
     )
     assert (responsible, reason) == (path, 'Step returned FAILURE')

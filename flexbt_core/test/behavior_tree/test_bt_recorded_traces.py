@@ -17,7 +17,7 @@ from flexbt_testing.behavior_trees import conformance as bt_conformance
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 
 VECTORS: list[dict[str, Any]] = [
-    json.loads(line) for line in (Path(__file__).parent / 'bt_vectors.jsonl').read_text().splitlines()
+    json.loads(line) for line in (Path(__file__).parent / 'bt_recorded_traces.jsonl').read_text().splitlines()
 ]
 SAME = [vector for vector in VECTORS if vector['same_in_4.10']]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hooks of nodes: no trace of them without an opinion, replaced results, order, halting, and what they cost unused."""
+"""Pre- and post-tick callbacks: no trace of those that return None, replaced results, order, halting, cost unused."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def build(body: str, events: Events | None = None, more: str = '') -> Tree:
     """A tree of scripted leaves."""
     told: Events = [] if events is None else events
     xml = f'<root BTCPP_format="4" main_tree_to_execute="T"><BehaviorTree ID="T">{body}</BehaviorTree>{more}</root>'
-    tree = Tree(TreeLibrary([load_xml(xml, 'hooks.xml', registry())]), 'T', clock=ManualClock())
+    tree = Tree(TreeLibrary([load_xml(xml, 'callbacks.xml', registry())]), 'T', clock=ManualClock())
     for node, definition in zip(tree.nodes, tree.definitions, strict=True):
         if isinstance(node, Act | Sync | Cond | Deco):
             node.script = Script(node, definition.extra, told)
@@ -52,20 +52,20 @@ def named(tree: Tree, name: str) -> TreeNode:
     return next(node for node in tree.nodes if node.name == name)
 
 
-class HookedRun(Run):
-    """Sets hooks before, and removes them between, steps of a scripted case."""
+class CallbackRun(Run):
+    """Sets callbacks before, and removes them between, steps of a scripted case."""
 
-    def __init__(self, case: Mapping[str, Any], hooking: Callable[[Tree], None], *, observed: bool) -> None:
+    def __init__(self, case: Mapping[str, Any], set_callbacks: Callable[[Tree], None], *, observed: bool) -> None:
         super().__init__(case, observed=observed)
-        self._hooking = hooking
+        self._set_callbacks = set_callbacks
 
     def _step(self, tree: Tree, op: list[Any]) -> dict[str, Any]:
-        self._hooking(tree)
+        self._set_callbacks(tree)
         return super()._step(tree, op)
 
 
 @pytest.mark.parametrize('observed', [True, False])
-def test_hooks_without_an_opinion_change_nothing(observed: bool) -> None:
+def test_callbacks_that_return_none_change_nothing(observed: bool) -> None:
     """Whenever they come and go, on whatever nodes: the trace is the same. And each sees every tick of its node."""
     seen = 0
     for seed in range(400):
@@ -98,7 +98,7 @@ def test_hooks_without_an_opinion_change_nothing(observed: bool) -> None:
             return status
 
         plain = Run(case, observed=observed).trace()
-        assert HookedRun(case, come_and_go, observed=observed).trace() == plain, case['xml']
+        assert CallbackRun(case, come_and_go, observed=observed).trace() == plain, case['xml']
     assert seen > 5_000
 
 
@@ -110,15 +110,18 @@ def test_a_replaced_node_is_as_one_of_the_engine_in_its_place() -> None:
         chance = random.Random(seed)
         result, stand_in = chance.choice([(S, 'AlwaysSuccess'), (F, 'AlwaysFailure')])
         choice = chance.random()
-        hooked = ticks(case, hook=(choice, result))
-        if hooked is not None:
-            assert hooked == ticks(case, stand_in=(choice, stand_in)), case['xml']
+        called_back = ticks(case, pre_tick=(choice, result))
+        if called_back is not None:
+            assert called_back == ticks(case, stand_in=(choice, stand_in)), case['xml']
             compared += 1
     assert compared > 200
 
 
 def ticks(
-    case: Mapping[str, Any], *, hook: tuple[float, NodeStatus] | None = None, stand_in: tuple[float, str] | None = None
+    case: Mapping[str, Any],
+    *,
+    pre_tick: tuple[float, NodeStatus] | None = None,
+    stand_in: tuple[float, str] | None = None,
 ) -> list[Any] | None:
     """The results, and what the other leaves did, in some ticks of a tree in which one node is replaced.
 
@@ -132,7 +135,7 @@ def ticks(
         tree = Tree(library, document.main or '')
     except BehaviorTreeError:
         return None
-    index = int((hook or stand_in or (0.0,))[0] * len(tree.nodes))
+    index = int((pre_tick or stand_in or (0.0,))[0] * len(tree.nodes))
     if tree.definitions[index].tree_id is not None:
         return None
     count = -1
@@ -150,8 +153,8 @@ def ticks(
     for node, definition in zip(tree.nodes, tree.definitions, strict=True):
         if isinstance(node, Act | Sync | Cond | Deco):
             node.script = Script(node, definition.extra, told)
-    if hook is not None:
-        result = hook[1]
+    if pre_tick is not None:
+        result = pre_tick[1]
         tree.callbacks.set_pre_tick(tree.nodes[index], lambda node: result)
     results: list[Any] = []
     for _ in range(6):
@@ -179,7 +182,7 @@ def test_a_result_that_is_replaced_afterwards_is_what_the_parent_gets() -> None:
     assert [event[1] for event in events] == ['a']
 
 
-def test_hooks_come_after_pre_conditions_and_post_conditions() -> None:
+def test_callbacks_come_after_pre_conditions_and_post_conditions() -> None:
     order: list[str] = []
     tree = build('<Sequence><Sync name="a" _skipIf="skip" _onSuccess="x := x + 1"/></Sequence>')
     tree.blackboard.set('skip', False)
@@ -220,7 +223,7 @@ def test_a_running_node_is_halted_before_its_result_is_replaced(place: str) -> N
     assert named(tree, 'a').status is I
 
 
-def test_a_hook_may_set_others_for_the_rest_of_its_tick() -> None:
+def test_a_callback_may_set_others_for_the_rest_of_its_tick() -> None:
     tree = build('<Sequence><Cond name="a"/><Cond name="b"/><Cond name="c"/></Sequence>')
     reached: list[str] = []
 
@@ -237,7 +240,7 @@ def test_a_hook_may_set_others_for_the_rest_of_its_tick() -> None:
     assert reached == ['a', 'b', 'c']
 
 
-def test_the_tick_that_a_hook_abandons_begins_nothing_more() -> None:
+def test_the_tick_that_a_callback_abandons_begins_nothing_more() -> None:
     events: Events = []
     tree = build('<Parallel><Act name="a" _script="R"/><Deco><Cond name="b"/></Deco><Act name="c"/></Parallel>', events)
     arrived = threading.Event()
@@ -271,7 +274,7 @@ def test_the_tick_that_a_hook_abandons_begins_nothing_more() -> None:
     assert {node.status for node in tree.nodes} == {I}
 
 
-def test_what_a_hook_raises_is_an_error_of_its_node() -> None:
+def test_what_a_callback_raises_is_an_error_of_its_node() -> None:
     tree = build('<Sequence><Cond name="a"/></Sequence>')
     tree.callbacks.set_pre_tick(named(tree, 'a'), lambda node: NodeStatus(1 // 0))
     with pytest.raises(NodeExecutionError, match=r'\[a\].*ZeroDivisionError') as caught:
@@ -279,7 +282,7 @@ def test_what_a_hook_raises_is_an_error_of_its_node() -> None:
     assert caught.value.node_path == 'a'
 
 
-def test_a_tree_without_hooks_is_ticked_as_if_there_were_none() -> None:
+def test_a_tree_without_callbacks_is_ticked_as_if_there_were_none() -> None:
     """Also after there were some: parents have the plain callables again."""
     tree = build('<Sequence><Cond name="a"/><Sync name="b" _skipIf="false"/></Sequence>')
     root = tree.root
@@ -295,7 +298,7 @@ def test_a_tree_without_hooks_is_ticked_as_if_there_were_none() -> None:
     assert 'ask_and_execute' not in repr(root._ticks)
 
 
-def test_a_deep_tree_has_room_for_hooks() -> None:
+def test_a_deep_tree_has_room_for_callbacks() -> None:
     depth, trees = 200, 25
     more = ''
     for number in range(trees):

@@ -10,10 +10,10 @@ import pytest
 from flexbt_core.behavior_tree import (
     BehaviorTreeError,
     Blackboard,
+    FailureStep,
+    FailureTrace,
     NodeExecutionError,
     NodeStatus,
-    Reason,
-    Reasons,
     Tree,
     TreeLibrary,
     TreeNode,
@@ -173,13 +173,13 @@ def test_a_hook_that_has_given_the_result_is_named(before: bool, conditions: str
 
 
 def test_of_very_many_reasons_those_in_the_middle_are_left_out() -> None:
-    reasons = Reasons(tuple(Reason(str(number), 'failed') for number in range(1000)))
-    lines = reasons.lines(10)
+    trace = FailureTrace(tuple(FailureStep(str(number), 'failed') for number in range(1000)))
+    lines = trace.lines(10)
     assert len(lines) == 10
     assert [line.partition(':')[0] for line in lines] == [
         '0', '1', '2', '3', '4', '(991 nodes in between)', '996', '997', '998', '999'
     ]  # fmt: skip
-    assert len(reasons.lines(1000)) == 1000
+    assert len(trace.lines(1000)) == 1000
 
 
 SUBTREES = """<root BTCPP_format="4" main_tree_to_execute="Main">
