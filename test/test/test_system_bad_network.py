@@ -176,7 +176,7 @@ def at(tmp_path: Path) -> Iterator[Scene]:
 def test_operators_at_a_bad_link_are_told_the_truth_and_command_once(at: Scene) -> None:
     ann = at.console('ann')
     at.apply(ann, 'start', 'Gates', '--autonomy', 'low')
-    at.apply(ann, 'claim_authority')
+    at.apply(ann, 'claim')
 
     at.link.weather = BAD
     bob = at.console('bob')

@@ -27,6 +27,7 @@ def stack(tmp_path: Path) -> Iterator[Stack]:
     with Stack(tmp_path) as stack:
         for name in ('bt_server', 'onboard_executive', INNER):
             stack.start(name, {'use_sim_time': 'false'})
+        wait_for_server()
         yield stack
 
 
@@ -37,6 +38,13 @@ def console(*words: str, namespace: str = '', exit_code: int = 0) -> Any:
     done = subprocess.run(line, capture_output=True, timeout=DEADLINE, env=os.environ, check=False)
     assert done.returncode == exit_code, (words, done.stdout, done.stderr)
     return json.loads(done.stdout)
+
+
+def wait_for_server() -> None:
+    """Wait until the executive of the mission sees the BT server ready."""
+    end = time.monotonic() + DEADLINE
+    while not any(peer['ready'] for peer in console('status')['peers'] if 'bt_server' in peer['name']):
+        assert time.monotonic() < end, 'the BT server is not ready'
 
 
 def wait(namespace: str, state: str) -> Any:

