@@ -4,8 +4,10 @@
 import os
 import re
 from pathlib import Path
+from nav2_msgs.action import Spin
 
 from flexbt_common import names
+from flexbt_common.calls import ActionLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.system.probe import Probe
@@ -46,6 +48,8 @@ def test_the_leaf_turns_the_robot(tmp_path: Path) -> None:
         stack.start('simulator', {'speed_factor': '4.0'})
         stack.start('navigation')
         stack.start('bt_server', environment=installed)
+        spin = ActionLinks(runtime).link(Spin, names.SPIN)
+        probe.wait(lambda: probe.pose and runtime.call(spin.is_ready), 'the robot and its navigation')
         goal = BtExecute.Goal(behavior_tree='look_around/trees/look.xml', outputs=['seconds'])
         outcome = probe.call(BtExecute, names.BT_EXECUTOR, goal)
         assert outcome.result is not None, outcome
