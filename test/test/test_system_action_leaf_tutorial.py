@@ -4,6 +4,7 @@
 import os
 import re
 from pathlib import Path
+
 from nav2_msgs.action import Spin
 
 from flexbt_common import names
