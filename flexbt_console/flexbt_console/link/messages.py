@@ -37,7 +37,9 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
         message=message.message,
         autonomy=message.autonomy,
         active_states=tuple(
-            records.ActiveState(state.path, _seconds(state.entered), tuple(state.activity), state.paused)
+            records.ActiveState(
+                state.path, _seconds(state.entered), tuple(state.activity), state.paused, tuple(state.not_paused)
+            )
             for state in message.active_states
         ),
         decisions=tuple(_decision(decision) for decision in message.decisions),
@@ -45,7 +47,10 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
             records.CommandResult(result.command_id, _known(records.ResultCode, result.code), result.reason)
             for result in message.results
         ),
-        peers=tuple(records.Peer(peer.name, peer.alive, _seconds(peer.since), peer.ready) for peer in message.peers),
+        peers=tuple(
+            records.Peer(peer.name, peer.alive, _seconds(peer.since), peer.ready, peer.late, peer.age, peer.problem)
+            for peer in message.peers
+        ),
         robot_pose=_pose(message.robot_pose),
         locked=tuple(message.locked),
         breakpoints=tuple(message.breakpoints),

@@ -117,6 +117,7 @@ class ActiveState:
     entered: float = 0.0
     activity: tuple[str, ...] = ()
     paused: bool = False
+    not_paused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,12 +162,15 @@ class CommandResult:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A node that the executive depends on."""
+    """A node that the executive depends on; ``age`` is how long nothing was heard of it, in seconds of wall time."""
 
     name: str
     alive: bool
     since: float = 0.0
     ready: bool = True
+    late: bool = False
+    age: float = 0.0
+    problem: str = ''
 
 
 @dataclass(frozen=True, slots=True)
