@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from nav2_msgs.action import FollowPath
+from nav_msgs.msg import Path as RobotPath
 from std_msgs.msg import Bool
 
 from flexbt_common import names
@@ -70,6 +71,30 @@ def test_failure_names_the_node_the_reason_and_the_error_code(world: World) -> N
     # The code is not left for the next run.
     again = world.client.execute(goals=[pose(1)])
     assert (again.result.code, again.result.error_code) == (Result.SUCCESS, 0)
+
+
+def test_error_codes_and_recoveries_belong_to_one_run(world: World) -> None:
+    navigation, client = world.navigation, world.client
+    navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, 201)
+    navigation.fail[names.FOLLOW_PATH] = (1, 105)
+    navigation.hold.add(names.SPIN)
+    has_code = '<AreErrorCodesPresent error_code="{{compute_path_error_code}}" error_codes_to_check="{}"/>'
+    client.load_tree(
+        f'<Sequence><ForceSuccess>{PLAN}</ForceSuccess><Spin/>{has_code.format(201)}</Sequence>', 'Recovering'
+    )
+    beside = f'<Sequence>{has_code.format(0)}<Wait/><ForceSuccess>{FOLLOW}</ForceSuccess></Sequence>'
+    client.load_tree(beside, 'Beside')
+    recovering = client.execute('Recovering', goals=[pose(1)], outputs=['compute_path_error_code', 'number_recoveries'])
+    wait_until(lambda: navigation.actions[names.SPIN].running)
+    # It sees none of the other's codes, reports its own, and takes nothing from the other when it ends.
+    inputs = {'path': RobotPath()}
+    other = client.execute('Beside', inputs=inputs, outputs=['follow_path_error_code', 'number_recoveries']).result
+    assert (other.code, other.error_code) == (Result.SUCCESS, 105)
+    assert [from_entry(entry) for entry in other.outputs] == [105, 1]
+    navigation.actions[names.SPIN].end(0)
+    result = recovering.result
+    assert (result.code, result.error_code) == (Result.SUCCESS, 201)
+    assert [from_entry(entry) for entry in result.outputs] == [201, 1]
 
 
 @pytest.mark.parametrize(

@@ -422,3 +422,20 @@ def test_a_converter_of_the_host_that_raises_is_a_load_error() -> None:
         load_xml(
             '<root BTCPP_format="4"><BehaviorTree ID="M"><Posed pose="here"/></BehaviorTree></root>', 'f', registry
         )
+
+
+def test_a_scope_with_keys_of_its_own_shares_all_others() -> None:
+    shared = Blackboard()
+    shared.set('code', 1)
+    first, second = shared.with_own(['code', 'count']), shared.with_own(['code', 'count'])
+    first.set('code', 'a text')  # of its own type, too
+    first.set('count', 3)
+    assert 'code' not in second and 'count' not in second and shared.get('code') == 1
+    child = Blackboard(first)
+    child.set('@path', [1])  # the topmost scope of what is below
+    child.set('@count', 4)
+    first.set('_private', 2)
+    assert (first.get('count'), second.get('path'), shared.get('path'), shared.get('_private')) == (4, [1], [1], 2)
+    assert sorted(first) == ['_private', 'code', 'count', 'path'] and sorted(shared) == ['_private', 'code', 'path']
+    second.unset('path')
+    assert 'path' not in shared and first.lock is shared.lock

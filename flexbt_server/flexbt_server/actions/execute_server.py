@@ -25,7 +25,7 @@ from flexbt_server.runs import NoStream, RunOutcome, RunWatcher, TreeRun, TreeSt
 from flexbt_server.trees import POSE_STAMPED, POSES, Blackboards, FoundTree, TreeStore, Value, read_values
 
 from .goal_owners import GoalOwners
-from .run_messages import MESSAGE_LIMIT, feedback_of, result_of, take_error_code
+from .run_messages import MESSAGE_LIMIT, feedback_of, result_of
 from .running_trees import RunningTree, RunningTrees, TreeGoal
 
 Result = BtExecute.Result
@@ -198,6 +198,7 @@ class ExecuteServer:
             steady=self._runtime.steady,
             services=self._services,
             observer=watched_by(self._stream.open(run_id, name), run_id, self._watchers),
+            error_code_names=self._parameters.error_code_names,
             tick_rate=self._parameters.tick_rate,
             cancel_timeout=self._parameters.cancel_timeout,
             on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(running, newer)),
@@ -207,7 +208,7 @@ class ExecuteServer:
             on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
             on_overrun=self._runtime.node.get_logger().warning,
         )
-        running = goal.running = RunningTree(run_id, key, name, board, run, goal)
+        running = goal.running = RunningTree(run_id, key, name, run, goal)
         run.start()
         self._running.add(running)
         self._schedule_feedback(running)
@@ -261,9 +262,9 @@ class ExecuteServer:
             self._no_goals.set()
 
     def _result(self, goal: TreeGoal, outcome: RunOutcome) -> Any:
-        board = self._boards.get(goal.request.blackboard)
-        error_code = 0 if goal.running is None else take_error_code(board, self._parameters.error_code_names)
-        return result_of(goal.request, outcome, board, error_code, goal.notice, self._seconds(goal))
+        running = goal.running
+        board = self._boards.get(goal.request.blackboard) if running is None else running.run.board
+        return result_of(goal.request, outcome, board, goal.notice, self._seconds(goal))
 
     # -- meanwhile ---------------------------------------------------------------------------------------------------
 
@@ -280,7 +281,9 @@ class ExecuteServer:
         tree = running.run.tree
         if tree is not None:
             pose = self._pose.latest or PoseStamped()
-            running.goal.served.publish_feedback(feedback_of(tree, running.board, pose, self._seconds(running.goal)))
+            running.goal.served.publish_feedback(
+                feedback_of(tree, running.run.board, pose, self._seconds(running.goal))
+            )
         self._schedule_feedback(running)
 
     def _seconds(self, goal: TreeGoal) -> float:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any, Final
 
 from flexbt_common.values import Encoding, duration_message
@@ -34,9 +33,7 @@ def feedback_of(tree: Tree, board: Blackboard, pose: Any, seconds: float) -> Any
     )
 
 
-def result_of(
-    request: Any, outcome: RunOutcome, board: Blackboard, error_code: int, notice: str, seconds: float
-) -> Any:
+def result_of(request: Any, outcome: RunOutcome, board: Blackboard, notice: str, seconds: float) -> Any:
     """The result message for a goal. An output that cannot be sent makes it an ERROR.
 
     ``notice`` is for the case that the run did not succeed; ``seconds`` since the acceptance.
@@ -50,19 +47,8 @@ def result_of(
         message=sendable('; '.join(filter(None, remarks)), MESSAGE_LIMIT),
         failed_node=sendable(outcome.failed_node, MESSAGE_LIMIT),
         reasons=[sendable(reason, REASON_LIMIT) for reason in outcome.reasons],
-        error_code=error_code,
+        error_code=outcome.error_code,
         outputs=entries,
         missing_outputs=missing,
         execution_time=duration_message(max(0.0, seconds)),
     )
-
-
-def take_error_code(board: Blackboard, keys: Iterable[str]) -> int:
-    """The lowest error code that leaves have written; the keys are set back for the next run, as in Nav2."""
-    codes = []
-    for key in keys:
-        code = board.get_or(key, 0)
-        if isinstance(code, int) and code > 0:
-            codes.append(code)
-            board.set(key, 0)
-    return min(codes, default=0)

@@ -95,7 +95,9 @@ def declare_parameters(node: Node) -> ServerParameters:
         ),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
         error_code_names=declare.texts(
-            'error_code_names', DEFAULT_ERROR_CODE_NAMES, 'blackboard keys whose error codes go into the result'
+            'error_code_names',
+            DEFAULT_ERROR_CODE_NAMES,
+            'blackboard keys whose error codes go into the result; each run has its own',
         ),
         max_file_size=declare.integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
         max_depth=declare.integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),

@@ -13,12 +13,16 @@ from flexbt_msgs.action import BtExecute
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """How a run has ended; ``code`` is a constant of BtExecute.Result."""
+    """How a run has ended; ``code`` is a constant of BtExecute.Result.
+
+    ``error_code`` is the lowest that a leaf of the run has left, as in Nav2; 0 for none.
+    """
 
     code: int
     message: str = ''
     failed_node: str = ''
     reasons: tuple[str, ...] = ()
+    error_code: int = 0
 
 
 def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:

@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.observers import StatusLog
 from flexbt_core.clock import Clock, WakeEvent
 from flexbt_msgs.action import BtExecute
-from flexbt_server.trees import NO_RECOVERIES, Value, write_all
+from flexbt_server.trees import NO_RECOVERIES, RECOVERIES_KEY, Value, write_all
 
 from .node_on_stack import node_on_stack
 from .overruns import Overruns
@@ -57,6 +57,9 @@ class TreeRun(Generic[Client]):
     and is held up so ends as ERROR when its time to come to rest is over, on the thread of ``steady``; should the leaf
     return after all, the tree is halted then, and that is the end of the thread.
 
+    ``board`` is the run's own for the number of recoveries and for ``error_code_names``, as a board of Nav2, where one
+    tree runs at a time; for all other keys it is the blackboard that the run was given.
+
     ``on_overrun(message)`` is told, once a second at most, of ticks that take longer than the period of ``tick_rate``.
     """
 
@@ -72,6 +75,7 @@ class TreeRun(Generic[Client]):
         steady: Clock,
         services: Any,
         observer: TreeObserver,
+        error_code_names: Sequence[str],
         tick_rate: float,
         cancel_timeout: float,
         on_adopted: Callable[[Client], None],
@@ -81,8 +85,9 @@ class TreeRun(Generic[Client]):
     ) -> None:
         self.key = key
         self.tree: Tree | None = None
+        self.board = board.with_own([RECOVERIES_KEY, *error_code_names])
+        self._error_code_names = error_code_names
         self._library = library
-        self._board = board
         self._client = client
         self._values = values
         self._clock = clock
@@ -179,7 +184,11 @@ class TreeRun(Generic[Client]):
         try:
             self._observer.ended()
         finally:
-            self._on_end(outcome)
+            self._on_end(replace(outcome, error_code=self._error_code()))
+
+    def _error_code(self) -> int:
+        codes = (self.board.get_or(name, 0) for name in self._error_code_names)
+        return min((code for code in codes if isinstance(code, int) and code > 0), default=0)
 
     # -- on the thread of the run ------------------------------------------------------------------------------------
 
@@ -188,13 +197,13 @@ class TreeRun(Generic[Client]):
         self._end(outcome_of(lambda: self._await_halt(executed)))
 
     def _execute(self) -> RunOutcome:
-        write_all(self._board, [*self._values, NO_RECOVERIES])
+        write_all(self.board, [*self._values, NO_RECOVERIES])
         log = self._observer.log
         tree = self.tree = Tree(
             self._library,
             self.key.id,
             file=self.key.file,
-            blackboard=self._board,
+            blackboard=self.board,
             clock=self._clock,
             services=self._services,
             on_wake=self.wake,
@@ -239,7 +248,7 @@ class TreeRun(Generic[Client]):
                 return
             (client, values), self._offer = self._offer, None
             try:
-                write_all(self._board, [*values, NO_RECOVERIES])
+                write_all(self.board, [*values, NO_RECOVERIES])
             except BehaviorTreeError as error:
                 refusal = str(error)
             else:

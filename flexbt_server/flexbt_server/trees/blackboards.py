@@ -18,7 +18,7 @@ SHARED: Final = ''
 """Name of the blackboard that trees run on when the goal names none."""
 
 RECOVERIES_KEY: Final = 'number_recoveries'
-"""Key in which the recovery actions of a run are counted, as in Nav2."""
+"""Key in which the recovery actions of a run are counted, as in Nav2; each run has its own."""
 
 Value = tuple[str, Any, PortType | None]
 """A key, what to write to it, and as which type; None: the one of its Python class."""

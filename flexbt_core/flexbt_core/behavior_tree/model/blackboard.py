@@ -9,7 +9,7 @@ topmost scope. An entry gets its type from the first port or value that is not t
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, MutableMapping
 from enum import Enum
 from typing import Any, Final
 
@@ -72,9 +72,19 @@ class Blackboard:
         self._parent = parent
         self._root: Blackboard = parent._root if parent is not None else self
         self.lock: threading.RLock = parent.lock if parent is not None else threading.RLock()
-        self._entries: dict[str, Entry] = {}
+        self._entries: MutableMapping[str, Entry] = {}
         self._remaps: dict[str, str] = {}
         self._autoremap = False
+
+    def with_own(self, keys: Iterable[str]) -> Blackboard:
+        """A topmost scope with all entries of this one, but those of ``keys``: of these it has its own.
+
+        So several trees share what they hand to each other, and each has to itself what belongs to one run of it.
+        """
+        board = Blackboard()
+        board.lock = self.lock
+        board._entries = _Overlay(self._entries, frozenset(keys))
+        return board
 
     @property
     def parent(self) -> Blackboard | None:
@@ -224,6 +234,36 @@ class Blackboard:
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.keys())
+
+
+class _Overlay(MutableMapping[str, Entry]):
+    """The entries of ``shared``, but for those whose keys are ``own_keys``."""
+
+    __slots__ = ('_own', '_own_keys', '_shared')
+
+    def __init__(self, shared: MutableMapping[str, Entry], own_keys: frozenset[str]) -> None:
+        self._shared = shared
+        self._own_keys = own_keys
+        self._own: dict[str, Entry] = {}
+
+    def __getitem__(self, key: str) -> Entry:
+        return self._of(key)[key]
+
+    def __setitem__(self, key: str, entry: Entry) -> None:
+        self._of(key)[key] = entry
+
+    def __delitem__(self, key: str) -> None:
+        del self._of(key)[key]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._own
+        yield from (key for key in self._shared if key not in self._own_keys)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def _of(self, key: str) -> MutableMapping[str, Entry]:
+        return self._own if key in self._own_keys else self._shared
 
 
 def _type_clash(key: str, declared: PortType, written: PortType | None) -> BlackboardError:
