@@ -10,9 +10,17 @@ from typing import Any
 import pytest
 
 from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import EventState, ExitReason, MachineRun, OperatableStateMachine, Severity, define
+from flexbt_core.state_machine import (
+    Calling,
+    EventState,
+    ExitReason,
+    MachineRun,
+    OperatableStateMachine,
+    Severity,
+    define,
+)
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
-from flexbt_onboard.runs import LIMIT, CallbackWatch
+from flexbt_onboard.runs import LIMIT, CallbackWatch, HeldUp
 from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
 
 _CALLBACKS = ('on_enter', 'execute', 'on_exit', 'halting', 'activity')
@@ -69,16 +77,18 @@ def machine_of(work: Callable[[str], None]) -> OperatableStateMachine:
     return outer
 
 
-def test_each_callback_that_takes_long_is_told_once_and_no_other() -> None:
+def test_each_callback_that_takes_long_is_told_once_and_no_other_and_when_it_returns() -> None:
     """The callbacks move the clock of the watch themselves, which is as if they took that long."""
-    clock, told = ManualClock(), list[tuple[str, str, float]]()
+    clock, told, returned = ManualClock(), list[HeldUp](), list[HeldUp]()
     step = 0.1
+    machine: MachineRun | None = None
 
     def work(callback: str) -> None:
         for _ in range(30):
             clock.advance(step)
 
     def run() -> None:
+        nonlocal machine
         machine = MachineRun(define(machine_of(work)), clock, Quiet())
         machine.start()
         while machine.step():
@@ -86,20 +96,40 @@ def test_each_callback_that_takes_long_is_told_once_and_no_other() -> None:
                 leaf.activity()
         clock.advance(10.0)  # between the callbacks
 
-    with CallbackWatch(clock, lambda *what: told.append(what)):
+    def calling() -> Calling | None:
+        return machine.calling if machine is not None else None
+
+    def watch() -> CallbackWatch:
+        return CallbackWatch(clock, calling, told.append, returned.append)
+
+    with watch():
         run()
-        assert sorted(callback for _, callback, _ in told) == sorted(_CALLBACKS)
-        assert {path for path, _, _ in told} == {'/Out/In'}
-        assert all(LIMIT <= seconds < LIMIT + 0.6 for _, _, seconds in told)
+        assert sorted(held.callback for held in told) == sorted(_CALLBACKS)
+        assert {held.path for held in told} == {'/Out/In'}
+        assert all(LIMIT <= held.seconds < LIMIT + 0.6 for held in told)
+        assert [held.callback for held in returned] == [held.callback for held in told]
+        assert all(2.5 <= held.seconds <= 3.5 for held in returned)
         told.clear()
         run()
         assert not told
-    with CallbackWatch(clock, lambda *what: told.append(what)):
+    with watch():
         step = 0.03  # so that a callback takes 0.9 s
         run()
     assert not told
     clock.advance(10.0)
     assert clock.next_timer() is None
+
+
+def test_what_is_held_up_is_known_at_each_moment() -> None:
+    clock = ManualClock()
+    calling: Calling | None = Calling('/A', 'execute')
+    with CallbackWatch(clock, lambda: calling, lambda _: None, lambda _: None) as watch:
+        assert watch.held is None
+        clock.advance(LIMIT)
+        clock.advance(2.0)
+        assert str(watch.held) == 'state /A has not returned from execute() for 3.0 s'
+        calling = Calling('/A', 'execute')
+        assert watch.held is None, 'it is another call'
 
 
 @pytest.mark.parametrize('callback', ['on_enter', 'execute', 'on_exit'])
@@ -114,6 +144,7 @@ def test_the_operator_is_told_what_holds_up_the_behavior(callback: str) -> None:
         assert (line.severity, line.path, line.run_id) == (ExecutiveLog.WARN, '/Out/In', bench.run_id)
         stop = bench.send(ExecutiveCommand.STOP)
         go.set()
+        assert bench.logged(f'has returned from {callback}() after ').severity == ExecutiveLog.WARN
         bench.result(stop)
         bench.wait_idle()
     finally:

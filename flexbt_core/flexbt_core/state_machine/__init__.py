@@ -31,14 +31,14 @@ from .checks import (
 )
 from .engine import (
     MAX_TRANSITIONS,
+    STOP_TIMEOUT,
     Answer,
-    CallbackOnThread,
+    Calling,
     HeldBack,
     LeafRun,
     LoggingObserver,
     MachineRun,
     RunObserver,
-    callback_on,
 )
 from .model import (
     AUTONOMY_NAMES,
@@ -87,9 +87,10 @@ __all__ = [
     'MAX_TRANSITIONS',
     'PREEMPTED',
     'ROOT_PATH',
+    'STOP_TIMEOUT',
     'Answer',
     'Autonomy',
-    'CallbackOnThread',
+    'Calling',
     'Child',
     'ConcurrencyContainer',
     'Condition',
@@ -122,7 +123,6 @@ __all__ = [
     'Transition',
     'UserData',
     'UserDataError',
-    'callback_on',
     'called_state',
     'define',
     'is_inside',

@@ -82,19 +82,77 @@ def test_the_time_is_wall_time_not_that_of_the_run() -> None:
     assert bench.active == ('/Next',)
 
 
-def test_a_stop_waits_for_rest_and_says_when_it_is_not_confirmed() -> None:
+UNCONFIRMED = 'not confirmed to have halted 3 s after the stop: braking'
+
+
+def stopped_while_braking() -> tuple[Braking, Bench]:
+    """A run that was stopped, and whose time to halt is over."""
     state = Braking()
     bench = Bench(before_next(state))
     bench.stop('lunch')
+    bench.pass_time(3.0)
+    return state, bench
+
+
+def test_a_stop_that_is_not_confirmed_is_told_and_goes_on_until_it_is() -> None:
+    state, bench = stopped_while_braking()
     assert state.trace[-1] == 'on_exit PREEMPTED'
-    assert bench.run.outcome is None
+    assert bench.faults == [('/Inner/A/B', UNCONFIRMED)]
+    assert bench.shown_end() == (None, '/Inner/A/B: braking')
     assert bench.active == ('/Inner/A/B',)
     assert state.calls('on_stop') == 0
-    bench.pass_time(3.0)
-    text = 'not confirmed to have halted 3 s after the stop: braking'
-    assert bench.faults == [('/Inner/A/B', text)]
-    assert (bench.outcome, bench.run.message) == ('preempted', f'lunch; /Inner/A/B is {text}')
+    bench.pass_time(6.0)
+    state.rest()
+    bench.settle()
+    assert bench.shown_end() == ('preempted', '')
+    assert bench.run.message == 'lunch'
+    assert (state.calls('on_exit'), state.calls('on_stop'), len(bench.faults)) == (1, 1, 1)
+    assert bench.clock.next_timer() is None
+
+
+def test_a_stop_that_is_never_confirmed_ends_as_an_error_after_a_while() -> None:
+    state, bench = stopped_while_braking()
+    bench.pass_time(6.9)
+    assert bench.shown_end()[0] is None
+    bench.pass_time(0.2)
+    assert bench.shown_end()[0] == 'error'
+    assert bench.run.message == 'lunch; given up 10 s after the stop, while /Inner/A/B: braking'
     assert (state.calls('on_exit'), state.calls('on_stop')) == (1, 1)
+
+
+def test_a_stop_that_is_not_confirmed_can_be_given_up() -> None:
+    _, bench = stopped_while_braking()
+    bench.run.give_up('stopped again')
+    bench.settle()
+    assert (bench.outcome, bench.run.message) == ('error', 'lunch; stopped again, while /Inner/A/B: braking')
+    assert bench.clock.next_timer() is None
+
+
+def test_a_stop_is_not_given_up_before_its_time_to_halt_is_over() -> None:
+    state = Braking()
+    bench = Bench(before_next(state))
+    bench.run.give_up('not stopped at all')
+    bench.stop('lunch')
+    bench.run.give_up('stopped twice, in a hurry')
+    bench.pass_time(5.0)
+    assert bench.shown_end()[0] is None
+    state.rest()
+    bench.settle()
+    assert (bench.outcome, bench.run.message) == ('preempted', 'lunch')
+
+
+def test_what_ends_by_a_fault_halts_as_what_is_stopped_does() -> None:
+    def boom(*_: Any) -> None:
+        raise ArithmeticError
+
+    state = Braking()
+    state.do['execute'] = boom
+    bench = Bench(nested(state, 'A'))
+    bench.pass_time(5.0)
+    assert bench.shown_end() == (None, '/A: braking')
+    state.rest()
+    bench.settle()
+    assert (bench.outcome, bench.run.message) == ('error', "/A raised, and has no outcome 'failed' to leave by")
 
 
 def test_a_stop_while_a_state_comes_to_rest_gives_it_its_full_time() -> None:

@@ -203,6 +203,13 @@ class RandomRun(RuleBasedStateMachine):
             self.bench.stop()
             self.model.stop()
 
+    @precondition(running)
+    @rule()
+    def give_up(self) -> None:
+        self.bench.run.give_up('enough')
+        self.bench.settle()
+        self.model.give_up()
+
     @precondition(lambda self: not self.model.stands)
     @rule()
     def switch(self) -> None:
@@ -294,7 +301,7 @@ class RandomRun(RuleBasedStateMachine):
         if not hasattr(self, 'bench'):
             return
         self.bench.stop()
-        self.bench.pass_time(4.0)
+        self.bench.pass_time(11.0)
         assert self.bench.outcome is not None
         for puppet in self.puppets:
             assert puppet.calls('on_enter') == puppet.calls('on_exit')

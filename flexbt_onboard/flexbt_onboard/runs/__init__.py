@@ -2,7 +2,7 @@
 """Runs of behaviors: each on a thread of its own, seen as values."""
 
 from .behavior_run import BehaviorRun, RunObserver
-from .callback_watch import LIMIT, CallbackWatch
+from .callback_watch import LIMIT, CallbackWatch, HeldUp
 from .operator_watch import OperatorWatch
 from .run_snapshot import ActiveLeaf, RunDecision, RunEnd, RunPhase, RunSnapshot
 from .run_supervisor import LastRun, RunDisplay, RunSupervisor, ShownRun
@@ -12,6 +12,7 @@ __all__ = [
     'ActiveLeaf',
     'BehaviorRun',
     'CallbackWatch',
+    'HeldUp',
     'LastRun',
     'OperatorWatch',
     'RunDecision',

@@ -44,7 +44,7 @@ from flexbt_onboard.behaviors import (
 from flexbt_onboard.durability import Decided
 from flexbt_onboard.errors import ParameterError
 
-from .callback_watch import CallbackWatch
+from .callback_watch import CallbackWatch, HeldUp
 from .run_snapshot import RunEnd, RunSnapshot, SnapshotSource, decision_number
 
 _ESCAPES: Final = 3
@@ -245,7 +245,10 @@ class BehaviorRun:
             self._request, structure_message(machine.definition, self.run_id, self._request.entry.name)
         )
         self._await_nodes()
-        with CallbackWatch(self._services.runtime.steady, self._held_up):
+        watch = CallbackWatch(
+            self._services.runtime.steady, lambda: machine.calling, self._held_up, self._no_longer_held_up
+        )
+        with watch:
             outcome, message = self._drive(machine)
         self._close(machine)
         values = machine.userdata()
@@ -347,9 +350,13 @@ class BehaviorRun:
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
 
-    def _held_up(self, path: str, callback: str, seconds: float) -> None:
-        text = f'has been in {callback}() for {seconds:.1f} s and holds up the behavior'
-        self._observer.log(ExecutiveLog.WARN, path, f'{text}: no command has an effect until it returns')
+    def _held_up(self, held: HeldUp) -> None:
+        text = f'has been in {held.callback}() for {held.seconds:.1f} s and holds up the behavior'
+        self._observer.log(ExecutiveLog.WARN, held.path, f'{text}: no command has an effect until it returns')
+
+    def _no_longer_held_up(self, held: HeldUp) -> None:
+        text = f'has returned from {held.callback}() after {held.seconds:.1f} s'
+        self._observer.log(ExecutiveLog.WARN, held.path, text)
 
     def _escaped(self, machine: MachineRun, error: BaseException) -> None:
         self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))

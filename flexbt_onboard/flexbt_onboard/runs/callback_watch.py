@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Which callback of which state holds up a run.
 
-The callbacks of all states are called on the thread of the run, which can do nothing else until they return. The thread
-is looked at from outside now and then, so that calling them costs nothing more.
+The callbacks of all states are called on the thread of the run, which can do nothing else until they return. The engine
+says which it calls, and that is looked at from outside now and then.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from flexbt_core.clock import Clock, Timer
-from flexbt_core.state_machine import CallbackOnThread, callback_on
+from flexbt_core.state_machine import Calling
 
 LIMIT: Final = 1.0
 """A callback that takes longer is told, in seconds of wall time."""
@@ -20,49 +21,93 @@ LIMIT: Final = 1.0
 _PERIOD: Final = 0.5
 
 
-class CallbackWatch:
-    """Looks at the thread that is in its ``with`` block.
+@dataclass(frozen=True)
+class HeldUp:
+    """A callback that takes long: the path of its state ('' for the behavior itself), its name, and for how long now,
+    in seconds of wall time."""
 
-    ``tell`` gets the path of the state, the name of the callback and the seconds that it has taken at least, once for
-    each callback of each state, on the thread of the clock.
+    path: str
+    callback: str
+    seconds: float
+
+    def __str__(self) -> str:
+        who = f'state {self.path}' if self.path else 'the behavior'
+        return f'{who} has not returned from {self.callback}() for {self.seconds:.1f} s'
+
+
+class CallbackWatch:
+    """Looks at what ``calling`` gives while it is in its ``with`` block.
+
+    ``held_up`` is told once for each callback of each state that takes longer than the limit, on the thread of the
+    clock; ``returned`` when one of these has returned.
     """
 
-    def __init__(self, steady: Clock, tell: Callable[[str, str, float], None]) -> None:
+    def __init__(
+        self,
+        steady: Clock,
+        calling: Callable[[], Calling | None],
+        held_up: Callable[[HeldUp], None],
+        returned: Callable[[HeldUp], None],
+    ) -> None:
         self._steady = steady
-        self._tell = tell
+        self._calling = calling
+        self._held_up = held_up
+        self._returned = returned
         self._told: set[tuple[str, str]] = set()
-        self._seen: CallbackOnThread | None = None  # that was seen last, and when it was seen first
+        self._seen: Calling | None = None  # that was seen last, and when it was seen first
         self._since = 0.0
-        self._thread_id = 0
+        self._is_shown = False
+        self._is_watching = False
         self._timer: Timer | None = None
         self._lock = threading.Lock()
 
-    def __enter__(self) -> None:
-        self._thread_id = threading.get_ident()
+    def __enter__(self) -> CallbackWatch:
         with self._lock:
+            self._is_watching = True
             self._arm()
+        return self
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
-            self._thread_id = 0
-            self._seen = None
+            self._is_watching = False
+            self._look_at(None)
             if self._timer is not None:
                 self._timer.cancel()
+
+    @property
+    def held(self) -> HeldUp | None:
+        """The callback that takes longer than the limit now. From any thread."""
+        with self._lock:
+            self._look_at(self._calling() if self._is_watching else None)
+            held = self._present()
+        return held if held is not None and held.seconds >= LIMIT else None
 
     def _arm(self) -> None:
         self._timer = self._steady.call_at(self._steady.now() + _PERIOD, self._look)
 
     def _look(self) -> None:
         with self._lock:
-            if not self._thread_id:
+            if not self._is_watching:
                 return
             self._arm()
-            seen, now = callback_on(self._thread_id), self._steady.now()
-            if seen is None or self._seen is None or seen.call is not self._seen.call:
-                self._seen, self._since = seen, now
-            if seen is None or now - self._since < LIMIT:
+            self._look_at(self._calling())
+            held = self._present()
+            if held is None or held.seconds < LIMIT:
                 return
-            told = seen.path, seen.callback
+            told = held.path, held.callback
             if told not in self._told:
                 self._told.add(told)
-                self._tell(*told, now - self._since)
+                self._is_shown = True
+                self._held_up(held)
+
+    def _look_at(self, calling: Calling | None) -> None:
+        if calling is self._seen:
+            return
+        before = self._present()
+        if self._is_shown and before is not None:
+            self._returned(before)
+        self._seen, self._since, self._is_shown = calling, self._steady.now(), False
+
+    def _present(self) -> HeldUp | None:
+        seen = self._seen
+        return None if seen is None else HeldUp(seen.path, seen.callback, self._steady.now() - self._since)

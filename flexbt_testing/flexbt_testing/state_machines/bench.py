@@ -189,6 +189,7 @@ class Bench:
             services=self,
             steady=self.steady,
             exit_timeout=3.0,
+            stop_timeout=10.0,
             max_transitions=max_transitions,
             on_wake=self._wake,
         )
@@ -259,6 +260,10 @@ class Bench:
     def outcome(self) -> str | None:
         """Of the run."""
         return self.run.outcome
+
+    def shown_end(self) -> tuple[str | None, str]:
+        """The outcome, and what has not halted yet."""
+        return self.run.outcome, self.run.not_halted
 
     @property
     def active(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from .random_machines import Node, Visit
 
 LIVELOCK: Final = 60
 REST_TIME: Final = 3.0
+STOP_TIME: Final = 10.0
 
 Wish = tuple[str, str, str]
 """Kind, path and outcome of what waits for the operator."""
@@ -237,6 +238,12 @@ class Model:
             self._finish('preempted', 'PREEMPTED')
             self._go_on()
 
+    def give_up(self) -> None:
+        """Stopped again: what has had its time to halt is not waited for any longer."""
+        if self._end_until is not None and self._now >= self._end_until - STOP_TIME + REST_TIME:
+            self._end_until = self._now
+        self._go_on()
+
     # -- what follows ------------------------------------------------------------------------------------------------
 
     def _free(self, path: str) -> Seat | None:
@@ -273,9 +280,10 @@ class Model:
         self._count = count
         while self.outcome is None:
             if self._end is not None:
-                if self._is_busy(self._root) and not self._is_time('_end_until', None):
+                is_busy = self._is_busy(self._root)
+                if is_busy and not self._is_time('_end_until', None, STOP_TIME):
                     return
-                self.outcome, self._root.inner = self._end, []
+                self.outcome, self._root.inner = 'error' if is_busy else self._end, []
             elif self._root.wish is not None:
                 self._finish(self._root.wish, 'PARENT_LEFT')
             elif not self._pause_one() and (self.is_paused or not self._step_inside(self._root)) and not self.stands:
@@ -404,12 +412,12 @@ class Model:
         """Whether something in it has not halted."""
         return any(one.is_state and one.phase in ('in', 'left') and not one.is_at_rest for one in seat.all())
 
-    def _is_time(self, name: str, seat: Seat | None) -> bool:
+    def _is_time(self, name: str, seat: Seat | None, seconds: float = REST_TIME) -> bool:
         """Whether the wait for rest, which begins with the first time that this is asked, is over."""
         owner = seat or self
         until: float | None = getattr(owner, name)
         if until is None:
-            until = self._now + REST_TIME
+            until = self._now + seconds
             setattr(owner, name, until)
         return self._now >= until
 

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A run of a machine: regions, containers, leaves, commands."""
 
+from .calling import Calling
 from .command_queue import Answer
 from .container import ContainerRun
-from .leaf import CallbackOnThread, LeafRun, callback_on
+from .leaf import LeafRun
 from .observer import LoggingObserver, RunObserver
 from .region import HeldBack, Node, Region
-from .run import MAX_TRANSITIONS, MachineRun
+from .run import MAX_TRANSITIONS, STOP_TIMEOUT, MachineRun
 
 __all__ = [
     'MAX_TRANSITIONS',
+    'STOP_TIMEOUT',
     'Answer',
-    'CallbackOnThread',
+    'Calling',
     'ContainerRun',
     'HeldBack',
     'LeafRun',
@@ -20,5 +22,4 @@ __all__ = [
     'Node',
     'Region',
     'RunObserver',
-    'callback_on',
 ]

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from flexbt_core.clock import Clock
 from flexbt_core.state_machine.model import Decision, DecisionKind
 
+from .calling import Calling
 from .controls import Controls
 from .halt_wait import HaltWait
 from .observer import RunObserver
@@ -15,7 +16,12 @@ from .pausing import Pausing
 
 
 class Engine(Protocol):
-    """A run, seen from below. All of it but :meth:`wake` is for the thread of the run."""
+    """A run, seen from below. All of it but :meth:`wake` is for the thread of the run.
+
+    ``calling`` is the callback that is being called; other threads look at it.
+    """
+
+    calling: Calling | None
 
     @property
     def clock(self) -> Clock:

@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import heapq
-import sys
 import traceback
 from collections.abc import Callable
 from enum import Enum
-from types import FrameType
-from typing import Any, Final, Literal, NamedTuple, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 from flexbt_core.state_machine.model import (
     EventState,
@@ -23,6 +21,7 @@ from flexbt_core.state_machine.model import (
     set_called_state,
 )
 
+from .calling import Calling
 from .engine import Engine
 
 FAILED: Final = 'failed'
@@ -289,29 +288,14 @@ class LeafRun:
     def call(
         self, what: str, callback: Callable[..., _Result], *arguments: object
     ) -> _Result | Literal[_Raised.RAISED]:
-        """What a callback of the state gives. All of them are called here, where :func:`callback_on` sees them."""
+        """What a callback of the state gives. All of them are called here, and the run shows which it is."""
         set_called_state(self.state)
+        engine = self._engine
+        outer, engine.calling = engine.calling, Calling(self.path, what)
         try:
             return callback(*arguments)
         except Exception:  # code of the state: its trace goes to the operator
-            self._engine.fault(self.path, f'{what} raised:\n{traceback.format_exc()}')
+            engine.fault(self.path, f'{what} raised:\n{traceback.format_exc()}')
             return _Raised.RAISED
-
-
-class CallbackOnThread(NamedTuple):
-    """The callback of a state that a thread is in; ``call`` is the same object as long as it has not returned."""
-
-    call: FrameType
-    path: str
-    callback: str
-
-
-def callback_on(thread_id: int) -> CallbackOnThread | None:
-    """The callback that a thread is in, seen from another one; None when it is in none."""
-    frame = sys._current_frames().get(thread_id)
-    while frame is not None and frame.f_code is not LeafRun.call.__code__:
-        frame = frame.f_back
-    if frame is None:
-        return None
-    arguments = frame.f_locals  # they stay as they are, even if the call returns meanwhile
-    return CallbackOnThread(frame, arguments['self'].path, arguments['what'])
+        finally:
+            engine.calling = outer

@@ -32,6 +32,7 @@ from flexbt_core.state_machine.model import (
 )
 
 from . import operator_commands as commands
+from .calling import Calling
 from .command_queue import Answer, CommandQueue
 from .container import ContainerRun
 from .controls import Controls
@@ -40,6 +41,9 @@ from .leaf import LeafRun
 from .observer import LoggingObserver, RunObserver
 from .pausing import Pausing
 from .region import HeldBack, Region
+
+STOP_TIMEOUT: Final = 30.0
+"""How long the end of a run waits until it is confirmed that everything has halted, s."""
 
 MAX_TRANSITIONS: Final = 1000
 """Transitions in one step, with nothing waited for, that count as a livelock."""
@@ -60,9 +64,10 @@ class MachineRun:
     """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
 
     ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
-    ``clock`` is what states see, ``steady`` counts the time that they may take to halt (``exit_timeout``, s). Without
-    an ``observer`` the run is written to the log of Python. More than ``max_transitions`` in one step count as a
-    livelock, which ends the run.
+    ``clock`` is what states see, ``steady`` counts the time that they may take to halt (``exit_timeout``, s). A run
+    that is stopped, or ends by a fault, has not ended before everything is confirmed to have halted; when that takes
+    longer than ``stop_timeout`` (s), or after :meth:`give_up`, it ends as 'error'. Without an ``observer`` the run is
+    written to the log of Python. More than ``max_transitions`` in one step count as a livelock, which ends the run.
     """
 
     def __init__(
@@ -76,6 +81,7 @@ class MachineRun:
         services: Any = None,
         steady: Clock | None = None,
         exit_timeout: float = EXIT_TIMEOUT,
+        stop_timeout: float = STOP_TIMEOUT,
         max_transitions: int = MAX_TRANSITIONS,
         on_wake: Callable[[], None] | None = None,
     ) -> None:
@@ -87,6 +93,10 @@ class MachineRun:
         self.services = services
         self.outcome: str | None = None
         self.message = ''
+        self.not_halted = ''
+        """While the run ends: what has not halted yet, after the path of its state."""
+        self.calling: Calling | None = None
+        """The callback of a state that is being called; for other threads too."""
         self.pausing = Pausing()
         self.controls = Controls(definition, autonomy)
         self._steady = steady if steady is not None else clock
@@ -106,6 +116,10 @@ class MachineRun:
         self._end: _End | None = None
         self._preempt_reason: str | None = None
         self._halt_wait = self.new_halt_wait()
+        self._stop_timeout = stop_timeout
+        self._stop_wait = HaltWait(self._steady, max(0.0, stop_timeout - exit_timeout), self.wake)
+        self._is_overdue = False  # while it ends: something has not halted in its time, which was told
+        self._given_up = ''
         self._is_started = False
         self._lock = threading.Lock()
 
@@ -282,6 +296,17 @@ class MachineRun:
                 self._preempt_reason = reason
         self.wake()
 
+    def give_up(self, reason: str) -> None:
+        """End the run as 'error' although something has not halted. Before its time to halt is over nothing happens."""
+        if self._is_overdue:
+            self._given_up = reason
+            self.wake()
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether it is being left for good, or has been."""
+        return self._end is not None
+
     def close_commands(self, reason: str) -> None:
         """Refuse what was commanded and not applied, and whatever will be: the host does not go on with the run."""
         self._commands.close(reason)
@@ -365,18 +390,29 @@ class MachineRun:
     # -- the end -----------------------------------------------------------------------------------------------------
 
     def _await_halt(self, end: _End) -> bool:
-        """Leave everything, and finish when it has halted or the time for that is over."""
+        """Leave everything, and finish when it has halted, or nobody waits for that any more."""
         self.root.leave(end.reason)
-        halting = self.root.halting()
-        if not self._halt_wait.is_over(halting):
-            return False
-        message = end.message
-        if halting is not None:
-            path = next((leaf.path for leaf in self.active_states()), ROOT_PATH)
-            text = f'not confirmed to have halted {self._halt_wait.timeout:g} s after the stop: {halting}'
-            self.fault(path, text)
-            message = f'{message}; {path} is {text}' if message else f'{path} is {text}'
-        self._finish(end.outcome, message)
+        halting = {leaf.path: text for leaf in self.active_states() if (text := leaf.halting()) is not None}
+        path, text = next(iter(halting.items()), ('', None))
+        shown = '; '.join(f'{path}: {text}' for path, text in halting.items())
+        if shown != self.not_halted:
+            self.not_halted = shown
+            self.changed()
+        if not self._is_overdue:
+            if not self._halt_wait.is_over(text):
+                return False
+            if text is not None:
+                self._is_overdue = True
+                self.fault(path, f'not confirmed to have halted {self._halt_wait.timeout:g} s after the stop: {text}')
+        if text is not None and not self._given_up:
+            if not self._stop_wait.is_over(text):
+                return False
+            self._given_up = f'given up {self._stop_timeout:g} s after the stop'
+        self._stop_wait.cancel()
+        if text is None:
+            self._finish(end.outcome, end.message)
+        else:
+            self._finish(ERROR, f'{end.message}; {self._given_up}, while {shown}'.removeprefix('; '))
         return True
 
     def _finish(self, outcome: str, message: str) -> None:
