@@ -16,7 +16,6 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
     TreeLoadError,
 )
-from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.behavior_tree.model import STRING, is_fixed, similar_names
 from flexbt_tools.trees import (
     EntryUsage,
@@ -40,7 +39,7 @@ from .diagnostics import (
     UNUSED_TREE,
     Diagnostic,
 )
-from .reachability import unreachable_children
+from .reachability import incompleteness, unreachable_children
 
 HOST_KEYS: Final = ('goal', 'goals', 'number_recoveries')
 """Keys that the BT server writes before it runs a tree, as Nav2 does."""
@@ -78,8 +77,7 @@ def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:
     for key in library.tree_keys():
         tree = library.definition(key)
         for node in tree.nodes():
-            node_class = node.manifest.node_class
-            problem = node_class.incompleteness(len(node.children)) if issubclass(node_class, ControlNode) else ''
+            problem = incompleteness(node)
             if problem:
                 message = f'{problem}: an error as soon as the node is ticked'
                 yield Diagnostic(INCOMPLETE, tree.error(node, message))

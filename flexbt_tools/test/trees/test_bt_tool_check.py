@@ -268,6 +268,13 @@ def test_a_file_and_what_it_includes_are_one(tmp_path: Path) -> None:
     assert 'lib/b.xml' in shown.out
 
 
+def test_a_child_that_its_parent_never_ticks(tmp_path: Path) -> None:
+    never = tmp_path / 'never.xml'
+    never.write_text(document('Main: <RetryUntilSuccessful num_attempts="0"><AlwaysSuccess/></RetryUntilSuccessful>'))
+    finding = '<AlwaysSuccess>: it is never ticked: <RetryUntilSuccessful> has num_attempts="0" [unreachable]'
+    assert finding in tool('check', str(never)).out
+
+
 def test_exit_codes_and_output(tmp_path: Path) -> None:
     clean, slip, broken = (tmp_path / name for name in ('clean.xml', 'slip.xml', 'broken.xml'))
     clean.write_text(document('Main: <AlwaysSuccess/>'))

@@ -11,6 +11,8 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree import (
+    Decorator,
+    Exchanged,
     NodeConfig,
     NodeExecutionError,
     NodeStatus,
@@ -45,8 +47,27 @@ class Free(StatefulAction):
         pass
 
 
+class Succeed(Decorator):
+    """A decorator of one's own, which declares its rule."""
+
+    outcomes = Exchanged(failure=NodeStatus.SUCCESS)
+
+    def tick(self) -> NodeStatus:
+        status = self.tick_child()
+        return NodeStatus.SUCCESS if status is NodeStatus.FAILURE else status
+
+
+class Fail(Succeed):
+    """Derived, and does something else."""
+
+    def tick(self) -> NodeStatus:
+        self.tick_child()
+        return NodeStatus.FAILURE
+
+
 REGISTRY = builtin_registry()
-REGISTRY.register('Free', Free)
+for node_class in (Free, Succeed, Fail):
+    REGISTRY.register(node_class.__name__, node_class)
 
 
 def library_of(body: str) -> TreeLibrary:
@@ -149,3 +170,23 @@ def test_what_a_decorator_can_give_decides_what_follows(decorator: str) -> None:
             reached |= ticked(library, {'a': script})
         last = library.definition(next(library.tree_keys())).root.children[1].offset
         assert (last in reached) == (last not in said(library)), leaf
+
+
+@pytest.mark.parametrize('first', LEAVES[:2])
+@pytest.mark.parametrize('tag', CONTROLS)
+def test_what_runs_between_two_children_may_be_out_of_time(tag: str, first: str) -> None:
+    """A control that yields is RUNNING after a child that passes, and so the time can be up at the next tick."""
+    inner = f'<{tag}>{first}<AlwaysSuccess/></{tag}>'
+    library = library_of(f'<Fallback><Timeout msec="1">{inner}</Timeout><AlwaysFailure/></Fallback>')
+    clock = ManualClock()
+    tree = Tree(library, 'Main', clock=clock)
+    tree.tick_exactly_once()
+    clock.advance(1.0)
+    failed = tree.tick_exactly_once() is NodeStatus.FAILURE
+    assert not failed or tree.definitions[-1].offset not in said(library)
+
+
+@pytest.mark.parametrize(('tag', 'known'), [('Succeed', True), ('Fail', False)])
+def test_the_rule_of_a_class_holds_for_that_class_alone(tag: str, known: bool) -> None:
+    library = library_of(f'<Fallback><{tag}><AlwaysFailure/></{tag}><AlwaysSuccess/></Fallback>')
+    assert bool(said(library)) is known

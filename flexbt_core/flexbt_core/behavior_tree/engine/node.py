@@ -32,6 +32,7 @@ from flexbt_core.behavior_tree.model import (
     NodeExecutionError,
     NodeKind,
     NodeStatus,
+    Outcomes,
     Port,
     PortError,
     PortValue,
@@ -100,6 +101,8 @@ class TreeNode(ABC):
     kind: ClassVar[NodeKind]
     example: ClassVar[Example | None] = None
     """A tree that shows what nodes of just this class do: one that derives from it has its own, or none."""
+    outcomes: ClassVar[Outcomes | None] = None
+    """What ticks of nodes of just this class may give, and which children they may tick. None: it is not known."""
 
     conditions: NodeConditions | None
     """The pre- and post-conditions, if it has any."""

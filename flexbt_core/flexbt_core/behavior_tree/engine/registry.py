@@ -71,7 +71,6 @@ class NodeRegistry:
             dict(node_class.ports),
             _children_bounds(node_class),
             inspect.getdoc(node_class) or '',
-            vars(node_class).get('example'),
         )
         self._manifests[id] = manifest
         return manifest

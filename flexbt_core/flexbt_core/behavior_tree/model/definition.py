@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple, Protocol
 from .blackboard import Blackboard
 from .errors import LoadError
 from .example import Example
+from .outcomes import Outcomes
 from .ports import Port, PortDirection, PortValue
 from .source import Source
 from .status import NodeKind
@@ -28,7 +29,18 @@ class NodeManifest:
     ports: Mapping[str, Port]
     children: tuple[int, int | None]
     description: str
-    example: Example | None = None
+
+    @property
+    def example(self) -> Example | None:
+        """The example that just this class declares: one that derives from it has its own, or none."""
+        example: Example | None = vars(self.node_class).get('example')
+        return example
+
+    @property
+    def outcomes(self) -> Outcomes | None:
+        """The rule that just this class declares: one that derives from it may do something else."""
+        outcomes: Outcomes | None = vars(self.node_class).get('outcomes')
+        return outcomes
 
 
 class RunnableScript(Protocol):

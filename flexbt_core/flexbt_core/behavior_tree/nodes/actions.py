@@ -18,6 +18,7 @@ from flexbt_core.behavior_tree.model import (
     Example,
     NodeKind,
     NodeStatus,
+    OneOf,
     PortType,
     inout_port,
     input_port,
@@ -31,6 +32,7 @@ class AlwaysSuccess(LeafNode):
     __slots__ = ()
 
     kind = NodeKind.ACTION
+    outcomes = OneOf((SUCCESS,))
     example = Example('<AlwaysSuccess/>', ticks=(SUCCESS,))
 
     def execute(self) -> NodeStatus:
@@ -44,6 +46,7 @@ class AlwaysFailure(LeafNode):
     __slots__ = ()
 
     kind = NodeKind.ACTION
+    outcomes = OneOf((FAILURE,))
     example = Example('<AlwaysFailure/>', ticks=(FAILURE,))
 
     def execute(self) -> NodeStatus:
@@ -160,6 +163,7 @@ class UnsetBlackboard(SyncAction):
     __slots__ = ('_key',)
 
     ports = {'key': input_port(STRING, description='key of the entry to be removed')}
+    outcomes = OneOf((SUCCESS,))
     example = Example(
         '<Sequence><UnsetBlackboard key="goal"/><WasEntryUpdated entry="goal"/></Sequence>',
         ticks=(FAILURE,),

@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree.model import (
     RUNNING,
     SKIPPED,
     SUCCESS,
+    Choice,
     Example,
     NodeExecutionError,
     NodeStatus,
@@ -47,6 +48,7 @@ class IfThenElse(_Conditional):
 
     __slots__ = ('_chosen',)
 
+    outcomes = Choice()
     example = Example(
         """
         <IfThenElse>
@@ -113,6 +115,7 @@ class WhileDoElse(_Conditional):
 
     __slots__ = ()
 
+    outcomes = Choice()
     example = Example(
         """
         <WhileDoElse>

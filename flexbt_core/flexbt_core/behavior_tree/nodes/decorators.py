@@ -16,9 +16,11 @@ from flexbt_core.behavior_tree.model import (
     SKIPPED,
     SUCCESS,
     Example,
+    Exchanged,
     NodeKind,
     NodeStatus,
     PortError,
+    Repeated,
     input_port,
 )
 
@@ -28,6 +30,7 @@ class Inverter(DecoratorNode):
 
     __slots__ = ()
 
+    outcomes = Exchanged(success=FAILURE, failure=SUCCESS)
     example = Example('<Inverter><AlwaysFailure/></Inverter>', ticks=(SUCCESS,))
 
     def execute(self) -> NodeStatus:
@@ -55,6 +58,7 @@ class ForceSuccess(DecoratorNode):
 
     __slots__ = ()
 
+    outcomes = Exchanged(failure=SUCCESS)
     example = Example('<ForceSuccess><AlwaysFailure/></ForceSuccess>', ticks=(SUCCESS,))
 
     def execute(self) -> NodeStatus:
@@ -72,6 +76,7 @@ class ForceFailure(DecoratorNode):
 
     __slots__ = ()
 
+    outcomes = Exchanged(success=FAILURE)
     example = Example('<ForceFailure><AlwaysSuccess/></ForceFailure>', ticks=(FAILURE,))
 
     def execute(self) -> NodeStatus:
@@ -123,6 +128,7 @@ class Repeat(_Repeating):
 
     ports = {'num_cycles': input_port(INT, description='number of successes; -1: without end')}
     limit = 'num_cycles'
+    outcomes = Repeated('num_cycles', SUCCESS)
     example = Example(
         '<Repeat num_cycles="3"><Script code="n += 1"/></Repeat>',
         ticks=(RUNNING, RUNNING, SUCCESS),
@@ -172,6 +178,7 @@ class RetryUntilSuccessful(_Repeating):
 
     ports = {'num_attempts': input_port(INT, description='attempts in all; -1: without end')}
     limit = 'num_attempts'
+    outcomes = Repeated('num_attempts', FAILURE)
     example = Example(
         """
         <RetryUntilSuccessful num_attempts="5"><ScriptCondition code="(n += 1) == 2"/></RetryUntilSuccessful>
@@ -242,6 +249,7 @@ class KeepRunningUntilFailure(DecoratorNode):
 
     __slots__ = ()
 
+    outcomes = Exchanged(success=RUNNING, skipped=RUNNING)
     example = Example(
         '<KeepRunningUntilFailure><ScriptCondition code="(n += 1) != 3"/></KeepRunningUntilFailure>',
         ticks=(RUNNING, RUNNING, FAILURE),

@@ -15,6 +15,7 @@ from flexbt_core.behavior_tree.model import (
     SKIPPED,
     SUCCESS,
     Example,
+    InOrder,
     NodeStatus,
 )
 
@@ -60,6 +61,7 @@ class ReactiveSequence(_ReactiveControl):
     __slots__ = ()
 
     _passing = SUCCESS
+    outcomes = InOrder(passing=SUCCESS)
     example = Example(
         """
         <ReactiveSequence>
@@ -80,6 +82,7 @@ class ReactiveFallback(_ReactiveControl):
 
     tries_all = True
     _passing = FAILURE
+    outcomes = InOrder(passing=FAILURE)
     example = Example(
         """
         <ReactiveFallback>

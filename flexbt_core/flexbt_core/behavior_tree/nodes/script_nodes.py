@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree.model import (
     Example,
     NodeKind,
     NodeStatus,
+    OneOf,
     ScriptError,
     input_port,
 )
@@ -70,6 +71,7 @@ class Script(LeafNode):
 
     kind = NodeKind.ACTION
     ports = {'code': input_port(STRING, literal=SCRIPT, description='the script')}
+    outcomes = OneOf((SUCCESS,))
     example = Example(
         """
         <Script code="speed := 0.2; label := speed > 0.1 ? 'fast' : 'slow'"/>

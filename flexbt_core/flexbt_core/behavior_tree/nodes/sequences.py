@@ -18,6 +18,7 @@ from flexbt_core.behavior_tree.model import (
     SKIPPED,
     SUCCESS,
     Example,
+    InOrder,
     NodeStatus,
 )
 
@@ -52,6 +53,7 @@ class Sequence(_OrderedControl):
 
     __slots__ = ()
 
+    outcomes = InOrder(passing=SUCCESS)
     example = Example(
         '<Sequence><Script code="a := 1"/><ScriptCondition code="a == 2"/><Script code="a := 3"/></Sequence>',
         ticks=(FAILURE,),
@@ -105,6 +107,7 @@ class Fallback(_OrderedControl):
     __slots__ = ()
 
     tries_all = True
+    outcomes = InOrder(passing=FAILURE)
     example = Example(
         """
         <Fallback><AlwaysFailure/><Script code="used := 'second'"/><Script code="used := 'third'"/></Fallback>
@@ -214,6 +217,7 @@ class AsyncSequence(_YieldingControl):
     __slots__ = ()
 
     _passing = SUCCESS
+    outcomes = InOrder(passing=SUCCESS, yields=True)
     example = Example(
         '<AsyncSequence><Script code="a := 1"/><Script code="a := 2"/></AsyncSequence>',
         ticks=(RUNNING, SUCCESS),
@@ -228,6 +232,7 @@ class AsyncFallback(_YieldingControl):
 
     tries_all = True
     _passing = FAILURE
+    outcomes = InOrder(passing=FAILURE, yields=True)
     example = Example('<AsyncFallback><AlwaysFailure/><AlwaysSuccess/></AsyncFallback>', ticks=(RUNNING, SUCCESS))
 
 
@@ -240,6 +245,7 @@ class SequenceWithMemory(_YieldingControl):
     __slots__ = ()
 
     _passing = SUCCESS
+    outcomes = InOrder(passing=SUCCESS, yields=True)
     example = Example(
         """
         <RetryUntilSuccessful num_attempts="3">

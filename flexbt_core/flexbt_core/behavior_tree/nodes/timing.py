@@ -14,7 +14,10 @@ from flexbt_core.behavior_tree.model import (
     SUCCESS,
     UNSIGNED,
     Example,
+    Exchanged,
     NodeStatus,
+    OneOf,
+    TimeLimit,
     input_port,
 )
 
@@ -29,6 +32,7 @@ class Timeout(DecoratorNode):
     __slots__ = ('_deadline', '_expired')
 
     ports = {'msec': input_port(UNSIGNED, description='limit in ms; 0: none')}
+    outcomes = TimeLimit()
     example = Example('<Timeout msec="100"><Sleep msec="500"/></Timeout>', ticks=(RUNNING, FAILURE))
 
     def __init__(self, config: NodeConfig) -> None:
@@ -86,6 +90,7 @@ class Delay(DecoratorNode):
     __slots__ = ('_begun', '_delay')
 
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
+    outcomes = Exchanged(waits=True)
     example = Example('<Delay delay_msec="100"><AlwaysSuccess/></Delay>', ticks=(RUNNING, SUCCESS))
 
     def __init__(self, config: NodeConfig) -> None:
@@ -129,6 +134,7 @@ class Sleep(StatefulAction):
     __slots__ = ('_deadline',)
 
     ports = {'msec': input_port(UNSIGNED, description='time to sleep in ms')}
+    outcomes = OneOf((RUNNING, SUCCESS))
     example = Example('<Sleep msec="100"/>', ticks=(RUNNING, SUCCESS))
 
     def __init__(self, config: NodeConfig) -> None:
