@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from flexbt_common.errors import ResourceError
 from flexbt_common.runtime import resolve_file
@@ -47,9 +50,17 @@ def test_an_absolute_path_needs_an_allowed_directory(tmp_path: Path, share: Path
         ('fixture_pkg/trees/mian.xml', "did you mean 'main.xml'"),
         ('fixture_pkg/trees', 'not a file'),
         ('fixtur_pkg/trees/main.xml', "did you mean 'fixture_pkg'"),
-        ('file:///etc/passwd', 'no installed package'),
+        ('file:///etc/passwd', 'not a file name'),
+        ('file:/etc/passwd', 'no installed package'),
         ('../fixture_pkg/trees/main.xml', r'\.\.|no installed package'),
         ('fixture_pkg/trees/main.xml\0.txt', 'not a file name'),
+        ('fixture_pkg//trees/main.xml', 'not a file name'),
+        ('fixture_pkg//', 'not a file name'),
+        ('fixture_pkg/.', 'not a file'),
+        ('fixture_pkg/trees/' + 'x' * 300, 'no such file'),
+        ('fixture_pkg/' + 'x/' * 3000, 'at most 4096'),
+        ('x' * 10_000_000, 'at most 4096'),
+        ('fixture_pkg/\udcff.xml', 'not a file name'),
     ],
 )
 def test_refused_with_the_reason(share: Path, name: str, fragment: str) -> None:
@@ -78,3 +89,33 @@ def test_links_that_go_round_in_circles_are_no_files(tmp_path: Path) -> None:
     for name in ('a.xml', 'directory/a.xml'):
         with pytest.raises(ResourceError, match='no such file'):
             resolve_file(str(tmp_path / name), [tmp_path])
+
+
+_PARTS = st.sampled_from(
+    ['fixture_pkg', 'trees', 'main.xml', 'linked', 'loop', 'alias.xml', 'allowed', '', '.', '..', '~', '\0', 'a' * 300]
+)
+_TEXTS = st.lists(_PARTS | st.text(max_size=5), max_size=8).map('/'.join)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(text=_TEXTS, within=st.sampled_from(['', 'fixture_pkg/', 'fixture_pkg//', '/', '//', 'SHARE/', 'ALLOWED/']))
+def test_whatever_the_text_it_leads_to_a_file_inside_or_is_refused(
+    tmp_path: Path, share: Path, text: str, within: str
+) -> None:
+    allowed = tmp_path / 'allowed'
+    if not allowed.exists():
+        allowed.mkdir()
+        (tmp_path / 'secret.xml').touch()
+        for place in (share, allowed):
+            (place / 'linked').symlink_to(tmp_path)
+            (place / 'loop').symlink_to(place / 'loop')
+            (place / 'alias.xml').symlink_to(tmp_path / 'secret.xml')
+    name = within.replace('SHARE', str(share)).replace('ALLOWED', str(allowed)) + text
+    try:
+        found = resolve_file(name, [allowed])
+    except ResourceError as error:
+        assert len(str(error)) < 5 * len(name) + 1000
+    else:
+        real = Path(os.path.realpath(found))
+        assert real.is_file()
+        assert real.is_relative_to(os.path.realpath(allowed if name.startswith('/') else share))

@@ -13,6 +13,7 @@ import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
+from typing import Final
 
 from ament_index_python.packages import (
     PackageNotFoundError,
@@ -21,6 +22,11 @@ from ament_index_python.packages import (
 )
 
 from flexbt_common.errors import ResourceError
+
+MAX_NAME: Final = 4096
+"""Longest name of a file, characters: PATH_MAX of Linux."""
+
+_EXPECTED: Final = 'not a file name; expected package/relative/path or an absolute path'
 
 
 def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
@@ -31,14 +37,17 @@ def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
     Raises:
         ResourceError: unknown package, no such file, or a place that is not allowed.
     """
-    if not name or '\0' in name:
-        raise ResourceError(repr(name), 'not a file name; expected package/relative/path or an absolute path')
+    if len(name) > MAX_NAME:
+        raise ResourceError(f'{name[:80]}...', f'a name of {len(name)} characters; at most {MAX_NAME} are allowed')
+    if not name or '\0' in name or name != name.encode(errors='replace').decode():
+        raise ResourceError(repr(name), _EXPECTED)
     if name.startswith('/'):
         return _existing(name, _inside_allowed(name, allowed))
-    package, _, relative = name.partition('/')
-    if not relative:
-        raise ResourceError(name, 'not a file name; expected package/relative/path or an absolute path')
-    if '..' in PurePosixPath(relative).parts:
+    package, _, rest = name.partition('/')
+    relative = PurePosixPath(rest)
+    if not rest or relative.is_absolute():
+        raise ResourceError(name, _EXPECTED)
+    if '..' in relative.parts:
         raise ResourceError(name, "a path inside a package must not contain '..'")
     try:
         share = Path(get_package_share_directory(package))
@@ -48,9 +57,8 @@ def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
         raise ResourceError(
             name, f'no installed package {package!r}; install it, or source the workspace that has it{hint}'
         ) from None
-    path = share / relative
-    _refuse_linked_directories(name, share, path)
-    return _existing(name, path)
+    _refuse_links(name, share, relative)
+    return _existing(name, share / relative)
 
 
 def _inside_allowed(name: str, allowed: Sequence[Path]) -> Path:
@@ -65,22 +73,21 @@ def _inside_allowed(name: str, allowed: Sequence[Path]) -> Path:
     )
 
 
-def _refuse_linked_directories(name: str, share: Path, path: Path) -> None:
-    parent = path.parent
-    while parent != share:
-        if parent.is_symlink():
-            raise ResourceError(name, f'{parent} is a symbolic link to a directory; such paths are not followed')
-        parent = parent.parent
-    if path.is_symlink() and Path(os.path.realpath(path)).name != path.name:
-        raise ResourceError(name, f'is a symbolic link to {os.path.realpath(path)}; such links are not followed')
+def _refuse_links(name: str, share: Path, relative: PurePosixPath) -> None:
+    for inside in relative.parents[:-1]:  # the last is the share directory itself
+        if os.path.islink(share / inside):  # Path.is_symlink raises where a part of it is too long
+            raise ResourceError(name, f'{share / inside} is a symbolic link to a directory; such paths are not followed')
+    target = os.path.realpath(share / relative)
+    if os.path.islink(share / relative) and Path(target).name != relative.name:
+        raise ResourceError(name, f'is a symbolic link to {target}; such links are not followed')
 
 
 def _existing(name: str, path: Path) -> Path:
-    if path.is_file():
+    if os.path.isfile(path):
         return path
     near = difflib.get_close_matches(path.name, _names_in(path.parent), n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
-    what = 'is not a file' if path.exists() else 'no such file'
+    what = 'is not a file' if os.path.exists(path) else 'no such file'
     raise ResourceError(name, f'{what} ({path}){hint}')
 
 
