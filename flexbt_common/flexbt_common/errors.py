@@ -4,6 +4,7 @@
 flexbt_core.errors.FlexbtError
 ├── UnknownTypeError        no installed type has that name
 ├── ValueConversionError    a value does not fit its type
+├── LimitExceededError      a message has more in it than is taken
 ├── ResourceError           a file cannot be used
 └── UnfitParameterError     a parameter has no value that can work
 """
@@ -31,6 +32,10 @@ class ValueConversionError(FlexbtError):
         self.type = type
         self.text = text
         self.reason = reason
+
+
+class LimitExceededError(FlexbtError):
+    """A message from another process has more in it than is taken; says in which field, and how much is."""
 
 
 class ResourceError(FlexbtError):

@@ -13,6 +13,7 @@ them, its own server does all this in its own way.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
@@ -22,10 +23,19 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import GoalEvent, ServerGoalHandle
 from rclpy.task import Future
 
+from flexbt_common.errors import LimitExceededError
 from flexbt_common.names import deep_action_services
 from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, OpenActionServer, is_usable
+from flexbt_common.values import check_limits
+from flexbt_core.values import sendable
 
-__all__ = ['RESULT_SECONDS', 'GoalServer', 'ServedGoal']
+__all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalServer', 'ServedGoal']
+
+MOST_GOALS: Final = 1000
+"""Goals that a server works on at a time, unless it says otherwise: as many as requests that can wait for it."""
+
+_FAULT_LIMIT: Final = 1000
+"""Characters of what a client is told of a fault: the error may show any value."""
 
 RESULT_SECONDS: Final = 30.0
 """How long the result of a goal can be asked for again, after an outage of the link."""
@@ -97,6 +107,9 @@ class GoalServer:
     to end the goal. When it raises, the fault is reported and the goal aborted. ``on_cancel(goal)`` is called when the
     client wants the goal canceled, which then shows in ``cancel_requested``; it may end at once, later, or otherwise.
     Without it goals cannot be canceled.
+
+    Goals with more in them than :mod:`flexbt_common.values.limits` allows, and more than ``most`` at a time, never get
+    there: they are aborted with ``refused(why)``, the result for a reason.
     """
 
     def __init__(
@@ -106,9 +119,14 @@ class GoalServer:
         name: str,
         on_goal: Callable[[ServedGoal], None],
         on_cancel: Callable[[ServedGoal], None] | None = None,
+        refused: Callable[[str], Any] | None = None,
+        most: int = MOST_GOALS,
     ) -> None:
+        """``refused`` is by default for results as those of Nav2, with ``error_code`` and ``error_msg``."""
         self._runtime = runtime
         self._name = name
+        self._refused = refused or functools.partial(_refusal, action_type)
+        self._most = most
         self._on_goal = on_goal
         self._on_cancel = on_cancel
         self._goals: dict[bytes, ServedGoal] = {}
@@ -133,10 +151,15 @@ class GoalServer:
         self._goals[goal.id] = goal
         self._server.begin(handle)
         try:
+            check_limits(goal.request)
+            if len(self._goals) > self._most:
+                raise LimitExceededError(f'{self._name} serves {self._most} goals at a time; try again later')
             self._on_goal(goal)
+        except LimitExceededError as error:
+            goal.abort(self._refused(str(error)))
         except Exception as error:
             self._runtime.report_fault(error, f'goal of {self._name}')
-            goal.abort(self._server.action_type.Result())
+            goal.abort(self._refused(sendable(f'fault in the server: {error!r}', _FAULT_LIMIT)))
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         on_cancel = self._on_cancel
@@ -146,6 +169,12 @@ class GoalServer:
         # rclpy makes the goal CANCELING only after this callback.
         self._runtime.post(lambda: on_cancel(goal) if goal.active else None)
         return CancelResponse.ACCEPT
+
+
+def _refusal(action_type: Any, why: str) -> Any:
+    result = action_type.Result()
+    result.error_code, result.error_msg = int(getattr(result, 'UNKNOWN', 0)), why
+    return result
 
 
 class _Server(OpenActionServer):

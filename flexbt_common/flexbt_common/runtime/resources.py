@@ -39,6 +39,13 @@ def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
     """
     if len(name) > MAX_NAME:
         raise ResourceError(f'{name[:80]}...', f'a name of {len(name)} characters; at most {MAX_NAME} are allowed')
+    try:
+        return _found(name, allowed)
+    except OSError as error:  # a part of it is longer than the file system takes, for one
+        raise ResourceError(name, f'cannot be looked for: {error.strerror}') from error
+
+
+def _found(name: str, allowed: Sequence[Path]) -> Path:
     if not name or '\0' in name or name != name.encode(errors='replace').decode():
         raise ResourceError(repr(name), _EXPECTED)
     if name.startswith('/'):
@@ -75,19 +82,21 @@ def _inside_allowed(name: str, allowed: Sequence[Path]) -> Path:
 
 def _refuse_links(name: str, share: Path, relative: PurePosixPath) -> None:
     for inside in relative.parents[:-1]:  # the last is the share directory itself
-        if os.path.islink(share / inside):  # Path.is_symlink raises where a part of it is too long
-            raise ResourceError(name, f'{share / inside} is a symbolic link to a directory; such paths are not followed')
+        if (share / inside).is_symlink():
+            raise ResourceError(
+                name, f'{share / inside} is a symbolic link to a directory; such paths are not followed'
+            )
     target = os.path.realpath(share / relative)
-    if os.path.islink(share / relative) and Path(target).name != relative.name:
+    if (share / relative).is_symlink() and Path(target).name != relative.name:
         raise ResourceError(name, f'is a symbolic link to {target}; such links are not followed')
 
 
 def _existing(name: str, path: Path) -> Path:
-    if os.path.isfile(path):
+    if path.is_file():
         return path
     near = difflib.get_close_matches(path.name, _names_in(path.parent), n=1)
     hint = f'; did you mean {near[0]!r}?' if near else ''
-    what = 'is not a file' if os.path.exists(path) else 'no such file'
+    what = 'is not a file' if path.exists() else 'no such file'
     raise ResourceError(name, f'{what} ({path}){hint}')
 
 

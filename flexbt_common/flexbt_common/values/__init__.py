@@ -13,6 +13,7 @@ from .entries import (
     to_entry,
     value_to_text,
 )
+from .limits import check_limits
 from .value_text import from_plain
 from .value_types import PRIMITIVES, shown, type_name
 
@@ -20,6 +21,7 @@ __all__ = [
     'PRIMITIVES',
     'Encoding',
     'ValueType',
+    'check_limits',
     'check_value',
     'duration_message',
     'from_entry',

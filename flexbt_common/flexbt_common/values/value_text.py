@@ -31,7 +31,7 @@ from rosidl_parser.definition import (
 
 from flexbt_core.values import YamlError, load_json, load_yaml
 
-from .value_types import ValueType, resolve_type, shown
+from .value_types import ValueType, class_of_slot, resolve_type, shown
 
 _INTEGER_BITS = {'int8': 8, 'int16': 16, 'int32': 32, 'int64': 64}
 _INTEGER_BITS |= {f'u{name}': bits for name, bits in _INTEGER_BITS.items()}
@@ -152,7 +152,7 @@ def _plain_message(message: Any, path: str) -> dict[str, Any]:
 
 def _plain_slot(value: Any, slot: Any, path: str) -> Any:
     if isinstance(slot, NamespacedType):
-        expected = _class_of(slot)
+        expected = class_of_slot(slot)
         if not isinstance(value, expected):
             raise FieldError(path, f'expected a {expected.__name__}, got {shown(value)}')
         return _plain_message(value, path)
@@ -192,7 +192,7 @@ def _message_from_plain(plain: Any, message: type[Any], path: str) -> Any:
 
 def _value_of_slot(plain: Any, slot: Any, path: str) -> Any:
     if isinstance(slot, NamespacedType):
-        return _message_from_plain(plain, _class_of(slot), path)
+        return _message_from_plain(plain, class_of_slot(slot), path)
     if isinstance(slot, Array | AbstractSequence):
         if not isinstance(plain, list):
             raise FieldError(path, f'expected a list, got {shown(plain)}')
@@ -273,13 +273,6 @@ def _check_size(size: int, slot: Any, path: str) -> None:
 
 def _is_octet(slot: Any) -> bool:
     return isinstance(slot, BasicType) and slot.typename == 'octet'
-
-
-def _class_of(slot: Any) -> type[Any]:
-    package, *_ = slot.namespaces
-    message = resolve_type(f'{package}/msg/{slot.name}').message
-    assert message is not None  # a NamespacedType is a message
-    return message
 
 
 def _name_floats(plain: Any) -> Any:

@@ -105,6 +105,14 @@ def message_type_name(message: type[Any]) -> str:
     return f'{package}/{kind}/{message.__name__}'
 
 
+def class_of_slot(slot: Any) -> type[Any]:
+    """The class of the messages in a field that rosidl describes as a NamespacedType."""
+    package, *_ = slot.namespaces
+    message = resolve_type(f'{package}/msg/{slot.name}').message
+    assert message is not None  # a NamespacedType is a message
+    return message
+
+
 def type_name(value: Any) -> str:
     """Name of the type with which a Python value is sent when nobody declared another.
 

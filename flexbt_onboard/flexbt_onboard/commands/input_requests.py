@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from builtin_interfaces.msg import Time
 
@@ -20,6 +20,9 @@ from flexbt_msgs.msg import BlackboardEntry, PendingDecision
 from flexbt_onboard.errors import CommandRefusedError
 
 OnChange = Callable[[str, Mapping[str, Any]], None]
+
+MOST_REQUESTS: Final = 100
+"""Requests that are open at a time: each is in every status."""
 
 
 @dataclass
@@ -46,7 +49,9 @@ class InputRequests:
         self._open: dict[str, _InputRequest] = {}
         self._numbers = itertools.count(1)
         ask = admission.guard(self._ask, _refused)
-        self._server = GoalServer(runtime, OperatorInput, names.OPERATOR_INPUT, ask, self._withdraw)
+        self._server = GoalServer(
+            runtime, OperatorInput, names.OPERATOR_INPUT, ask, self._withdraw, refused=_refused, most=MOST_REQUESTS
+        )
 
     def decisions(self) -> list[PendingDecision]:
         """The open requests, oldest first."""

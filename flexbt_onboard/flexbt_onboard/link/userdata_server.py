@@ -23,12 +23,12 @@ class UserdataServer:
     def __init__(self, runtime: NodeRuntime, runs: RunSupervisor) -> None:
         self._runtime = runtime
         self._runs = runs
-        GoalServer(runtime, GetUserdata, names.GET_USERDATA, self._serve, _cancel)
+        GoalServer(runtime, GetUserdata, names.GET_USERDATA, self._serve, _cancel, refused=_refused)
 
     def _serve(self, goal: ServedGoal) -> None:
         run = self._runs.run
         if run is None:
-            goal.abort(Result(code=Result.FAILURE, message='no behavior is running'))
+            goal.abort(_refused('no behavior is running'))
             return
         result = Result(code=Result.SUCCESS, run_id=run.run_id)
 
@@ -44,6 +44,10 @@ class UserdataServer:
             (goal.succeed if result.code == Result.SUCCESS else goal.abort)(result)
 
         run.command(lambda machine, once: machine.inspect(see, once), answer)
+
+
+def _refused(why: str) -> Any:
+    return Result(code=Result.FAILURE, message=why)
 
 
 def _cancel(goal: ServedGoal) -> None:

@@ -49,7 +49,9 @@ class BehaviorActionServer:
         self._runs = runs
         self._node = runtime.node
         self._goal: _Goal | None = None
-        self._server = GoalServer(runtime, ExecuteBehavior, names.EXECUTE_BEHAVIOR, self._serve, self._cancel)
+        self._server = GoalServer(
+            runtime, ExecuteBehavior, names.EXECUTE_BEHAVIOR, self._serve, self._cancel, refused=_refused
+        )
 
     def refresh(self) -> None:
         """Send feedback when other states are active, and look for the client; called with each status."""
@@ -70,7 +72,7 @@ class BehaviorActionServer:
         try:
             self._start(goal)
         except CommandRefusedError as error:
-            served.abort(Result(code=Result.FAILURE, message=str(error)))
+            served.abort(_refused(str(error)))
 
     def _finish(self, goal: _Goal, result: Any) -> None:
         if self._goal is goal:
@@ -129,3 +131,7 @@ def _result(end: RunEnd, encoding: int) -> Any:
             code=Result.ERROR, message=f'it ended with {end.outcome!r}, but an output cannot be sent: {error}'
         )
     return Result(code=Result.SUCCESS, outcome=end.outcome, outputs=outputs)
+
+
+def _refused(why: str) -> Any:
+    return Result(code=Result.FAILURE, message=why)

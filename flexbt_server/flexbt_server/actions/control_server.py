@@ -10,7 +10,9 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from flexbt_common import names
+from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import check_limits
 from flexbt_core.behavior_tree import TickCommand
 from flexbt_msgs.srv import ControlTree
 from flexbt_server.errors import UnknownRunError
@@ -48,6 +50,10 @@ class ControlServer:
 
     async def _obey(self, request: Any) -> str:
         """'' when the command has had its effect; otherwise why not."""
+        try:
+            check_limits(request)
+        except LimitExceededError as error:
+            return str(error)
         command = _COMMANDS.get(request.command)
         if command is None:
             known = ', '.join(f'{number} ({known.name})' for number, known in _COMMANDS.items())

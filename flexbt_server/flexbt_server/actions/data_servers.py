@@ -26,10 +26,10 @@ class DataServers:
         self._boards = boards
         self._on_write = on_write
         servers = [
-            GoalServer(runtime, action, name, admission.guard(serve, functools.partial(_refused, action)))
-            for action, name, serve in (
-                (BtGetData, names.BT_GET_DATA, self._get),
-                (BtSetData, names.BT_SET_DATA, self._set),
+            GoalServer(runtime, action, name, admission.guard(serve, refused), refused=refused)
+            for action, name, serve, refused in (
+                (BtGetData, names.BT_GET_DATA, self._get, functools.partial(_refused, BtGetData)),
+                (BtSetData, names.BT_SET_DATA, self._set, functools.partial(_refused, BtSetData)),
             )
         ]
 

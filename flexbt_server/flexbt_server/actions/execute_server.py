@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from geometry_msgs.msg import PoseStamped
 
@@ -30,11 +30,13 @@ from .running_trees import RunningTree, RunningTrees, TreeGoal
 
 Result = BtExecute.Result
 
-_REPORT_SECONDS = 0.3
+_REPORT_SECONDS: Final = 0.3
 """A run that is not at rest in time says so a little later, s."""
 
+MOST_RUNS: Final = 200
+"""Goals that are worked on at a time: each tree that runs has a thread."""
 
-_BY_CLIENT = 'canceled by the client'
+_BY_CLIENT: Final = 'canceled by the client'
 
 
 class ExecuteParameters(Protocol):
@@ -90,8 +92,10 @@ class ExecuteServer:
         self._owners = GoalOwners(runtime)
         self._no_goals = threading.Event()
         self._no_goals.set()
-        serve = admission.guard(self._serve, lambda why: Result(code=Result.ERROR, message=why))
-        server = GoalServer(runtime, BtExecute, names.BT_EXECUTOR, serve, self._on_cancel)
+        serve = admission.guard(self._serve, _refused)
+        server = GoalServer(
+            runtime, BtExecute, names.BT_EXECUTOR, serve, self._on_cancel, refused=_refused, most=MOST_RUNS
+        )
         runtime.on_close(lambda: runtime.call(server.close))
 
     def wake(self, blackboard: str) -> None:
@@ -288,6 +292,10 @@ class ExecuteServer:
 
     def _seconds(self, goal: TreeGoal) -> float:
         return self._runtime.clock.now() - goal.accepted
+
+
+def _refused(why: str) -> Any:
+    return Result(code=Result.ERROR, message=why)
 
 
 def _replaced() -> RunOutcome:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
@@ -15,7 +16,10 @@ from flexbt_server.trees import FileReport, TreeStore
 
 Result = BtLoad.Result
 
-ERRORS_SHOWN = 20
+MOST_LOADS: Final = 100
+"""Goals that wait for their turn at most."""
+
+ERRORS_SHOWN: Final = 20
 """Errors of one file that travel with the result; a hostile file has more than anyone reads."""
 
 
@@ -29,10 +33,10 @@ class LoadServer:
         self._store = store
         self._reader = reader
         # A goal that is to be canceled ends at the next file.
-        serve = admission.guard(
-            self._serve, lambda why: Result(code=Result.FAILURE, message=f'nothing was loaded: {why}')
+        serve = admission.guard(self._serve, _refused)
+        server = GoalServer(
+            runtime, BtLoad, names.BT_LOADER, serve, on_cancel=lambda goal: None, refused=_refused, most=MOST_LOADS
         )
-        server = GoalServer(runtime, BtLoad, names.BT_LOADER, serve, on_cancel=lambda goal: None)
         runtime.on_close(lambda: runtime.call(server.close))
 
     def _serve(self, goal: ServedGoal) -> None:
@@ -62,6 +66,10 @@ class LoadServer:
         """A fault of ours goes to the client as well."""
         self._runtime.report_fault(fault, f'goal of {names.BT_LOADER}')
         goal.abort(BtLoad.Result(code=Result.ERROR, message=f'fault in the BT server: {fault!r}'))
+
+
+def _refused(why: str) -> Any:
+    return Result(code=Result.FAILURE, message=f'nothing was loaded: {why}')
 
 
 def _finish(goal: ServedGoal, reports: list[FileReport]) -> None:

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How much may be in a message from another process. The middleware carries texts and lists of any length.
+
+Every text and list of every message has a bound: that of :data:`LIMITS`, or else TEXT and LIST. So a field that is
+added later has one too.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from rosidl_parser.definition import AbstractSequence, AbstractString, AbstractWString, Array, NamespacedType
+
+from flexbt_common.errors import LimitExceededError
+
+from .value_types import class_of_slot, shown
+
+TEXT: Final = 1_000
+"""Characters of a text that :data:`LIMITS` does not name: of a name, a key, a frame, an identifier."""
+LIST: Final = 1_000
+"""Elements of a list that it does not name."""
+MESSAGE: Final = 16_000_000
+"""Characters, bytes and elements of one message together."""
+
+LIMITS: Final[Mapping[str, int]] = {
+    'flexbt_msgs/BlackboardEntry.text': 1_000_000,
+    'flexbt_msgs/BlackboardEntry.data': 8_000_000,
+    'flexbt_msgs/BehaviorArgument.value': 100_000,
+    'flexbt_msgs/BtLoad_Goal.files[]': 4_096,  # PATH_MAX of Linux
+    'flexbt_msgs/BtLoad_Goal.xml': 10_000_000,  # the parameter max_file_size of the BT server counts as well
+    'flexbt_msgs/BtExecute_Goal.goals': 10_000,
+    'flexbt_msgs/BtExecute_Goal.behavior_tree': 4_096,  # it may be a file
+    'flexbt_msgs/OperatorInput_Goal.prompt': 10_000,
+    'flexbt_msgs/OperatorInput_Goal.choices': 200,
+    'nav2_msgs/ComputePathThroughPoses_Goal.goals': 10_000,
+    'nav_msgs/Path.poses': 100_000,
+    'nav_msgs/OccupancyGrid.data': 10_000_000,  # as many cells as maps from files may have
+}
+"""The bounds that differ, by type and field; of a list of texts, ``field[]`` is that of each text."""
+
+_Check = Callable[[Any, str], int]
+"""Checks a value, whose path it is given for the error; gives its length."""
+
+
+def check_limits(message: Any) -> None:
+    """Whether every text and list of a message is within its bound.
+
+    Raises:
+        LimitExceededError: names the field, its length and the bound, and shows how it begins.
+    """
+    check = _check_of(type(message))
+    length = 0 if check is None else check(message, '')
+    if length > MESSAGE:
+        raise LimitExceededError(
+            f'{type(message).__name__}: a message of {length} characters, bytes and elements; {_most(MESSAGE)}'
+        )
+
+
+@functools.cache
+def _check_of(message_type: type[Any]) -> _Check | None:
+    """None for messages whose size is fixed."""
+    package = message_type.__module__.partition('.')[0]
+    parts: list[tuple[str, _Check]] = []
+    for name, slot in zip(message_type.get_fields_and_field_types(), message_type.SLOT_TYPES, strict=True):
+        check = _check_of_slot(slot, f'{package}/{message_type.__name__}.{name}')
+        if check is not None:
+            parts.append((name, check))
+    if not parts:
+        return None
+
+    def check_message(message: Any, path: str) -> int:
+        before = f'{path}.' if path else ''
+        return sum(check(getattr(message, name), before + name) for name, check in parts)
+
+    return check_message
+
+
+def _check_of_slot(slot: Any, key: str) -> _Check | None:
+    if isinstance(slot, AbstractString | AbstractWString):
+        return functools.partial(_check_text, limit=LIMITS.get(key, TEXT))
+    if isinstance(slot, NamespacedType):
+        return _check_of(class_of_slot(slot))
+    if not isinstance(slot, Array | AbstractSequence):
+        return None
+    limit = slot.size if isinstance(slot, Array) else LIMITS.get(key, LIST)
+    check_element = _check_of_slot(slot.value_type, f'{key}[]')
+
+    def check_list(values: Any, path: str) -> int:
+        length = len(values)
+        if length > limit:
+            raise LimitExceededError(f'{path} has {length} elements; {_most(limit)}')
+        if check_element is None:
+            return length
+        return length + sum(check_element(value, f'{path}[{index}]') for index, value in enumerate(values))
+
+    return check_list
+
+
+def _check_text(text: str, path: str, *, limit: int) -> int:
+    if len(text) > limit:
+        raise LimitExceededError(
+            f'{path} has {len(text)} characters, beginning with {shown(text[:40])}; {_most(limit)}'
+        )
+    return len(text)
+
+
+def _most(limit: int) -> str:
+    return f'at most {limit} are allowed'

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bounds of messages from other processes: every text and list of every interface has one, and keeps it."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import nav2_msgs.action
+import pytest
+from geometry_msgs.msg import PoseStamped
+from hypothesis import given
+from hypothesis import strategies as st
+from nav_msgs.msg import Path
+
+import flexbt_msgs.action
+import flexbt_msgs.msg
+import flexbt_msgs.srv
+from flexbt_common.errors import LimitExceededError
+from flexbt_common.values import check_limits, to_entry
+from flexbt_common.values.limits import LIMITS, LIST, MESSAGE, TEXT
+from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
+from flexbt_testing.nodes.oversized import oversized
+
+
+def _interfaces(module: Any, *parts: str) -> list[type[Any]]:
+    classes = [one for _, one in inspect.getmembers(module, inspect.isclass)]
+    if not parts:
+        return [one for one in classes if hasattr(one, 'get_fields_and_field_types')]
+    return [getattr(one, part) for one in classes for part in parts if hasattr(one, parts[0])]
+
+
+RECEIVED = [
+    *_interfaces(flexbt_msgs.action, 'Goal', 'Result', 'Feedback'),
+    *_interfaces(flexbt_msgs.srv, 'Request', 'Response'),
+    *_interfaces(flexbt_msgs.msg),
+    *_interfaces(nav2_msgs.action, 'Goal'),
+]
+
+
+@pytest.mark.parametrize('message_type', RECEIVED, ids=lambda one: one.__name__)
+def test_too_much_in_any_field_is_refused_by_its_name(message_type: type[Any]) -> None:
+    for path, message in oversized(message_type, 11_000_000):
+        with pytest.raises(LimitExceededError) as refused:
+            check_limits(message)
+        text = str(refused.value)
+        assert text.startswith(f'{path} has ')
+        assert 'at most' in text
+        assert len(text) < 300
+
+
+def test_every_bound_of_the_table_is_one_of_a_field() -> None:
+    types = {one.__name__: one for one in RECEIVED}
+    for key in LIMITS:
+        package, _, field = key.partition('/')
+        name, _, attribute = field.partition('.')
+        if package in ('flexbt_msgs', 'nav2_msgs'):
+            assert attribute.removesuffix('[]') in types[name].get_fields_and_field_types(), key
+
+
+def test_what_fits_fits() -> None:
+    check_limits(
+        BtExecute.Goal(goals=[PoseStamped()] * 10_000, inputs=[to_entry('path', Path(poses=[PoseStamped()] * 1000))])
+    )
+    check_limits(BtLoad.Goal(files=['x' * 4096] * LIST, xml='x' * 10_000_000))
+    check_limits(flexbt_msgs.msg.ExecutiveLog())
+
+
+def test_many_fields_that_fit_are_too_much_together() -> None:
+    data = bytes(7_000_000)
+    entries = [flexbt_msgs.msg.BlackboardEntry(key='k', type='nav_msgs/msg/Path', data=data)] * 3
+    with pytest.raises(LimitExceededError, match=f'a message of 21000.* at most {MESSAGE}'):
+        check_limits(BtSetData.Goal(entries=entries))
+
+
+@given(st.text(max_size=2 * TEXT) | st.integers(0, 2 * TEXT).map('x'.__mul__))
+def test_the_bound_itself_fits(text: str) -> None:
+    goal = BtExecute.Goal(blackboard=text)
+    if len(text) <= TEXT:
+        check_limits(goal)
+    else:
+        with pytest.raises(LimitExceededError, match=r'^blackboard has'):
+            check_limits(goal)

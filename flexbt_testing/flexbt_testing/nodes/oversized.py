@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages with far too much in them, derived from the definitions of their interfaces: one for each text and list."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterator
+from typing import Any, Final
+
+from rclpy.serialization import serialize_message
+from rosidl_parser.definition import AbstractSequence, AbstractString, BasicType, BoundedSequence, NamespacedType
+
+from flexbt_common.values import resolve_type
+
+TOO_MUCH: Final = 10_000_000
+"""Bytes in the one field."""
+
+_ARRAY_CODES: Final = {
+    'uint8': 'B',
+    'int8': 'b',
+    'octet': 'B',
+    'uint16': 'H',
+    'int32': 'i',
+    'uint32': 'I',
+    'double': 'd',
+}
+
+
+def oversized(message_type: type[Any], most: int = TOO_MUCH) -> Iterator[tuple[str, Any]]:
+    """For each text and list of a message, at any depth: its path, and a message with ``most`` bytes in it alone."""
+    fields = message_type.get_fields_and_field_types()
+    for name, slot in zip(fields, message_type.SLOT_TYPES, strict=True):
+        for path, value in _values(slot, most):
+            yield name + path, message_type(**{name: value})
+
+
+def _values(slot: Any, most: int) -> Iterator[tuple[str, Any]]:
+    if isinstance(slot, AbstractString):
+        yield '', 'x' * most
+    elif isinstance(slot, NamespacedType):
+        for path, message in oversized(_class_of(slot), most):
+            yield f'.{path}', message
+    elif isinstance(slot, AbstractSequence) and not isinstance(slot, BoundedSequence):
+        element = slot.value_type
+        if isinstance(element, BasicType):
+            code = _ARRAY_CODES[element.typename]
+            yield '', array(code, bytes(most))
+            return
+        if isinstance(element, AbstractString):
+            yield '', ['x' * 95] * (most // 100)
+        else:
+            one = _class_of(element)()
+            yield '', [one] * math.ceil(most / len(serialize_message(one)))
+        for path, value in _values(element, most):
+            yield f'[0]{path}', [value]
+
+
+def _class_of(slot: Any) -> type[Any]:
+    message = resolve_type(f'{slot.namespaces[0]}/msg/{slot.name}').message
+    assert message is not None
+    return message
