@@ -26,10 +26,14 @@ from rclpy.task import Future
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.names import deep_action_services
 from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, OpenActionServer, is_usable
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, length_of
 from flexbt_core.values import sendable
 
 __all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalServer', 'ServedGoal']
+
+MOST_RESULTS: Final = 1000
+RESULTS_LENGTH: Final = 64_000_000
+"""How many results are kept, and how many characters, bytes and elements they have together; the oldest go first."""
 
 MOST_GOALS: Final = 1000
 """Goals that a server works on at a time, unless it says otherwise: as many as requests that can wait for it."""
@@ -185,12 +189,14 @@ class _Server(OpenActionServer):
     def __init__(self, runtime: NodeRuntime, *arguments: Any, **options: Any) -> None:
         super().__init__(runtime.node, *arguments, execute_callback=_never, result_timeout=_LISTED_SECONDS, **options)
         self.results: dict[bytes, Any] = {}
+        self._lengths: dict[bytes, int] = {}
+        self._length = 0
         self._runtime = runtime
         self._waiting: dict[bytes, list[Any]] = {}
         self._has_news = False
 
     def begin(self, handle: ServerGoalHandle) -> None:
-        self.results.pop(bytes(handle.goal_id.uuid), None)  # of a goal with the same ID, which is not listed any more
+        self._drop_result(bytes(handle.goal_id.uuid))  # of a goal with the same ID, which is not listed any more
         self.update(handle, GoalEvent.EXECUTE)
         self._list_soon()
 
@@ -200,13 +206,15 @@ class _Server(OpenActionServer):
         if status is None:
             return
         response = self.action_type.Impl.GetResultService.Response(status=status, result=result)
-        self.results[goal_id] = response
         for request_header in self._waiting.pop(goal_id, ()):
             self.send_result(request_header, response)
+        self._keep_result(goal_id, response)
         self._list_soon()
         self.notify_goal_done()
         steady = self._runtime.steady
-        steady.call_at(steady.now() + RESULT_SECONDS, lambda: self.results.pop(goal_id, None))
+        steady.call_at(
+            steady.now() + RESULT_SECONDS, lambda: self._runtime.post(functools.partial(self._drop_result, goal_id))
+        )
         self.on_end(goal_id)
 
     def close(self) -> None:
@@ -221,12 +229,23 @@ class _Server(OpenActionServer):
         return CancelGoal.Response(return_code=CancelGoal.Response.ERROR_GOAL_TERMINATED)
 
     def on_result_request(self, request_header: Any, goal_id: bytes) -> None:
-        response = self.results.get(goal_id)  # which another thread takes away in the end
+        response = self.results.get(goal_id)
         if response is None and self.knows(goal_id):
             self._waiting.setdefault(goal_id, []).append(request_header)
         else:
             unknown = self.action_type.Impl.GetResultService.Response()
             self.send_result(request_header, response or unknown)
+
+    def _keep_result(self, goal_id: bytes, response: Any) -> None:
+        self.results[goal_id] = response
+        self._lengths[goal_id] = length_of(response.result)
+        self._length += self._lengths[goal_id]
+        while len(self.results) > MOST_RESULTS or (self._length > RESULTS_LENGTH and len(self.results) > 1):
+            self._drop_result(next(iter(self.results)))
+
+    def _drop_result(self, goal_id: bytes) -> None:
+        self.results.pop(goal_id, None)
+        self._length -= self._lengths.pop(goal_id, 0)
 
     def _list_soon(self) -> None:
         if not self._has_news:

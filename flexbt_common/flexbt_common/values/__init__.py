@@ -13,11 +13,12 @@ from .entries import (
     to_entry,
     value_to_text,
 )
-from .limits import check_limits
+from .limits import MESSAGE, check_limits, length_of
 from .value_text import from_plain
 from .value_types import PRIMITIVES, shown, type_name
 
 __all__ = [
+    'MESSAGE',
     'PRIMITIVES',
     'Encoding',
     'ValueType',
@@ -26,6 +27,7 @@ __all__ = [
     'duration_message',
     'from_entry',
     'from_plain',
+    'length_of',
     'message_type_name',
     'resolve_type',
     'shown',

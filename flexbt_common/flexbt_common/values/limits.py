@@ -8,6 +8,7 @@ added later has one too.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -50,21 +51,31 @@ def check_limits(message: Any) -> None:
     Raises:
         LimitExceededError: names the field, its length and the bound, and shows how it begins.
     """
-    check = _check_of(type(message))
-    length = 0 if check is None else check(message, '')
+    length = _length(message, is_bounded=True)
     if length > MESSAGE:
         raise LimitExceededError(
             f'{type(message).__name__}: a message of {length} characters, bytes and elements; {_most(MESSAGE)}'
         )
 
 
+def length_of(message: Any) -> int:
+    """Characters, bytes and elements of all texts and lists of a message."""
+    return _length(message, is_bounded=False)
+
+
+def _length(message: Any, is_bounded: bool) -> int:
+    message_type: Any = type(message)
+    check = _check_of(message_type, is_bounded)
+    return 0 if check is None else check(message, '')
+
+
 @functools.cache
-def _check_of(message_type: type[Any]) -> _Check | None:
+def _check_of(message_type: Any, is_bounded: bool) -> _Check | None:
     """None for messages whose size is fixed."""
     package = message_type.__module__.partition('.')[0]
     parts: list[tuple[str, _Check]] = []
     for name, slot in zip(message_type.get_fields_and_field_types(), message_type.SLOT_TYPES, strict=True):
-        check = _check_of_slot(slot, f'{package}/{message_type.__name__}.{name}')
+        check = _check_of_slot(slot, f'{package}/{message_type.__name__}.{name}', is_bounded)
         if check is not None:
             parts.append((name, check))
     if not parts:
@@ -77,15 +88,16 @@ def _check_of(message_type: type[Any]) -> _Check | None:
     return check_message
 
 
-def _check_of_slot(slot: Any, key: str) -> _Check | None:
+def _check_of_slot(slot: Any, key: str, is_bounded: bool) -> _Check | None:
     if isinstance(slot, AbstractString | AbstractWString):
-        return functools.partial(_check_text, limit=LIMITS.get(key, TEXT))
+        return functools.partial(_check_text, limit=LIMITS.get(key, TEXT) if is_bounded else math.inf)
     if isinstance(slot, NamespacedType):
-        return _check_of(class_of_slot(slot))
+        message_type: Any = class_of_slot(slot)
+        return _check_of(message_type, is_bounded)
     if not isinstance(slot, Array | AbstractSequence):
         return None
-    limit = slot.size if isinstance(slot, Array) else LIMITS.get(key, LIST)
-    check_element = _check_of_slot(slot.value_type, f'{key}[]')
+    limit = LIMITS.get(key, LIST) if is_bounded and isinstance(slot, AbstractSequence) else math.inf
+    check_element = _check_of_slot(slot.value_type, f'{key}[]', is_bounded)
 
     def check_list(values: Any, path: str) -> int:
         length = len(values)
@@ -98,7 +110,7 @@ def _check_of_slot(slot: Any, key: str) -> _Check | None:
     return check_list
 
 
-def _check_text(text: str, path: str, *, limit: int) -> int:
+def _check_text(text: str, path: str, *, limit: float) -> int:
     if len(text) > limit:
         raise LimitExceededError(
             f'{path} has {len(text)} characters, beginning with {shown(text[:40])}; {_most(limit)}'
@@ -106,5 +118,5 @@ def _check_text(text: str, path: str, *, limit: int) -> int:
     return len(text)
 
 
-def _most(limit: int) -> str:
+def _most(limit: float) -> str:
     return f'at most {limit} are allowed'

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from flexbt_common import names
@@ -13,21 +14,34 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import BlackboardError
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import sendable
 from flexbt_msgs.action import BtGetData, BtSetData
-from flexbt_server.trees import Blackboards, entries_of, read_values, write_all
+from flexbt_server.trees import Blackboards, entries_of, write_all
+
+from .run_messages import MESSAGE_LIMIT
 
 
 class DataServers:
-    """Serves BtGetData and BtSetData. ``on_write(blackboard)`` is told when entries were written."""
+    """Serves BtGetData and BtSetData. ``on_write(blackboard)`` is told when entries were written.
+
+    Values are converted on the thread of ``reader``, as those of goals for trees: in the order of all these goals.
+    """
 
     def __init__(
-        self, runtime: NodeRuntime, boards: Blackboards, on_write: Callable[[str], None], admission: GoalAdmission
+        self,
+        runtime: NodeRuntime,
+        boards: Blackboards,
+        reader: ThreadPoolExecutor,
+        on_write: Callable[[str], None],
+        admission: GoalAdmission,
     ) -> None:
+        self._runtime = runtime
         self._boards = boards
+        self._reader = reader
         self._on_write = on_write
         servers = [
-            GoalServer(runtime, action, name, admission.guard(serve, refused), refused=refused)
-            for action, name, serve, refused in (
+            GoalServer(runtime, action, name, admission.guard(self._serve(action, answer), refused), refused=refused)
+            for action, name, answer, refused in (
                 (BtGetData, names.BT_GET_DATA, self._get, functools.partial(_refused, BtGetData)),
                 (BtSetData, names.BT_SET_DATA, self._set, functools.partial(_refused, BtSetData)),
             )
@@ -39,30 +53,47 @@ class DataServers:
 
         runtime.on_close(lambda: runtime.call(close))
 
-    def _get(self, goal: ServedGoal) -> None:
-        request = goal.request
-        board = self._boards.get(request.blackboard)
+    def _serve(self, action: Any, answer: Callable[[Any], Any]) -> Callable[[ServedGoal], None]:
+        def serve(goal: ServedGoal) -> None:
+            def work() -> None:
+                try:
+                    result = answer(goal.request)
+                except Exception as error:  # a fault of ours goes to the client as well
+                    self._runtime.report_fault(error, 'a goal for a blackboard')
+                    result = action.Result(code=action.Result.ERROR, message=f'fault in the BT server: {error!r:.1000}')
+                self._runtime.post(lambda: end(result))
+
+            def end(result: Any) -> None:
+                if result.code == result.SUCCESS:
+                    goal.succeed(result)
+                else:
+                    goal.abort(result)
+
+            self._reader.submit(work)
+
+        return serve
+
+    def _get(self, request: Any) -> Any:
+        board = self._boards.find(request.blackboard)
         keys = list(request.keys) or sorted(board.snapshot())
         encoding = Encoding.BINARY if request.encoding == BtGetData.Goal.BINARY else Encoding.TEXT
         entries, missing, problems = entries_of(board, keys, encoding)
         where = f'blackboard {request.blackboard!r}' if request.blackboard else 'the shared blackboard'
         problems = [f'{where} has no value for {key!r}' for key in missing] + problems
-        if problems:
-            goal.abort(BtGetData.Result(code=BtGetData.Result.FAILURE, message='; '.join(problems), entries=entries))
-            return
-        goal.succeed(BtGetData.Result(code=BtGetData.Result.SUCCESS, entries=entries))
+        code = BtGetData.Result.FAILURE if problems else BtGetData.Result.SUCCESS
+        return BtGetData.Result(code=code, message=sendable('; '.join(problems), MESSAGE_LIMIT), entries=entries)
 
-    def _set(self, goal: ServedGoal) -> None:
-        request = goal.request
+    def _set(self, request: Any) -> Any:
         try:
             if not request.entries:
                 raise FlexbtError('the goal has no entries')
-            write_all(self._boards.get(request.blackboard), read_values(request.entries))
+            values = self._boards.receive(request.blackboard, request.entries)
+            write_all(self._boards.get(request.blackboard), values)
         except (FlexbtError, BlackboardError) as error:
-            goal.abort(BtSetData.Result(code=BtSetData.Result.FAILURE, message=f'nothing was written: {error}'))
-            return
-        self._on_write(request.blackboard)
-        goal.succeed(BtSetData.Result(code=BtSetData.Result.SUCCESS))
+            message = sendable(f'nothing was written: {error}', MESSAGE_LIMIT)
+            return BtSetData.Result(code=BtSetData.Result.FAILURE, message=message)
+        self._runtime.post(lambda: self._on_write(request.blackboard))
+        return BtSetData.Result(code=BtSetData.Result.SUCCESS)
 
 
 def _refused(action: Any, why: str) -> Any:

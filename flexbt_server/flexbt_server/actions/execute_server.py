@@ -22,7 +22,7 @@ from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
 from flexbt_server.leaves import LeafServices
 from flexbt_server.runs import NoStream, RunOutcome, RunWatcher, TreeRun, TreeStream, watched_by
-from flexbt_server.trees import POSE_STAMPED, POSES, Blackboards, FoundTree, TreeStore, Value, read_values
+from flexbt_server.trees import POSE_STAMPED, POSES, Blackboards, FoundTree, TreeStore, Value
 
 from .goal_owners import GoalOwners
 from .run_messages import MESSAGE_LIMIT, feedback_of, result_of
@@ -137,8 +137,8 @@ class ExecuteServer:
             try:
                 if not name:
                     raise FlexbtError("the goal names no behavior tree, and the parameter 'default_tree' is not set")
-                values = read_values(goal.request.inputs)
                 found = self._store.find(name)
+                values = self._boards.receive(goal.request.blackboard, goal.request.inputs)
             except FlexbtError as error:
                 reason = str(error)
                 self._runtime.post(lambda: goal.end(RunOutcome(Result.ERROR, reason)))
@@ -212,7 +212,7 @@ class ExecuteServer:
             on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
             on_overrun=self._runtime.node.get_logger().warning,
         )
-        running = goal.running = RunningTree(run_id, key, name, run, goal)
+        running = goal.running = RunningTree(run_id, key, name, board, run, goal)
         run.start()
         self._running.add(running)
         self._schedule_feedback(running)
@@ -267,7 +267,7 @@ class ExecuteServer:
 
     def _result(self, goal: TreeGoal, outcome: RunOutcome) -> Any:
         running = goal.running
-        board = self._boards.get(goal.request.blackboard) if running is None else running.run.board
+        board = self._boards.find(goal.request.blackboard) if running is None else running.run.board
         return result_of(goal.request, outcome, board, goal.notice, self._seconds(goal))
 
     # -- meanwhile ---------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexbt_common.calls import ServedGoal
-from flexbt_core.behavior_tree import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree import Blackboard, TreeKey, TreeLibrary
 from flexbt_core.clock import Timer
 from flexbt_server.errors import UnknownRunError
 from flexbt_server.runs import RunOutcome, TreeRun
@@ -46,6 +46,8 @@ class RunningTree:
     id: str
     key: TreeKey
     blackboard: str
+    board: Blackboard
+    """That of this name, which stays as long as somebody holds it."""
     run: TreeRun[TreeGoal]
     goal: TreeGoal
     feedback: Timer | None = None

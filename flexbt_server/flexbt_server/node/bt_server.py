@@ -70,7 +70,7 @@ class BtServer:
         )
         self.control = runtime.call(lambda: ControlServer(runtime, self.execute.find_run))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
-        self.data = runtime.call(lambda: DataServers(runtime, boards, self.execute.wake, admission))
+        self.data = runtime.call(lambda: DataServers(runtime, boards, reader, self.execute.wake, admission))
         self.alive = LivelinessToken(runtime)
         runtime.on_close(lambda: self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS))
         self._log = logger.info

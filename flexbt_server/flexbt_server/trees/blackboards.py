@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import threading
+import weakref
+from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from flexbt_common.errors import UnknownTypeError
-from flexbt_common.values import Encoding, from_entry, resolve_type, to_entry
+from flexbt_common.errors import LimitExceededError, UnknownTypeError
+from flexbt_common.values import MESSAGE, Encoding, from_entry, resolve_type, to_entry
 from flexbt_core.behavior_tree import Blackboard, BlackboardError, PortType
 from flexbt_core.behavior_tree.model import port_types
 from flexbt_core.errors import FlexbtError
@@ -38,17 +40,77 @@ gets the type of the ports that use it."""
 _ROS_NAMES: Final = {kind.name: name for name, kind in _INTEGERS.items()}
 
 
+MOST_BLACKBOARDS: Final = 100
+"""Named blackboards that are kept while nothing runs on them."""
+
+MOST_KEYS: Final = 10_000
+"""Entries of one blackboard, as far as they come from outside. (Trees add those that their files name.)"""
+
+MOST_VALUES: Final = 256_000_000
+"""Characters and bytes of all values that come from outside, on all blackboards."""
+
+
 class Blackboards:
-    """Blackboards by name; one is made when it is first named. Safe to use from several threads."""
+    """Blackboards by name. One is made by who writes to it or runs on it, not by who reads. From any thread.
+
+    The shared one is there for good. Of the named ones those stay on which somebody works, and of the others the
+    MOST_BLACKBOARDS that were named last.
+    """
 
     def __init__(self) -> None:
-        self._boards: dict[str, Blackboard] = {SHARED: Blackboard()}
+        self._all: weakref.WeakValueDictionary[str, Blackboard] = weakref.WeakValueDictionary()
+        self._kept: OrderedDict[str, Blackboard] = OrderedDict()
+        self._lengths: weakref.WeakKeyDictionary[Blackboard, dict[str, int]] = weakref.WeakKeyDictionary()
         self._lock = threading.Lock()
+        self._shared = self._all[SHARED] = Blackboard()
 
     def get(self, name: str) -> Blackboard:
-        """The blackboard called ``name``."""
+        """The blackboard called ``name``, which is made if there is none. Whoever works on it has to hold it."""
         with self._lock:
-            return self._boards.setdefault(name, Blackboard())
+            board = self._all.get(name)
+            if board is None:
+                board = self._all[name] = Blackboard()
+            if name != SHARED:
+                self._kept[name] = board
+                self._kept.move_to_end(name)
+                if len(self._kept) > MOST_BLACKBOARDS:
+                    self._kept.popitem(last=False)
+            return board
+
+    def find(self, name: str) -> Blackboard:
+        """The blackboard called ``name``; if there is none, an empty one, which is nobody's."""
+        board = self._all.get(name)
+        return Blackboard() if board is None else board
+
+    def receive(self, name: str, entries: Sequence[BlackboardEntry]) -> list[Value]:
+        """Keys, values and types of entries that are to be written to the blackboard called ``name``.
+
+        Raises:
+            FlexbtError: as :func:`read_values`, and when there is no room for so many keys or such large values.
+        """
+        values = read_values(entries)
+        if not values:
+            return values
+        board = self.get(name)
+        with self._lock:
+            keys = set(board.keys())
+            new = {entry.key for entry in entries} - keys
+            if len(keys) + len(new) > MOST_KEYS:
+                raise LimitExceededError(
+                    f'blackboard {name!r} has {len(keys)} entries; {len(new)} more would be more than {MOST_KEYS}'
+                )
+            # Of entries that are gone by now nothing counts.
+            known = {key: length for key, length in self._lengths.get(board, {}).items() if key in keys}
+            known |= {entry.key: len(entry.text) + len(entry.data) for entry in entries}
+            others = sum(sum(lengths.values()) for other, lengths in self._lengths.items() if other is not board)
+            total = others + sum(known.values())
+            if total > MOST_VALUES:
+                raise LimitExceededError(
+                    f'the values given to the blackboards would have {total} bytes; at most {MOST_VALUES} are kept: '
+                    'write small ones in the place of large ones'
+                )
+            self._lengths[board] = known
+        return values
 
 
 def read_values(entries: Iterable[BlackboardEntry]) -> list[Value]:
@@ -105,7 +167,11 @@ def write_all(board: Blackboard, values: Sequence[Value]) -> None:
 def entries_of(
     board: Blackboard, keys: Sequence[str], encoding: Encoding
 ) -> tuple[list[BlackboardEntry], list[str], list[str]]:
-    """Typed values of keys: the entries, the keys that are missing, and why other keys cannot be converted."""
+    """Typed values of keys: the entries, the keys that are missing, and why other keys cannot be converted.
+
+    Values that are more than one message may have are not among the entries.
+    """
+    length = 0
     entries: list[BlackboardEntry] = []
     missing: list[str] = []
     problems: list[str] = []
@@ -116,7 +182,13 @@ def entries_of(
             missing.append(key)
             continue
         try:
-            entries.append(to_entry(key, value, _ros_type(board, key), encoding))
+            entry = to_entry(key, value, _ros_type(board, key), encoding)
         except FlexbtError as error:
             problems.append(str(error))
+            continue
+        length += len(entry.text) + len(entry.data)
+        if length > MESSAGE:
+            problems.append(f'the values from {key!r} on are more than {MESSAGE} bytes; ask for fewer keys at a time')
+            break
+        entries.append(entry)
     return entries, missing, problems

@@ -66,7 +66,7 @@ MISSING.sequence = -1
 class Blackboard:
     """A scope of entries. Safe to use from several threads; a scope and its descendants share one lock."""
 
-    __slots__ = ('_autoremap', '_entries', '_parent', '_remaps', '_root', 'lock')
+    __slots__ = ('__weakref__', '_autoremap', '_entries', '_parent', '_remaps', '_root', 'lock')
 
     def __init__(self, parent: Blackboard | None = None) -> None:
         self._parent = parent
