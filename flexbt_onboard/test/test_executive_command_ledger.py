@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_core.clock import SteadyClock
 from flexbt_core.state_machine import Answer
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand
 from flexbt_onboard.commands import COMMANDS, REPORT_TIME, CommandLedger
@@ -31,7 +32,7 @@ class Books:
         self.changes = 0
         self.time = 100.0
         self.told: list[str] = []
-        self.journal = RunJournal(directory, '/executive', self.told.append)
+        self.journal = RunJournal(directory, '/executive', self.told.append, SteadyClock())
         clock: Any = SimpleNamespace(stamp=None)
         report = Reporter(
             lambda _severity, text, path='', run_id='': self.told.append(text), EventLog(None, clock, print)

@@ -6,9 +6,14 @@ from __future__ import annotations
 import json
 import math
 import os
+import random
+import shutil
 import subprocess
 import sys
 import tempfile
+import threading
+import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,32 +23,63 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Path as NavPath
 
+from flexbt_core.clock import ManualClock, SteadyClock
 from flexbt_core.errors import FlexbtError
 from flexbt_onboard.durability import (
+    FORMAT,
     REMEMBERED_COMMANDS,
+    STUCK_SECONDS,
     Journal,
     JournalState,
+    Line,
+    encode_head,
     encode_line,
     from_plain_form,
+    read_journal,
     to_plain_form,
 )
 from flexbt_onboard.errors import OnboardError
+from flexbt_testing.waiting import wait_until
 
 TEXTS = st.text(st.characters(codec='utf-8'), max_size=8)
+RUNS = st.sampled_from('rs')
+COMMANDS = st.lists(st.tuples(TEXTS, st.integers(1, 2), TEXTS), max_size=3)
+
+
+def begin_of(run: str, **parts: Any) -> Line:
+    """What is written of a run that begins."""
+    return {'run': run, 'behavior': 'B', 'arguments': [], 'inputs': [], 'by': 'ann', 'autonomy': 1} | parts
+
+
+def position_of(*active: str) -> Line:
+    """What is written of a place in a machine."""
+    return {'active': list(active), 'coming': [], 'levels': {'/': 1}, 'locked': [], 'breakpoints': []}
+
+
 LINES = st.one_of(
-    st.fixed_dictionaries({'begin': st.fixed_dictionaries({'run': TEXTS})}),
-    st.fixed_dictionaries({'position': st.dictionaries(TEXTS, st.integers())}),
-    st.fixed_dictionaries({'end': TEXTS}),
-    st.fixed_dictionaries({'commands': st.lists(st.tuples(TEXTS, st.integers(1, 2), TEXTS), max_size=3)}),
-    st.fixed_dictionaries({'position': st.integers(), 'commands': st.just([('c', 1, '')])}),
+    st.fixed_dictionaries({'begin': st.builds(begin_of, RUNS, autonomy=st.integers(0, 3))}),
+    st.fixed_dictionaries({'run': RUNS, 'position': st.builds(position_of, TEXTS)}),
+    st.fixed_dictionaries({'run': RUNS, 'end': TEXTS}),
+    st.fixed_dictionaries({'commands': COMMANDS}),
+    st.fixed_dictionaries({'run': RUNS, 'position': st.builds(position_of, TEXTS), 'commands': COMMANDS}),
 )
+STORY: list[Line] = [
+    {'commands': [['first', 2, 'no']]},
+    {'begin': begin_of('r', inputs=[['key', 'string', 'ä', 'AAAA']]), 'commands': [['start', 1, '']]},
+    {'run': 'r', 'position': position_of('/A')},
+    {'run': 'r', 'position': position_of('/B'), 'commands': [['confirm', 1, '']]},
+    {'run': 'r', 'end': 'done'},
+    {'begin': begin_of('s')},
+    {'run': 's', 'position': position_of('/C')},
+]
+"""Two runs, of which the second goes on."""
 
 
 def no_problem(text: str) -> None:
     raise AssertionError(text)
 
 
-def state_of(lines: list[dict[str, Any]]) -> JournalState:
+def state_of(lines: list[Line]) -> JournalState:
     """What lines say."""
     state = JournalState()
     for line in lines:
@@ -51,107 +87,359 @@ def state_of(lines: list[dict[str, Any]]) -> JournalState:
     return state
 
 
-@settings(max_examples=60)
-@given(st.lists(LINES, max_size=12), st.data())
-def test_a_journal_that_is_cut_off_anywhere_holds_the_lines_before(lines: list[dict[str, Any]], data: Any) -> None:
+def file_of(lines: list[Line]) -> bytes:
+    """A journal with these lines."""
+    return b''.join([encode_head(), *(encode_line(number, line) for number, line in enumerate(lines, 1))])
+
+
+@pytest.fixture(scope='session')
+def clock() -> Iterator[SteadyClock]:
+    clock = SteadyClock()
+    yield clock
+    clock.close()
+
+
+@pytest.fixture
+def opened(clock: SteadyClock) -> Iterator[Callable[..., Journal]]:
+    """Opens journals, and closes them."""
+    journals: list[Journal] = []
+
+    def open_one(file: Path, on_problem: Callable[[str], None] = no_problem) -> Journal:
+        journals.append(Journal(file, on_problem, clock))
+        return journals[-1]
+
+    yield open_one
+    for journal in journals:
+        journal.close()
+
+
+def written(journal: Journal) -> Journal:
+    """A journal whose lines are on the disk."""
+    assert journal.sync(20.0)
+    return journal
+
+
+# -- what is read of a file -------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=200)
+@given(st.lists(LINES, max_size=12))
+def test_what_is_written_is_read(lines: list[Line]) -> None:
+    found = read_journal(file_of(lines))
+    assert (found.damage, found.torn) == ('', 0)
+    assert state_of(list(found.lines)) == state_of(json.loads(json.dumps(lines)))
+
+
+def test_a_file_that_is_cut_off_at_any_byte_holds_the_lines_before_and_says_so() -> None:
+    data = file_of(STORY)
+    ends = [len(file_of(STORY[:number])) for number in range(len(STORY) + 1)]
+    for cut in range(1, len(data)):
+        found = read_journal(data[:cut])
+        whole = sum(end <= cut for end in ends) - 1
+        assert list(found.lines) == STORY[: max(0, whole)], cut
+        assert (found.damage, bool(found.torn)) == ('', cut not in ends), cut
+    assert 'empty' in read_journal(b'').damage
+
+
+def test_a_byte_that_is_flipped_costs_its_own_line_and_is_told() -> None:
+    data = file_of(STORY)
+    source = random.Random(1)
+    for place in range(len(data)):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << source.randrange(8)
+        found = read_journal(bytes(flipped))
+        assert found.damage or found.torn, place
+        number = data[:place].count(b'\n')
+        # A line break that is no more, or a new one, costs its neighbor, too.
+        lost = [line for line in STORY if line not in found.lines]
+        assert len(lost) <= 2 and all(
+            line in (STORY[number - 1 : number + 1] if number else STORY[:1]) for line in lost
+        )
+        assert [line for line in STORY if line in found.lines] == list(found.lines)
+
+
+def test_lines_that_are_swapped_doubled_or_missing_are_told_and_the_others_count() -> None:
+    whole = file_of(STORY).splitlines(keepends=True)
+    for first in range(len(whole)):
+        without = whole[:first] + whole[first + 1 :]
+        if first < len(whole) - 1:  # as if it had never been written
+            found = read_journal(b''.join(without))
+            assert found.damage
+            assert list(found.lines) == [line for number, line in enumerate(STORY, 1) if number != first]
+        found = read_journal(b''.join([*whole[: first + 1], *whole[first:]]))
+        assert 'as one before' in found.damage and list(found.lines) == STORY
+        for second in range(first):
+            swapped = list(whole)
+            swapped[first], swapped[second] = swapped[second], swapped[first]
+            found = read_journal(b''.join(swapped))
+            assert 'has the number' in found.damage
+            assert list(found.lines) == STORY
+
+
+JSON = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4),
+        st.dictionaries(
+            st.sampled_from(['begin', 'position', 'end', 'commands', 'run', 'active', 'levels', 'other']), inner
+        ),
+    ),
+    max_leaves=10,
+)
+
+
+@settings(max_examples=300)
+@given(st.lists(JSON, min_size=1, max_size=4))
+def test_lines_of_any_json_are_told_or_fit(contents: list[Any]) -> None:
+    found = read_journal(file_of([STORY[1], *contents, STORY[2]]))
+    assert found.lines[0] == STORY[1] and found.lines[-1] == STORY[2]
+    assert bool(found.damage) == (len(found.lines) < len(contents) + 2)
+    state_of(list(found.lines))
+
+
+BAD_PARTS: list[tuple[Line, str]] = [
+    ({'begin': begin_of('r') | {'autonomy': 4}}, 'autonomy'),
+    ({'begin': {'run': 'r'}}, 'begin'),
+    ({'begin': begin_of('r') | {'arguments': [['a']]}}, 'begin'),
+    ({'begin': begin_of('r') | {'inputs': [['a', 'b', 'c', '%']]}}, 'begin'),
+    ({'run': 'r', 'position': 3}, 'position'),
+    ({'run': 'r', 'position': position_of() | {'levels': {'/': 'x'}}}, 'position'),
+    ({'run': 'r', 'position': position_of() | {'active': [1]}}, 'position'),
+    ({'position': position_of()}, 'which run'),
+    ({'end': 'x'}, 'which run'),
+    ({'commands': [['a', 1]]}, 'commands'),
+    ({'commands': [['a', 300, '']]}, 'commands'),
+    ({'new': 1}, 'new'),
+]
+
+
+@pytest.mark.parametrize(('line', 'named'), BAD_PARTS)
+def test_a_line_of_another_shape_is_named(line: Line, named: str) -> None:
+    found = read_journal(file_of([*STORY[:2], line, *STORY[3:]]))
+    assert 'line 4' in found.damage and named in found.damage
+    assert list(found.lines) == [*STORY[:2], *STORY[3:]]
+
+
+def test_a_journal_of_another_format_is_refused_by_its_number(tmp_path: Path, opened: Any) -> None:
+    assert 'does not begin as a journal' in read_journal(b'01234567 {}\n').damage
+    text = b'{"begin":{"run":"r"}}'
+    assert 'of format 1,' in read_journal(b'%08x %s\n' % (zlib.crc32(text), text)).damage
+    later = encode_line(0, {'format': FORMAT + 1}) + encode_line(1, STORY[1])
+    assert f'of format {FORMAT + 1},' in read_journal(later).damage
+    file = tmp_path / 'e.journal'
+    file.write_bytes(later)
+    journal = opened(file)
+    (aside,) = tmp_path.glob('e.*.damaged')
+    assert aside.read_bytes() == later and str(aside) in journal.damage
+    assert journal.state == JournalState()
+
+
+# -- the file as it is used -------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(LINES, max_size=8), st.data())
+def test_a_journal_that_was_cut_off_goes_on_from_the_lines_before(lines: list[Line], data: Any) -> None:
+    lines = json.loads(json.dumps(lines))
+    clock = ManualClock()
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / 'e.journal'
-        journal = Journal(file, no_problem)
-        ends = [0]
-        for line in lines:
-            journal.write(**line)
-            ends.append(file.stat().st_size)
+        whole = file_of(lines)
+        ends = [len(file_of(lines[:number])) for number in range(len(lines) + 1)]
+        cut = data.draw(st.integers(ends[0], len(whole)), label='cut')
+        file.write_bytes(whole[:cut] + data.draw(st.sampled_from([b'', b'\0' * 40]), label='rest'))
+        survived = lines[: sum(end <= cut for end in ends) - 1]
+        journal = Journal(file, no_problem, clock)
+        assert journal.state == state_of(survived) and not journal.damage
+        journal.append(begin=begin_of('further'))
         journal.close()
-        whole = file.read_bytes()
-        cut = data.draw(st.integers(0, len(whole)), label='cut')
-        file.write_bytes(whole[:cut] + data.draw(st.sampled_from([b'', b'\0' * 40, b'0badf00d {}\n']), label='rest'))
-        again = Journal(file, no_problem)
-        survived = sum(end <= cut for end in ends) - 1
-        assert again.state == state_of(lines[:survived])
-        again.write(position='further')
-        again.close()
-        last = Journal(file, no_problem)
-        assert last.state == state_of([*lines[:survived], {'position': 'further'}])
+        last = Journal(file, no_problem, clock)
         last.close()
+        assert last.state == state_of([*survived, {'begin': begin_of('further')}])
+        assert (last.damage, last.torn) == ('', '')
 
 
-@pytest.mark.parametrize(
-    ('rest', 'is_damage'), [(b'', False), (b'12345678 {"beg', False), (b'\0' * 64, False), (b'00000000 {}\n', True)]
-)
-def test_damage_that_no_crash_leaves_is_told_and_kept(tmp_path: Path, rest: bytes, is_damage: bool) -> None:
+def test_a_damaged_file_is_kept_aside_and_told_once(tmp_path: Path, opened: Any) -> None:
     file = tmp_path / 'e.journal'
-    first = encode_line({'begin': {'run': 'r'}})
-    data = first + rest + (encode_line({'end': 'over'}) if is_damage else b'')
-    file.write_bytes(data)
-    journal = Journal(file, no_problem)
+    data = bytearray(file_of(STORY))
+    data[len(file_of(STORY[:3])) + 20] ^= 1
+    file.write_bytes(bytes(data))
+    journal = written(opened(file))
+    (aside,) = tmp_path.glob('e.*.damaged')
+    assert str(aside) in journal.damage and 'line 5' in journal.damage and f'{len(STORY) - 1} lines' in journal.damage
+    assert aside.read_bytes() == data
+    assert journal.state == state_of([*STORY[:3], *STORY[4:]])
     journal.close()
-    assert journal.state.begin == {'run': 'r'}
-    corrupt = tmp_path / 'e.corrupt'
-    assert bool(journal.damage) == corrupt.exists() == is_damage
-    if is_damage:
-        assert str(corrupt) in journal.damage and 'after 1 lines' in journal.damage
-        assert corrupt.read_bytes() == data
-    assert Journal(file, no_problem).damage == ''
+    again = opened(file)
+    assert (again.state, again.damage) == (journal.state, '')
 
 
-def test_it_stays_small_and_forgets_only_the_oldest_commands(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / 'e.journal', no_problem)
-    journal.write(begin={'run': 'r'})
+def test_what_a_crash_has_cut_off_is_told(tmp_path: Path, opened: Any) -> None:
+    file = tmp_path / 'e.journal'
+    file.write_bytes(file_of(STORY)[:-3])
+    journal = opened(file)
+    assert 'cut off' in journal.torn and not journal.damage
+    assert journal.state == state_of(STORY[:-1])
+
+
+def test_it_stays_small_and_forgets_only_the_oldest_commands(tmp_path: Path, opened: Any) -> None:
+    journal = opened(tmp_path / 'e.journal')
+    journal.append(begin=begin_of('r'))
     for number in range(30_000):
-        journal.write(commands=[(f'command-{number}', 1, '')], position={'number': number, 'text': 'x' * 50})
-        assert number % 1000 or journal.file.stat().st_size < 2_000_000
+        journal.append([(f'command-{number}', 1, '')], run='r', position=position_of('/A', 'x' * 50, str(number)))
+        if number % 100 == 0:
+            assert written(journal).file.stat().st_size < 2_000_000
     expected = journal.state
     journal.close()
-    again = Journal(tmp_path / 'e.journal', no_problem)
+    again = written(opened(tmp_path / 'e.journal'))
     assert again.state == expected
     assert len(again.state.commands) == REMEMBERED_COMMANDS
-    assert again.state.position['number'] == 29_999
+    assert again.state.position['active'][-1] == '29999'
     assert again.file.stat().st_size < 200_000
 
 
-def test_two_executives_do_not_share_a_journal(tmp_path: Path) -> None:
-    journal = Journal(tmp_path / 'e.journal', no_problem)
+def test_two_executives_do_not_share_a_journal(tmp_path: Path, opened: Any) -> None:
+    journal = opened(tmp_path / 'e.journal')
     with pytest.raises(OnboardError, match='in use by another'):
-        Journal(tmp_path / 'e.journal', no_problem)
-    journal.write(begin={'run': 'first'})
+        opened(tmp_path / 'e.journal')
+    journal.append(begin=begin_of('first'))
     journal.close()
-    second = Journal(tmp_path / 'e.journal', no_problem)
-    journal.write(begin={'run': 'too late'})
-    second.write(position=1)
+    second = opened(tmp_path / 'e.journal')
+    journal.append(begin=begin_of('too late'))
+    second.append(run='first', position=position_of('/A'))
     second.close()
-    assert Journal(tmp_path / 'e.journal', no_problem).state.begin == {'run': 'first'}
+    assert opened(tmp_path / 'e.journal').state.begin == begin_of('first')
 
 
-def test_a_directory_that_cannot_be_used_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_directory_that_cannot_be_used_is_refused_by_name(tmp_path: Path, opened: Any) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(OnboardError, match='journal_directory'):
-        Journal(tmp_path / 'file' / 'e.journal', no_problem)
+        opened(tmp_path / 'file' / 'e.journal')
 
+
+# -- disks that fail --------------------------------------------------------------------------------------------------
 
 FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
-from flexbt_onboard.durability.journal import Journal
+from flexbt_core.clock import SteadyClock
+from flexbt_onboard.durability import Journal
+from flexbt_testing.waiting import wait_until
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 problems = []
-journal = Journal(Path(sys.argv[1]), problems.append)
-journal.write(begin={'run': 'r'})
-for number in range(100):
-    journal.write(position=[number] * (1 if number % 7 else 900))
-assert [bool(problem) for problem in problems] == [True, False] * (len(problems) // 2), problems
-assert len(problems) > 4
-journal.write(position='last')
+clock = SteadyClock()
+journal = Journal(Path(sys.argv[1]), problems.append, clock)
+journal.append(begin={'run': 'r', 'behavior': 'B', 'arguments': [], 'inputs': [], 'by': '', 'autonomy': 1})
+def at(*active):
+    journal.append(
+        run='r', position={'active': active, 'coming': [], 'levels': {}, 'locked': [], 'breakpoints': []}
+    )
+    assert journal.sync(20.0)
+for number in range(3):
+    at('/A')
+    assert len(problems) == 2 * number, problems
+    at('x' * 3000)
+    assert len(problems) == 2 * number + 1 and 'cannot be written' in problems[-1], problems
+    at('/B')
+    wait_until(lambda: len(problems) == 2 * number + 2, problems)
+    assert problems[-1] == '', problems
+at('/Last')
 journal.close()
+clock.close()
 """
 
 
-def test_a_full_disk_is_told_once_each_time_and_what_fits_again_is_whole(tmp_path: Path) -> None:
+def test_a_full_disk_is_told_once_each_time_and_what_fits_again_is_whole(tmp_path: Path, opened: Any) -> None:
     file = tmp_path / 'e.journal'
     subprocess.run([sys.executable, '-c', FULL_DISK, str(file)], check=True, timeout=60, env=os.environ)
-    journal = Journal(file, no_problem)
-    assert (journal.state.begin, journal.state.position) == ({'run': 'r'}, 'last')
+    journal = opened(file)
+    assert (journal.state.begin['run'], journal.state.position['active'], journal.damage) == ('r', ['/Last'], '')
+
+
+def test_a_directory_that_disappears_is_told_and_made_again(tmp_path: Path, opened: Any) -> None:
+    told: list[str] = []
+    file = tmp_path / 'journals' / 'e.journal'
+    journal = written(opened(file, told.append))
+    journal.append(begin=begin_of('r'))
+    written(journal)
+    for gone in (tmp_path / 'moved', None):
+        told.clear()
+        if gone is None:
+            shutil.rmtree(file.parent)
+        else:
+            file.parent.rename(gone)
+        journal.append(run='r', position=position_of(f'/{gone}'))
+        assert journal.sync(20.0)
+        assert 'moved or removed' in told[0]
+        wait_until(lambda: told[1:] == [''], 'journal written again')
+        assert state_of(list(read_journal(file.read_bytes()).lines)) == journal.state
+        with pytest.raises(OnboardError, match='in use by another'):
+            opened(file)
+
+
+class SlowDisk:
+    """Lets fdatasync and fsync wait until it is told to go on."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.goes = threading.Event()
+        self.entered = threading.Event()
+        for name in ('fdatasync', 'fsync'):
+            monkeypatch.setattr(f'os.{name}', self._waiting(getattr(os, name)))
+
+    def _waiting(self, real: Callable[[int], None]) -> Callable[[int], None]:
+        def wait(descriptor: int) -> None:
+            self.entered.set()
+            assert self.goes.wait(20.0)
+            real(descriptor)
+
+        return wait
+
+
+def test_nobody_waits_for_a_slow_disk_but_who_wants_to_know(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, told, done = ManualClock(), list[str](), list[str]()
+    journal = Journal(tmp_path / 'e.journal', told.append, clock)
+    written(journal)
+    disk = SlowDisk(monkeypatch)
+    journal.append(begin=begin_of('r'))
+    journal.when_durable(lambda: done.append('first'))
+    journal.append(run='r', position=position_of('/A'))
+    journal.when_durable(lambda: done.append('second'))
+    assert disk.entered.wait(20.0) and not done
+    disk.goes.set()
+    wait_until(lambda: done == ['first', 'second'], lambda: done)
+    disk.goes.clear()
+    journal.append(run='r', position=position_of('/B'))
+    journal.when_durable(lambda: done.append('third'))
+    disk.entered.clear()
+    assert disk.entered.wait(20.0)
+    clock.advance(STUCK_SECONDS - 0.1)
+    assert (told, done[2:]) == ([], [])
+    clock.advance(0.2)  # told first, and then not waited for
+    assert 'does not answer' in told[0] and done[2:] == ['third']
+    journal.when_durable(lambda: done.append('at once'))
+    assert done[-1] == 'at once'
+    disk.goes.set()
+    wait_until(lambda: told[1:] == [''], lambda: told)
     journal.close()
+    assert state_of(list(read_journal(journal.file.read_bytes()).lines)) == journal.state
+
+
+def test_lines_that_wait_for_a_disk_are_bounded_and_none_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = written(Journal(tmp_path / 'e.journal', no_problem, ManualClock()))
+    disk = SlowDisk(monkeypatch)
+    journal.append(begin=begin_of('r'))
+    for number in range(5000):
+        journal.append([(str(number), 1, '')], run='r', position=position_of(str(number)))
+        assert len(journal._lines) <= 1001
+    disk.goes.set()
+    written(journal).close()
+    assert state_of(list(read_journal(journal.file.read_bytes()).lines)) == journal.state
+
+
+# -- values -----------------------------------------------------------------------------------------------------------
 
 
 def pose(x: float) -> PoseStamped:
@@ -193,7 +481,7 @@ class Handle:
     pass
 
 
-@pytest.mark.parametrize('value', [Handle(), [1, {2: Handle()}], {'a': {Handle: 1}}, {1, 2}])
+@pytest.mark.parametrize('value', [Handle(), [1, {2: Handle()}], {'a': {Handle: 1}}, {1, 2}, [10**5000]])
 def test_what_cannot_be_written_is_named_when_it_is_read(value: Any) -> None:
     plain = json.loads(json.dumps(to_plain_form(value)))
     with pytest.raises(FlexbtError, match=r'type .*could not be written'):

@@ -1,44 +1,53 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The journal: what the executive has to know after a crash, on the disk before anybody is told of it.
 
-The file ``<node>.journal`` holds lines that are only appended: the CRC-32 of the rest as eight hexadecimal digits, a
-space, and an object of JSON. What a crash has cut off at the end is dropped when the file is opened. The file is
-written anew, beside the old one and then in its place, when it has grown. Damage that no crash leaves, a whole line
-that is wrong, is told, and the file is kept as ``<node>.corrupt``.
+The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is written anew, beside the
+old one and then in its place, when it has grown, when it was moved or removed, and after the disk has failed. Of what a
+crash has cut off at the end the whole lines count. A file that is damaged in another way is kept aside, as
+``<node>.<time>.damaged``, and what can be read of it counts.
 
-A line has some of these:
-
-========  ==============================================================================================================
-begin     a run has begun: its request, as the executive gave it
-position  of the run: what the machine needs to go on from there
-end       the run has ended, or will not go on: why
-commands  lists of id, code and reason: commands that were decided with what else is in the line
-========  ==============================================================================================================
+A thread of its own writes, so that a disk that takes its time, or hangs, holds up nobody but those who wait for what
+they have written to be durable (:meth:`Journal.when_durable`).
 """
 
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import threading
-import zlib
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
+from flexbt_core.clock import Clock
 from flexbt_onboard.errors import OnboardError
+
+from .journal_format import Line, encode_head, encode_line, read_journal
 
 REMEMBERED_COMMANDS: Final = 4096
 """Commands that are remembered, so that a resend after a restart is not applied again."""
 
+STUCK_SECONDS: Final = 2.0
+"""A disk that takes longer than this for what waits is told, and not waited for."""
+
+RETRY_SECONDS: Final = 0.5
+"""From one attempt to write to a disk that has failed to the next."""
+
 _LARGEST: Final = 1_000_000
 """Bytes after which the file is written anew, unless what it has to hold is larger."""
 
+_MOST_WAITING: Final = 1000
+"""Lines that wait for the disk, at most. More of them are as well written as the state that they lead to."""
+
+_CLOSE_SECONDS: Final = 0.3
+
 Result = tuple[str, int, str]
 """Id, code (CommandResult) and reason of a command."""
+
+Callback = Callable[[], object]
 
 
 @dataclass
@@ -49,151 +58,221 @@ class JournalState:
     position: Any = None
     commands: OrderedDict[str, tuple[int, str]] = field(default_factory=OrderedDict)
 
-    def apply(self, line: dict[str, Any]) -> None:
+    def apply(self, line: Line) -> None:
         """Take in a line."""
         if 'begin' in line:
             self.begin, self.position = line['begin'], None
-        if 'position' in line:
-            self.position = line['position']
-        if 'end' in line:
-            self.begin = self.position = None
+        if self.begin is not None and line.get('run') == self.begin['run']:
+            if 'position' in line:
+                self.position = line['position']
+            if 'end' in line:
+                self.begin = self.position = None
         for command_id, code, reason in line.get('commands', ()):
             self.commands[command_id] = (code, reason)
             self.commands.move_to_end(command_id)
         while len(self.commands) > REMEMBERED_COMMANDS:
             self.commands.popitem(last=False)
 
-    def lines(self) -> list[dict[str, Any]]:
+    def lines(self) -> list[Line]:
         """The fewest lines that say the same."""
         commands = [[command_id, code, reason] for command_id, (code, reason) in self.commands.items()]
-        lines: list[dict[str, Any]] = [{'commands': commands}] if commands else []
+        lines: list[Line] = [{'commands': commands}] if commands else []
         if self.begin is not None:
             lines.append({'begin': self.begin})
             if self.position is not None:
-                lines.append({'position': self.position})
+                lines.append({'run': self.begin['run'], 'position': self.position})
         return lines
 
 
 class Journal:
     """The journal of one executive, held by one process at a time. From any thread.
 
-    ``on_problem`` is told, once, when it cannot be written any more, and '' when it can be again: the executive goes
-    on, but would not know after a crash what happened from there on.
+    ``on_problem`` is told when it cannot be written any more, and '' when it can be again: the executive goes on, but
+    would not know after a crash what happened from there on. It is told before anybody is told what is not written.
     """
 
-    def __init__(self, file: Path, on_problem: Callable[[str], None]) -> None:
-        """Open the journal.
+    def __init__(self, file: Path, on_problem: Callable[[str], None], clock: Clock) -> None:
+        """Open the journal; ``clock`` is that of the wall, for how long the disk takes.
 
         Raises:
-            OnboardError: the directory cannot be written, or another process has the journal.
+            OnboardError: the directory cannot be used, the file cannot be read, or another process has the journal.
         """
         self.file = file
         self.state = JournalState()
         self.damage = ''
         """What the operator has to know of the file that was found; '' when all is well."""
+        self.torn = ''
+        """What the operator may want to know of it: what the crash has cut off; '' for nothing."""
         self._on_problem = on_problem
-        self._lock = threading.Lock()
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._lines: list[Line] = []
+        self._appended, self._durable = 1, 0  # lines so far; to write the file that was found anew counts as one
+        self._waiting: deque[tuple[int, Callback]] = deque()  # and how many lines have to be durable for it
+        self._is_anew = True  # the file has to be written anew
+        self._is_writing = False
+        self._telling = threading.Lock()
         self._has_problem = False
-        self._unsynced = False
-        self._size = 0
-        self._descriptor = -1
+        self._is_closed = False
+        self._count = self._size = self._least_size = 0
+        self._descriptor = self._guard = -1
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            self._guard = os.open(file.with_suffix('.lock'), os.O_RDWR | os.O_CREAT, 0o644)
-        except OSError as error:
-            raise OnboardError(f'parameter journal_directory: {file} cannot be written: {error}') from error
-        try:
-            fcntl.flock(self._guard, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(self._guard)
-            raise OnboardError(
-                f'parameter journal_directory: {file} is in use by another executive of the same name; give them '
-                'directories of their own, or names'
-            ) from None
-        try:
+            self._take_guard()
             if file.exists():
                 self._read(file.read_bytes())
-            self._write_anew()
         except OSError as error:
-            self.close()
-            raise OnboardError(f'parameter journal_directory: {file} cannot be written: {error}') from error
+            self._release_files()
+            raise OnboardError(f'parameter journal_directory: {file} cannot be used: {error}') from error
+        self._thread = threading.Thread(target=self._write_all, name='journal', daemon=True)
+        self._thread.start()
 
-    def write(self, commands: Sequence[Result] = (), **line: Any) -> None:
-        """Append a line with the given parts. It survives the death of the process at once, see :meth:`sync`.
-
-        After :meth:`close` nothing is written.
-        """
+    def append(self, commands: Sequence[Result] = (), **line: Any) -> None:
+        """Have a line with the given parts written. After :meth:`close` nothing is written."""
         if commands:
             line['commands'] = [list(command) for command in commands]
-        with self._lock:
-            if self._guard < 0:
-                return  # closed: a run that was left behind at the end of the process
+        with self._changed:
+            if self._is_closed:
+                return  # a run that was left behind at the end of the process
             self.state.apply(line)
-            try:
-                if self._has_problem or self._size > max(_LARGEST, 4 * self._least_size):
-                    self._write_anew()  # the end of the old file may be a line that was cut off
-                else:
-                    self._append(encode_line(line))
-                    self._unsynced = True
-            except OSError as error:
-                self._fail(error)
-                return
-            problem_is_over, self._has_problem = self._has_problem, False
-        if problem_is_over:
-            self._on_problem('')
+            self._lines.append(line)
+            self._appended += 1
+            if len(self._lines) > _MOST_WAITING:
+                self._lines.clear()
+                self._is_anew = True
+            self._changed.notify()
 
-    def sync(self) -> None:
-        """What was written survives the loss of power as well, when this returns; called before anybody is told."""
-        with self._lock:
-            if not self._unsynced:
+    def when_durable(self, then: Callback) -> None:
+        """Have ``then`` called when what was appended before survives a crash and a loss of power.
+
+        It is called at once when that is so, and later on the thread that writes; also when the journal cannot be
+        written, after this was told.
+        """
+        with self._changed:
+            if self._durable < self._appended and not self._has_problem and not self._is_closed:
+                self._waiting.append((self._appended, then))
                 return
-            self._unsynced = False
-            descriptor = os.dup(self._descriptor)
-        # Without the lock: the disk may take its time, and the run goes on writing.
-        try:
-            os.fdatasync(descriptor)
-        except OSError as error:
-            with self._lock:
-                self._fail(error)
-        finally:
-            os.close(descriptor)
+        then()
+
+    def sync(self, within: float) -> bool:
+        """Wait until :meth:`when_durable` calls, for that many seconds at most; whether it did."""
+        done = threading.Event()
+        self.when_durable(done.set)
+        return done.wait(within)
 
     def close(self) -> None:
-        """Give the journal up to another process."""
-        self.sync()
-        with self._lock:
-            for descriptor in (self._descriptor, self._guard):
-                if descriptor >= 0:
-                    os.close(descriptor)
-            self._descriptor = self._guard = -1
+        """Write what waits, for a limited time, and give the journal up to another process."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
+        self._thread.join(_CLOSE_SECONDS)
+        if not self._thread.is_alive():
+            self._release_files()  # else they are given up with the process: a write may still come
 
     def _read(self, data: bytes) -> None:
-        lines, rest = read_lines(data)
-        for line in lines:
+        found = read_journal(data)
+        for line in found.lines:
             self.state.apply(line)
-        if b'\n' in rest:
-            corrupt = self.file.with_suffix('.corrupt')
-            corrupt.write_bytes(data)
+        if found.torn:
+            self.torn = (
+                f'the last line of the journal {self.file} was cut off when the executive ended ({found.torn} bytes): '
+                'what it said had not been told to anybody'
+            )
+        if found.damage:
+            aside = self.file.with_suffix(f'.{datetime.now(UTC):%Y%m%dT%H%M%S%f}.damaged')
+            try:
+                os.link(self.file, aside)  # where nothing is lost when the process ends now; needs no space
+            except OSError:
+                self.file.replace(aside)  # not every file system has links
             self.damage = (
-                f'the journal {self.file} is damaged after {len(lines)} lines, and what it said from there on is lost: '
-                f'a run that was interrupted may not be known, or be known at an earlier state; it is kept as {corrupt}'
+                f'the journal {self.file} is damaged: {found.damage}. It is kept as {aside}; {len(found.lines)} lines '
+                'of it count: a run that was interrupted may not be known, or be known at an earlier state'
             )
 
-    def _append(self, data: bytes) -> None:
-        written = os.write(self._descriptor, data)
-        self._size += written
-        if written != len(data):
-            raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
+    # -- the thread that writes ---------------------------------------------------------------------------------------
 
-    def _write_anew(self) -> None:
+    def _write_all(self) -> None:
+        while True:
+            with self._changed:
+                if self._has_problem:
+                    self._changed.wait_for(lambda: self._is_closed, RETRY_SECONDS)
+                self._changed.wait_for(lambda: self._durable < self._appended or self._is_closed)
+                if self._durable == self._appended:
+                    return
+                lines, self._lines = self._lines, []
+                appended, is_anew = self._appended, self._is_anew or self._size > max(_LARGEST, 4 * self._least_size)
+                if is_anew:
+                    lines = self.state.lines()
+                self._is_writing, self._is_anew = True, False
+            watchdog = self._clock.call_at(self._clock.now() + STUCK_SECONDS, self._tell_stuck)
+            problem = ''
+            try:
+                if is_anew:
+                    self._write_anew(lines)
+                else:
+                    self._write(lines)
+            except Exception as error:
+                # Whatever it is: a thread that ends here would leave all waiting who have something to tell.
+                kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
+                problem = f'the journal {self.file} cannot be written: {kind}{error}; a crash now would lose the run'
+            watchdog.cancel()
+            with self._telling:
+                self._is_writing = False
+                self._tell(problem)
+            with self._changed:
+                if not problem:
+                    self._durable = appended
+                else:
+                    self._is_anew = True
+                    if self._is_closed:
+                        return
+            self._release()
+
+    def _tell_stuck(self) -> None:
+        with self._telling:
+            if not self._is_writing:
+                return
+            self._tell(
+                f'the journal {self.file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; what '
+                'is shown from now on would be lost in a crash'
+            )
+        self._release()
+
+    def _tell(self, problem: str) -> None:
+        if bool(problem) != self._has_problem:
+            self._on_problem(problem)
+            with self._changed:
+                self._has_problem = bool(problem)
+
+    def _release(self) -> None:
+        """Call those who wait for what is durable; all of them when they have been told that nothing is."""
+        while True:
+            with self._changed:
+                if not self._waiting or (self._waiting[0][0] > self._durable and not self._has_problem):
+                    return
+                _, then = self._waiting.popleft()
+            then()
+
+    def _write(self, lines: Sequence[Line]) -> None:
+        try:
+            is_there = os.path.samestat(os.stat(self.file), os.fstat(self._descriptor))  # noqa: PTH116
+        except FileNotFoundError:
+            is_there = False
+        if not is_there:
+            raise OSError('the file was moved or removed')
+        data = b''.join(encode_line(self._count + number, line) for number, line in enumerate(lines))
+        _write_whole(self._descriptor, data)
+        os.fdatasync(self._descriptor)
+        self._count += len(lines)
+        self._size += len(data)
+
+    def _write_anew(self, lines: Sequence[Line]) -> None:
         """Replace the file by one that says the same: as a whole, or not at all."""
-        data = b''.join(encode_line(line) for line in self.state.lines())
+        self._take_guard()
+        data = b''.join([encode_head(), *(encode_line(number, line) for number, line in enumerate(lines, 1))])
         fresh = self.file.with_suffix('.fresh')
         descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
         try:
-            written = os.write(descriptor, data)
-            if written != len(data):
-                raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
+            _write_whole(descriptor, data)
             os.fsync(descriptor)
             fresh.replace(self.file)
         except OSError:
@@ -206,30 +285,35 @@ class Journal:
             os.close(directory)
         if self._descriptor >= 0:
             os.close(self._descriptor)
-        self._descriptor, self._size, self._least_size = descriptor, len(data), len(data)
-        self._unsynced = False
+        self._descriptor, self._count, self._size, self._least_size = descriptor, len(lines) + 1, len(data), len(data)
 
-    def _fail(self, error: OSError) -> None:
-        # With the lock held: whoever is told must not come back here.
-        if not self._has_problem:
-            self._has_problem = True
-            self._on_problem(f'the journal {self.file} cannot be written: {error}; a crash now would lose the run')
+    def _take_guard(self) -> None:
+        """Keep other processes off the journal; the directory may have been removed since."""
+        guard = self.file.with_suffix('.lock')
+        if self._guard >= 0 and guard.exists() and os.path.samestat(guard.stat(), os.fstat(self._guard)):
+            return
+        guard.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(guard, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(descriptor)
+            raise OSError(
+                'it is in use by another executive of the same name; give them directories of their own, or names'
+            ) from None
+        if self._guard >= 0:
+            os.close(self._guard)
+        self._guard = descriptor
+
+    def _release_files(self) -> None:
+        for descriptor in (self._descriptor, self._guard):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._descriptor = self._guard = -1
 
 
-def encode_line(line: dict[str, Any]) -> bytes:
-    """A line of the file."""
-    text = json.dumps(line, ensure_ascii=True, separators=(',', ':')).encode()
-    return b'%08x %s\n' % (zlib.crc32(text), text)
-
-
-def read_lines(data: bytes) -> tuple[list[dict[str, Any]], bytes]:
-    """The lines up to the first that is not whole, and the rest: what a crash has cut off, or a disk has corrupted."""
-    lines: list[dict[str, Any]] = []
-    size = 0
-    for raw in data.split(b'\n')[:-1]:
-        checksum, _, text = raw.partition(b' ')
-        if checksum != b'%08x' % zlib.crc32(text):
-            break
-        lines.append(json.loads(text))
-        size += len(raw) + 1
-    return lines, data[size:]
+def _write_whole(descriptor: int, data: bytes) -> None:
+    """Raises OSError when not all of it fits onto the disk."""
+    written = os.write(descriptor, data)
+    if written != len(data):
+        raise OSError(f'{written} of {len(data)} bytes fit onto the disk')

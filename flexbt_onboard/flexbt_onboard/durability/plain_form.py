@@ -21,6 +21,9 @@ _MARK: Final = '$'
 
 _MOST_DEPTH: Final = 64
 
+_MOST_BITS: Final = 8192
+"""Of an integer. Python refuses to read or write one of more than 4300 digits."""
+
 
 def _ignore(_what: str) -> None:
     """Nobody wants to know what is lost."""
@@ -28,8 +31,10 @@ def _ignore(_what: str) -> None:
 
 def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth: int = 0) -> Any:
     """What ``json.dumps`` takes. Never raises: of what cannot be written the type is noted, and ``on_lost`` told."""
-    if value is None or type(value) in (bool, int, float, str):
+    if value is None or type(value) in (bool, float, str):
         return value
+    if type(value) is int:
+        return value if value.bit_length() <= _MOST_BITS else _lost(value, on_lost)
     if depth > _MOST_DEPTH:
         return _lost(value, on_lost)
     if type(value) is list:

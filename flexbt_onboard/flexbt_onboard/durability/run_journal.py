@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexbt_common.cli import node_file
+from flexbt_core.clock import Clock
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ROOT_PATH, Answer, Position, StateMachineError
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
@@ -46,6 +47,7 @@ class InterruptedRun:
     arguments: Sequence[tuple[str, str]]
     inputs: Sequence[BlackboardEntry]
     by: str
+    first_autonomy: int
     plain_position: Any
 
     @property
@@ -71,8 +73,8 @@ class InterruptedRun:
 
     @property
     def autonomy(self) -> int:
-        """The level of the run."""
-        return self.levels.get(ROOT_PATH, 0)
+        """The level of the run; that of its start as long as it had no other."""
+        return self.levels.get(ROOT_PATH, self.first_autonomy)
 
     def position(self) -> Position | None:
         """Where the run goes on; None at its beginning.
@@ -96,20 +98,25 @@ class InterruptedRun:
 class RunJournal:
     """Writes what happens to a run, if there is a ``directory`` for it. From any thread."""
 
-    def __init__(self, directory: str, node_name: str, on_problem: Callable[[str], None]) -> None:
-        """Open the journal of a node (fully qualified name).
+    def __init__(self, directory: str, node_name: str, on_problem: Callable[[str], None], clock: Clock) -> None:
+        """Open the journal of a node (fully qualified name); see :class:`Journal`.
 
         Raises:
             OnboardError: it cannot be opened.
         """
         self._lost: set[str] = set()
         file = node_file(directory, node_name, '.journal')
-        self._journal = Journal(file, on_problem) if file is not None else None
+        self._journal = Journal(file, on_problem, clock) if file is not None else None
 
     @property
     def damage(self) -> str:
         """What the operator has to know of the journal that was found; '' when all is well."""
         return self._journal.damage if self._journal is not None else ''
+
+    @property
+    def torn(self) -> str:
+        """What a crash has cut off from the journal that was found; '' for nothing."""
+        return self._journal.torn if self._journal is not None else ''
 
     @property
     def results(self) -> Sequence[CommandResult]:
@@ -127,14 +134,15 @@ class RunJournal:
         if begin is None or self._journal is None:
             return None
         return InterruptedRun(
-            run_id=str(begin['run']),
-            behavior=str(begin['behavior']),
-            arguments=[(str(name), str(value)) for name, value in begin['arguments']],
+            run_id=begin['run'],
+            behavior=begin['behavior'],
+            arguments=[(name, value) for name, value in begin['arguments']],
             inputs=[
                 BlackboardEntry(key=key, type=type, text=text, data=base64.b64decode(data))
                 for key, type, text, data in begin['inputs']
             ],
-            by=str(begin['by']),
+            by=begin['by'],
+            first_autonomy=begin['autonomy'],
             plain_position=self._journal.state.position,
         )
 
@@ -143,9 +151,9 @@ class RunJournal:
         if self._journal is None or not request.is_durable:
             return
         if request.at is None:
-            self._journal.write(_results([(answer, None)]), begin=_begin(run_id, request))
+            self._journal.append(_results([(answer, None)]), begin=_begin(run_id, request))
         else:
-            self._journal.write(_results([(answer, None)]))
+            self._journal.append(_results([(answer, None)]))
 
     def move(
         self,
@@ -161,10 +169,10 @@ class RunJournal:
         if self._journal is None or not self._has(run_id):
             return ()
         lost: set[str] = set()
-        line: dict[str, Any] = {'position': to_plain_form(position().to_plain(), lost.add)}
+        line: dict[str, Any] = {'run': run_id, 'position': to_plain_form(position().to_plain(), lost.add)}
         if switched_to is not None:
             line['begin'] = _begin(run_id, switched_to)
-        self._journal.write(_results(decided), **line)
+        self._journal.append(_results(decided), **line)
         new = sorted(lost - self._lost)
         self._lost |= lost
         return new
@@ -172,17 +180,24 @@ class RunJournal:
     def decide(self, command_id: str, reason: str | None) -> None:
         """A command was decided, if that is not written yet."""
         if self._journal is not None and command_id not in self._journal.state.commands:
-            self._journal.write([_result(command_id, reason)])
+            self._journal.append([_result(command_id, reason)])
 
     def end(self, run_id: str, why: str) -> None:
         """The run has ended, or will not go on."""
         if self._journal is not None and self._has(run_id):
-            self._journal.write(end=why)
+            self._journal.append(run=run_id, end=why)
 
-    def sync(self) -> None:
-        """What was written survives a loss of power when this returns."""
+    def when_durable(self, then: Callable[[], object]) -> None:
+        """Have ``then`` called when what was written before survives a crash; see :meth:`Journal.when_durable`."""
+        if self._journal is None:
+            then()
+        else:
+            self._journal.when_durable(then)
+
+    def sync(self, within: float) -> None:
+        """Wait for that, for that many seconds at most."""
         if self._journal is not None:
-            self._journal.sync()
+            self._journal.sync(within)
 
     def close(self) -> None:
         """Give the journal up to another process."""
@@ -204,6 +219,7 @@ def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:
             for entry in request.inputs
         ],
         'by': request.by,
+        'autonomy': request.autonomy,
     }
 
 

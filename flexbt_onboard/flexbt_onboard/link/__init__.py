@@ -5,6 +5,7 @@ from .executive_status import status_of
 from .operator_link import OperatorLink
 from .peers import PeersWatch
 from .robot_pose import RobotPose
+from .shown_status import ShownStatus
 from .status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 from .userdata_server import UserdataServer
 
@@ -14,6 +15,7 @@ __all__ = [
     'OperatorLink',
     'PeersWatch',
     'RobotPose',
+    'ShownStatus',
     'StatusPublisher',
     'UserdataServer',
     'status_of',

@@ -23,12 +23,23 @@ from flexbt_onboard.commands import COMMANDS, Authority, CommandLedger, CommandR
 from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
-from flexbt_onboard.link import OperatorLink, PeersWatch, RobotPose, StatusPublisher, UserdataServer, status_of
+from flexbt_onboard.link import (
+    OperatorLink,
+    PeersWatch,
+    RobotPose,
+    ShownStatus,
+    StatusPublisher,
+    UserdataServer,
+    status_of,
+)
 from flexbt_onboard.runs import BehaviorRun, OperatorWatch, RunDisplay, RunSupervisor
 
 from .behavior_action import BehaviorActionServer
 from .diagnostics import Diagnostics
 from .executive_parameters import ExecutiveParameters
+
+JOURNAL_SECONDS: Final = 0.3
+"""How long the last status waits for the journal."""
 
 SHUTDOWN_SECONDS: Final = 1.2
 """How long the end of the process waits for a running behavior to be at rest."""
@@ -65,7 +76,7 @@ class Executive:
         self._report = report = Reporter(self._link.log, event_log)
         report.event('executive', state='started', executive=self._id)
         self._journal = journal = RunJournal(
-            parameters.journal_directory, node_name, problems.of('journal', ExecutiveLog.ERROR)
+            parameters.journal_directory, node_name, problems.of('journal', ExecutiveLog.ERROR), runtime.steady
         )
         runtime.on_close(journal.close)
 
@@ -102,7 +113,10 @@ class Executive:
         # Programs and monitors.
         self._actions = BehaviorActionServer(runtime, library, self.runs)
         UserdataServer(runtime, self.runs)
-        Diagnostics(runtime, self._status_message, problems.texts)
+        self._shown = ShownStatus(
+            runtime, self._status_message, self._link.publish_status, journal.when_durable, self._status.changed
+        )
+        Diagnostics(runtime, lambda: self._shown.message, problems.texts)
         self._token = LivelinessToken(runtime)
         runtime.on_fault(report.fault)
         self._announce()
@@ -122,6 +136,7 @@ class Executive:
         told = f'the executive {why}'
         run = self._runtime.call(lambda: self._stop(told, refusal))
         is_at_rest = run is None or run.join(within)
+        self._journal.sync(JOURNAL_SECONDS)  # so that the last status shows the end
         self._runtime.call(lambda: self._withdraw(told))
         if run is not None and not is_at_rest:
             behavior = run.snapshot.behavior
@@ -139,6 +154,8 @@ class Executive:
         """Tell what there is, and what is wrong with it."""
         if self._journal.damage:
             self._report.log(ExecutiveLog.ERROR, self._journal.damage)
+        if self._journal.torn:
+            self._report.log(ExecutiveLog.WARN, self._journal.torn)
         entries = self.library.entries.values()
         self._link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
         for entry in entries:
@@ -177,9 +194,7 @@ class Executive:
         )
 
     def _publish_status(self) -> None:
-        status = self._status_message()
-        self._journal.sync()  # nobody is told what a crash could undo
-        self._link.publish_status(status)
+        self._shown.refresh()
         if self.runs.run is not None:
             self.runs.run.ask_activities()
         self._actions.refresh()

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The lines of a journal: how they are written, and what can be read of a file that is damaged.
+
+A line is the CRC-32 of its rest as eight hexadecimal digits, its number, and an object of JSON, with a space between
+them. The first line, number 0, is the head, ``{"format": 2}``; the others have some of these:
+
+========  ==============================================================================================================
+begin     a run has begun, or goes on with another behavior: its request, as the executive gave it
+position  of the run that ``run`` names: what the machine needs to go on from there
+end       the run that ``run`` names has ended, or will not go on: why
+commands  lists of id, code and reason: commands that were decided with what else is in the line
+========  ==============================================================================================================
+
+Each line says by itself what it is about, so that those after a damaged one are of use.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import reprlib
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from flexbt_core.state_machine import Autonomy
+from flexbt_msgs.msg import CommandResult
+
+FORMAT: Final = 2
+"""The version of the format; the one before had neither head nor numbers."""
+
+Line = dict[str, Any]
+
+_MOST_TOLD: Final = 5
+"""Problems of a file that are told one by one."""
+
+
+@dataclass(frozen=True)
+class FoundJournal:
+    """What a file says: the content of its lines, and what is wrong with it."""
+
+    lines: Sequence[Line] = ()
+    damage: str = ''
+    """What no crash leaves behind; '' for nothing."""
+    torn: int = 0
+    """Bytes of a last line that was not written to its end, as a crash leaves it."""
+
+
+def encode_line(number: int, content: Line) -> bytes:
+    """A line of the file."""
+    text = b'%d %s' % (number, json.dumps(content, ensure_ascii=True, separators=(',', ':')).encode())
+    return b'%08x %s\n' % (zlib.crc32(text), text)
+
+
+def encode_head() -> bytes:
+    """The first line of a file."""
+    return encode_line(0, {'format': FORMAT})
+
+
+def read_journal(data: bytes) -> FoundJournal:
+    """Read a file. Never raises: every line that is whole counts, in the order of the numbers."""
+    *raw_lines, rest = data.split(b'\n')
+    found: dict[int, Line] = {}
+    problems: list[str] = []
+    version: Any = None
+    expected = 0
+    for place, raw in enumerate(raw_lines, 1):
+        try:
+            number, content = _decode(raw)
+            if number == 0:
+                version = content.get('format')
+                if version != FORMAT:
+                    return FoundJournal(damage=_of_format(version))
+            elif problem := _problem_of(content):
+                raise ValueError(problem)
+            if number in found:
+                raise ValueError(f'has the number {number}, as one before')
+        except ValueError as error:
+            problems.append(f'line {place} {error}')
+            continue
+        if number != expected:
+            problems.append(f'line {place} has the number {number}, not {expected}')
+        found[number], expected = content, number + 1
+    if raw_lines and version is None:
+        if not found:
+            return FoundJournal(damage=_of_format(1 if _is_of_format_1(raw_lines[0]) else None))
+        if not problems:
+            problems.append('it has no head')
+    elif not data:
+        problems.append('it is empty')
+    found.pop(0, None)
+    return FoundJournal([found[number] for number in sorted(found)], _told(problems), len(rest))
+
+
+def _decode(raw: bytes) -> tuple[int, Line]:
+    """Number and content of a line; raises ValueError, whose text follows the place of the line."""
+    checksum, _, text = raw.partition(b' ')
+    if checksum != b'%08x' % zlib.crc32(text):
+        raise ValueError('does not have the checksum that it gives')
+    number, _, encoded = text.partition(b' ')
+    if not number.isdigit() or len(number) > len(str(2**63)):
+        raise ValueError('has no number')
+    try:
+        content = json.loads(encoded)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f'is no JSON: {error}') from None
+    if not isinstance(content, dict):
+        raise ValueError('is no object')
+    return int(number), content
+
+
+def _of_format(version: Any) -> str:
+    if version is None:
+        return 'it does not begin as a journal does'
+    return f'it is of format {reprlib.repr(version)}, and this version of FlexBT reads format {FORMAT} only'
+
+
+def _is_of_format_1(raw: bytes) -> bool:
+    checksum, _, text = raw.partition(b' ')
+    return text.startswith(b'{') and checksum == b'%08x' % zlib.crc32(text)
+
+
+def _told(problems: Sequence[str]) -> str:
+    more = [f'{len(problems) - _MOST_TOLD} more'] if len(problems) > _MOST_TOLD else []
+    return '; '.join([*problems[:_MOST_TOLD], *more])
+
+
+def _problem_of(content: Line) -> str:
+    """Why that is no line of a journal; '' when it is one."""
+    for name, value in content.items():
+        check = _CHECKS.get(name)
+        if check is None:
+            return f'has {name!r:.40}, which is not known'
+        if not check(value):
+            return f'has a {name} that cannot be: {reprlib.repr(value)}'
+    if 'run' not in content and not content.keys().isdisjoint({'position', 'end'}):
+        return 'does not say which run it is about'
+    return ''
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_text_list(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_text, value))
+
+
+def _is_level(value: Any) -> bool:
+    return type(value) is int and Autonomy.Off <= value <= Autonomy.Full
+
+
+def _is_list_of(*checks: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    """For lists of lists, each with one item for each check."""
+
+    def check(value: Any) -> bool:
+        return isinstance(value, list) and all(
+            isinstance(one, list)
+            and len(one) == len(checks)
+            and all(is_fit(item) for is_fit, item in zip(checks, one, strict=True))
+            for one in value
+        )
+
+    return check
+
+
+def _is_base64(value: Any) -> bool:
+    try:
+        base64.b64decode(value, validate=True)
+    except (TypeError, ValueError):
+        return False
+    return isinstance(value, str)
+
+
+def _is_object_with(parts: Mapping[str, Callable[[Any], bool]]) -> Callable[[Any], bool]:
+    """For objects that have these parts, and perhaps others."""
+    return lambda value: (
+        isinstance(value, dict) and all(name in value and is_fit(value[name]) for name, is_fit in parts.items())
+    )
+
+
+_CHECKS: Final[Mapping[str, Callable[[Any], bool]]] = {
+    'run': _is_text,
+    'begin': _is_object_with(
+        {
+            'run': _is_text,
+            'behavior': _is_text,
+            'arguments': _is_list_of(_is_text, _is_text),
+            'inputs': _is_list_of(_is_text, _is_text, _is_text, _is_base64),
+            'by': _is_text,
+            'autonomy': _is_level,
+        }
+    ),
+    # What is shown of a run before it goes on; all of it is checked when it does.
+    'position': _is_object_with(
+        {
+            'active': _is_text_list,
+            'coming': _is_text_list,
+            'levels': lambda value: isinstance(value, dict) and all(map(_is_level, value.values())),
+            'locked': _is_text_list,
+            'breakpoints': _is_text_list,
+        }
+    ),
+    'end': _is_text,
+    'commands': _is_list_of(
+        _is_text, lambda code: type(code) is int and code in (CommandResult.APPLIED, CommandResult.REFUSED), _is_text
+    ),
+}

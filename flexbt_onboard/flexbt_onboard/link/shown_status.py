@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The status that others are shown: only what a crash cannot undo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveStatus
+
+
+class ShownStatus:
+    """Shows a status when the journal has all that is in it. Used on the executor thread.
+
+    While the disk takes its time, what was shown before is shown again, so that the heartbeat goes on. ``make`` gives
+    the status of now, ``publish`` sends one, ``when_durable`` is that of the journal, and ``changed`` is told when what
+    is shown is not the newest any more.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        make: Callable[[], ExecutiveStatus],
+        publish: Callable[[ExecutiveStatus], None],
+        when_durable: Callable[[Callable[[], object]], None],
+        changed: Callable[[], None],
+    ) -> None:
+        """Must be called before anything happens: what was found in the journal is durable."""
+        self.message = make()
+        """What is shown, or is going to be shown first."""
+        self._runtime = runtime
+        self._make = make
+        self._publish = publish
+        self._when_durable = when_durable
+        self._changed = changed
+        self._is_waiting = False
+        self._is_outdated = False
+
+    def refresh(self) -> None:
+        """Show the status of now as soon as that is possible, or that of before."""
+        if self._is_waiting:
+            self._is_outdated = True
+            self._publish(self.message)
+            return
+        self._is_waiting = True
+        status = self._make()
+        self._when_durable(lambda: self._on_executor(lambda: self._show(status)))
+
+    def _on_executor(self, fn: Callable[[], None]) -> None:
+        if self._runtime.on_executor_thread:
+            fn()
+        else:
+            self._runtime.post(fn)
+
+    def _show(self, status: ExecutiveStatus) -> None:
+        self._is_waiting, self.message = False, status
+        self._publish(status)
+        if self._is_outdated:
+            self._is_outdated = False
+            self._changed()
