@@ -41,15 +41,15 @@ else
 
   case $_flexbt_options in *u*) set -u ;; esac
 
-  for _flexbt_package in server onboard console sim tools demo_behaviors; do
-    _flexbt_directory=$FLEXBT_ROOT/install/flexbt_$_flexbt_package/lib/flexbt_$_flexbt_package
+  # The executables of a package are in install/PACKAGE/lib/PACKAGE.
+  for _flexbt_directory in "$FLEXBT_ROOT"/install/*/lib/flexbt_*; do
     case ":$PATH:" in
       *":$_flexbt_directory:"*) ;;
       *) [ ! -d "$_flexbt_directory" ] || PATH=$_flexbt_directory:$PATH ;;
     esac
   done
   export PATH
-  unset _flexbt_package _flexbt_directory _flexbt_options
+  unset _flexbt_directory _flexbt_options
 
   # Only this computer; quick discovery, and a crash is noticed within 2 s; logs beside the others of the workspace.
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"

@@ -66,7 +66,7 @@ def test_ros_arguments_are_set_aside() -> None:
     [
         'statsu', 'start', 'confirm a b', 'autonomy', 'autonomy 4', 'autonomy 1 2 3', 'status --nope', 'force a b c',
         'status --timeout', 'status --timeout 0', 'status --timeout nan', 'status --timeout x', 'status --json=1',
-        'start D x', 'start D =1', 'start D --autonomy most', 'input', 'log 0', 'log x', 'stop --json --json',
+        'start D =1', 'start D a=1 x', 'start D --autonomy most', 'input', 'log 0', 'log x', 'stop --json --json',
         'note', 'note ' + 'x' * (NOTE_LENGTH + 1),
     ],
 )  # fmt: skip

@@ -5,23 +5,28 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-from collections.abc import Callable
+import io
+from collections.abc import Callable, Sequence
 
 import pytest
 from prompt_toolkit.application import create_app_session
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
+from prompt_toolkit.output.plain_text import PlainTextOutput
 
 from flexbt_console.commands import CommandBuilder, candidates
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import (
     ActiveState,
+    Behavior,
+    BehaviorParameter,
     Command,
     CommandKind,
     CommandResult,
     Decision,
     DecisionKind,
     ExecutiveState,
+    InputValue,
     LinkState,
     Mirror,
     Pose,
@@ -29,6 +34,7 @@ from flexbt_console.mirror import (
     Snapshot,
     TrackedCommand,
     Transit,
+    UserdataScope,
     View,
 )
 from flexbt_console.ui.prompt import Bound, Local, Prompt, ShownDecision, interpret, toolbar
@@ -133,10 +139,14 @@ def test_local_lines() -> None:
     for text, local in (
         ('', Local.NOTHING), ('  ', Local.NOTHING), ('quit', Local.QUIT), ('exit', Local.QUIT),
         ('help', Local.HELP), ('?', Local.HELP), ('help force', Local.HELP), ('status', Local.SHOW),
+        ('userdata / goal', Local.ASK),
     ):  # fmt: skip
         assert interpret(text, view(), MAKE, Bound(None)).local is local
-    with pytest.raises(UsageError, match="did you mean 'stop'"):
-        interpret('stpo', view(), MAKE, Bound(None))
+    for text in ('stpo', 'help stpo'):
+        with pytest.raises(UsageError, match="did you mean 'stop'"):
+            interpret(text, view(), MAKE, Bound(None))
+    with pytest.raises(UsageError, match='for the command line: console watch'):
+        interpret('watch', view(INPUT), MAKE, Bound('i1'))
     with pytest.raises(UsageError, match='means nothing at the prompt'):
         interpret('stop --wait', view(), MAKE, Bound(None))
     with pytest.raises(RefusedError, match='nothing waits'):
@@ -203,6 +213,12 @@ def test_completion() -> None:
     assert complete('confirm --r', view(TRANSITION)) == ['--reason']
     assert complete('start D --autonomy h', view()) == ['high']
     assert complete('input ', view(INPUT)) == ['kitchen', 'i1']
+    navigate = dataclasses.replace(
+        view(), behaviors=(Behavior('Navigate'), Behavior('Navigate Split', parameters=(BehaviorParameter('speed'),)))
+    )
+    assert complete('start Nav', navigate) == ['Navigate', 'Navigate Split']
+    assert complete('start Navigate S', navigate) == ['Split']
+    assert complete('start Navigate Split s', navigate) == ['speed=']
     hostile = dataclasses.replace(TRANSITION, outcomes=('a\rstop', 'a\x1b'))
     assert complete('a', view(hostile)) == ['autonomy', 'abort']
 
@@ -220,6 +236,10 @@ class Loopback:
         self.sent.append(command)
         self._mirror.receive_snapshot(self._answer(command), Transit(0.0, 0.0))
         return tracked
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        assert (path, tuple(keys)) == ('/', ('goal',))
+        return (UserdataScope('/', (InputValue('goal', 'string', '"kitchen"'),)),)
 
 
 def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
@@ -243,7 +263,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
 
     async def operate() -> None:
         with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
-            prompt = Prompt(mirror, link.send, MAKE, 5.0, clock, input=keys, output=DummyOutput())
+            prompt = Prompt(mirror, link, MAKE, 5.0, clock, input=keys, output=DummyOutput())
             running = asyncio.create_task(prompt.run())
 
             async def until(count: int) -> None:
@@ -265,7 +285,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
             await until(2)
             keys.send_text('stop\r')
             await until(3)
-            keys.send_text('\x03')
+            keys.send_text('\x03\x04')
             await running
 
     asyncio.run(asyncio.wait_for(operate(), 20.0))
@@ -273,7 +293,44 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
     assert [entry.decision_id for entry in link.sent] == ['i1', 't1', '']
 
 
-@pytest.mark.parametrize('keys_to_quit', ['\x04', '\x03', 'quit\r'])
+def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_while_the_line_goes_on() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    link = Loopback(mirror, lambda command: Snapshot('e', 2, results=(CommandResult(command.id, ResultCode.APPLIED),)))
+    screen = io.StringIO()
+
+    async def operate() -> None:
+        output = PlainTextOutput(screen)
+        with create_pipe_input() as keys, create_app_session(input=keys, output=output):
+            prompt = Prompt(mirror, link, MAKE, 5.0, clock, input=keys, output=output)
+            running = asyncio.create_task(prompt.run())
+
+            async def until(text: str) -> None:
+                while text not in screen.getvalue():
+                    await asyncio.sleep(0.01)
+
+            keys.send_text('autonomy high\r')
+            await until('autonomy high: waits for a live link, 5 s at most')
+            clock.advance(5.0)
+            await until('autonomy high: there was no live link within 5 s; nothing was sent')
+            keys.send_text('autonomy low\r')
+            await until('autonomy low: waits')
+            keys.send_text('\x03')
+            await until('autonomy low: given up')
+            keys.send_text('autonomy full\r')
+            await until('autonomy full: waits')
+            mirror.receive_snapshot(Snapshot('e', 1), Transit(0.0, 0.0))
+            await until('autonomy full: applied')
+            keys.send_text('userdata / goal\r')
+            await until('goal (string) = "kitchen"')
+            keys.send_text('quit\r')
+            await running
+
+    asyncio.run(asyncio.wait_for(operate(), 20.0))
+    assert [entry.autonomy for entry in link.sent] == [3]
+
+
+@pytest.mark.parametrize('keys_to_quit', ['\x04', '\x03\x03\x04', 'half a line\x03quit\r', 'quit\r'])
 def test_quitting_sends_nothing(keys_to_quit: str) -> None:
     mirror = Mirror(ManualClock())
     link = Loopback(mirror, lambda command: Snapshot('e', 1))
@@ -282,7 +339,7 @@ def test_quitting_sends_nothing(keys_to_quit: str) -> None:
         with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
             prompt = Prompt(
                 mirror,
-                link.send,
+                link,
                 MAKE,
                 5.0,
                 ManualClock(),

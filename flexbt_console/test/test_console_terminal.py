@@ -15,6 +15,8 @@ import termios
 import time
 from typing import Any
 
+import pytest
+
 from flexbt_console.ui.prompt import REACTION_SECONDS
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 
@@ -27,6 +29,8 @@ class Terminal:
 
     def __init__(self, *words: str, **environment: str) -> None:
         self.output = b''
+        self.makes_signals = False
+        """Whether a key could have been a signal since the greeting."""
         self._answered = 0
         self.pid, self._fd = pty.fork()
         if self.pid == 0:
@@ -46,19 +50,28 @@ class Terminal:
         """Press keys."""
         os.write(self._fd, text.encode())
 
+    def hang_up(self) -> None:
+        """Go away, as a window or a connection does."""
+        os.close(self._fd)
+        self._fd = -1
+
     def exit_code(self) -> int:
         """Wait for the end."""
         deadline = time.monotonic() + DEADLINE
         while time.monotonic() < deadline:
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
-                os.close(self._fd)
+                if self._fd >= 0:
+                    os.close(self._fd)
                 return os.waitstatus_to_exitcode(status)
             self._read()
         os.kill(self.pid, signal.SIGKILL)
         raise AssertionError('the console did not end')
 
     def _read(self) -> None:
+        if self._fd < 0:
+            time.sleep(0.01)
+            return
         if not select.select([self._fd], [], [], 0.05)[0]:
             return
         try:
@@ -67,6 +80,8 @@ class Terminal:
             time.sleep(0.01)
             return
         self.output += data
+        if b'lists the commands' in self.output:
+            self.makes_signals |= bool(termios.tcgetattr(self._fd)[3] & termios.ISIG)
         for _ in range(data.count(b'\x1b[6n')):
             os.write(self._fd, b'\x1b[1;1R')
 
@@ -87,11 +102,40 @@ def test_a_mission_at_the_prompt(executives: Any) -> None:
     terminal.type('done\r')
     terminal.read_until(b'confirm done: applied')
     assert executive.values[0].pose.position.x == 1.0
+    terminal.type('force can\x03')
     terminal.type('\x03')
+    terminal.read_until(b'Ctrl-C clears the line. "quit" leaves: the robot goes on.')
+    assert not terminal.makes_signals  # a Ctrl-C that becomes a signal ends whatever has started the console
+    terminal.type('quit\r')
     assert terminal.exit_code() == 0
     assert b'Traceback' not in terminal.output
     assert executive.do(lambda: executive.status.state) == executive.status.RUNNING
     assert COLOUR.search(terminal.output)
+
+
+@pytest.mark.parametrize('ignores_hangup', [False, True])
+def test_it_ends_when_its_terminal_goes_away(ignores_hangup: bool) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignores_hangup else signal.SIG_DFL)
+    try:
+        terminal = Terminal('--namespace', 'gone')
+        terminal.read_until(b'NO EXECUTIVE')
+        if ignores_hangup:
+            os.kill(terminal.pid, signal.SIGSTOP)  # what the end of the terminal leaves to read, write and signal is
+            terminal.hang_up()  # there at once
+            os.kill(terminal.pid, signal.SIGCONT)
+        else:
+            terminal.hang_up()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert terminal.exit_code() == 0
+
+
+def test_it_ends_on_a_hangup_signal() -> None:
+    terminal = Terminal('--namespace', 'hangup')
+    terminal.read_until(b'NO EXECUTIVE')
+    os.kill(terminal.pid, signal.SIGHUP)
+    assert terminal.exit_code() == 0
+    assert b'Traceback' not in terminal.output
 
 
 def test_no_color_and_sigterm() -> None:

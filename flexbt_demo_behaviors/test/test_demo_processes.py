@@ -45,7 +45,9 @@ def test_a_map_of_ones_own_has_the_robot_start_at_its_first_place(tmp_path: Path
     simulator = parameters(demo_processes(settings)[0].command())
     assert simulator['map'] == '/maps/mine.yaml'
     assert simulator['initial_pose'] == [1.0, 2.0, 0.5]
-    assert parameters(console_command(settings)) == {'places': str(places)}
+    console, mode, *words = console_command(settings)
+    assert mode == 'prompt'
+    assert parameters([console, *words[2:]]) == {'places': str(places)}
 
 
 def test_a_places_file_without_places_is_refused(tmp_path: Path) -> None:

@@ -55,7 +55,8 @@ def parse(words: Sequence[str]) -> CommandLine:
             spec = _find(word)
         else:
             positional.append(word)
-    line = CommandLine(spec, tuple(positional), options, ros_arguments)
+    words_of_command = tuple(positional) if spec is None else spec.joined(positional)
+    line = CommandLine(spec, words_of_command, options, ros_arguments)
     if spec is not None and not line.has('--help'):
         least = sum(argument.required for argument in spec.arguments)
         most = math.inf if any(argument.repeated for argument in spec.arguments) else len(spec.arguments)

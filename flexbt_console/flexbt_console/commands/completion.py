@@ -22,13 +22,13 @@ def candidates(text: str, view: View, places: Mapping[str, Pose]) -> list[str]:
     *before, last = text.split(' ')
     before = [word for word in before if word]
     fitting = [word for word in dict.fromkeys(_words(before, last, view, places)) if word.startswith(last)]
-    return [word for word in fitting if word.isprintable() and ' ' not in word]
+    return [word for word in fitting if word.isprintable()]
 
 
 def _words(before: list[str], last: str, view: View, places: Mapping[str, Pose]) -> Iterable[str]:
     names = [spec.name for spec in COMMANDS if spec.in_prompt]
     if not before:
-        return [*short_answers(Typed((), view, places)), *names, *BUILT_IN]
+        return [*_single(short_answers(Typed((), view, places))), *names, *BUILT_IN]
     if before[0] == 'help':
         return names
     spec = find(before[0])
@@ -46,9 +46,19 @@ def _after(spec: CommandSpec, given: list[str], last: str, view: View, places: M
             expecting = options[word] if options[word].value is not None else None
         else:
             words.append(word)
-    typed = Typed(tuple(words), view, places)
+    typed = Typed(spec.joined(words), view, places)
     if expecting is not None:
-        return expecting.values(typed) if expecting.values is not None else ()
-    known = [argument.values for argument in spec.arguments_at(len(words)) if argument.values is not None]
-    found = [word for values in known for word in values(typed)]
+        return _single(expecting.values(typed)) if expecting.values is not None else ()
+    found: list[str] = []
+    for argument in spec.arguments_at(len(typed.words)):
+        if argument.values is not None:
+            found += argument.values(typed) if argument.spaced else _single(argument.values(typed))
+    if spec.is_spaced and len(typed.words) == 1 and spec.arguments[0].values is not None:
+        begun = f'{typed.words[0]} '
+        found += [name.removeprefix(begun) for name in spec.arguments[0].values(typed) if name.startswith(begun)]
     return [*found, *options] if last.startswith('-') else found
+
+
+def _single(words: Iterable[str]) -> Iterable[str]:
+    """Those that are one word when they are typed."""
+    return (word for word in words if ' ' not in word)

@@ -10,7 +10,7 @@ from flexbt_console.errors import ExitCode
 
 from .command_line import COMMON_OPTIONS
 from .registry import COMMANDS
-from .spec import CommandSpec
+from .spec import CommandSpec, Option
 
 WIDTH: Final = 79
 """Columns of a help text."""
@@ -47,32 +47,38 @@ def overview() -> str:
 
 def command_help(spec: CommandSpec) -> str:
     """The help of one command."""
-    lines = textwrap.wrap(f'usage: console {spec.usage}', WIDTH, subsequent_indent=' ' * 8)
-    lines += ['', *textwrap.wrap(spec.summary, WIDTH)]
-    for paragraph in spec.details:
-        lines += ['', *textwrap.wrap(paragraph, WIDTH)]
-    if spec.options:
-        lines += ['', 'options:', *_table([(option.usage, option.help) for option in spec.options])]
+    lines = _help_of(spec, f'console {spec.usage}', spec.options)
     lines += ['', 'options of every command:']
     lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
     return '\n'.join(lines)
 
 
-def prompt_help() -> list[str]:
-    """The help of the interactive prompt."""
-    shown = [
-        text
-        for spec in COMMANDS
-        if spec.in_prompt
-        for text in textwrap.wrap(spec.prompt_usage, 76, initial_indent='  ', subsequent_indent='      ')
-    ]
+def prompt_help(leaving: str) -> list[str]:
+    """The help of the interactive prompt; ``leaving`` is what happens when the operator leaves it."""
+    rows = [(' '.join([spec.name, *(argument.usage for argument in spec.arguments)]), spec) for spec in COMMANDS]
     return [
         'While a decision is shown, in short: a number or name chooses an outcome;',
         'a place, "x y yaw" or a value answers an input request.',
-        *shown,
-        '  help [COMMAND]',
-        '  quit (or Ctrl-D; the robot goes on)        Tab completes',
+        *_table([(usage, spec.summary) for usage, spec in rows if spec.in_prompt]),
+        *_table([('help COMMAND', 'show the options of a command, and more about it')]),
+        *_table([('quit', f'leave the prompt, as Ctrl-D does: {leaving}')]),
+        'Tab completes a word; Ctrl-C clears the line.',
     ]
+
+
+def prompt_command_help(spec: CommandSpec) -> list[str]:
+    """The help of one command at the interactive prompt."""
+    return _help_of(spec, spec.prompt_usage, tuple(option for option in spec.options if option.in_prompt))
+
+
+def _help_of(spec: CommandSpec, usage: str, options: tuple[Option, ...]) -> list[str]:
+    lines = textwrap.wrap(f'usage: {usage}', WIDTH, subsequent_indent=' ' * 8)
+    lines += ['', *textwrap.wrap(spec.summary, WIDTH)]
+    for paragraph in spec.details:
+        lines += ['', *textwrap.wrap(paragraph, WIDTH)]
+    if options:
+        lines += ['', 'options:', *_table([(option.usage, option.help) for option in options])]
+    return lines
 
 
 def _table(rows: list[tuple[str, str]]) -> list[str]:

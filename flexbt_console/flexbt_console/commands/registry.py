@@ -61,7 +61,7 @@ def _behaviors(typed: Typed) -> Iterable[str]:
 
 
 def _parameters(typed: Typed) -> Iterable[str]:
-    chosen = (behavior for behavior in typed.view.behaviors or () if behavior.name == typed.words[0])
+    chosen = (behavior for behavior in typed.view.behaviors or () if typed.words[:1] == (behavior.name,))
     return (f'{parameter.name}=' for behavior in chosen for parameter in behavior.parameters)
 
 
@@ -299,7 +299,7 @@ COMMANDS: Final = (
         'start a behavior',
         Send((CommandKind.START,), _build_start),
         (
-            Argument('NAME', values=_behaviors),
+            Argument('NAME', spaced=True, values=_behaviors),
             Argument('PARAMETER=VALUE', required=False, repeated=True, values=_parameters, read=assignment),
         ),
         (
@@ -316,6 +316,7 @@ COMMANDS: Final = (
             _WAIT_TIMEOUT,
         ),
         details=(
+            'NAME may have spaces: it ends before the first PARAMETER=VALUE.',
             'With --wait the exit code is 0 when the run ended by an outcome of its own, and 3 when it was stopped '
             'or ended by a fault.',
         ),
@@ -459,7 +460,7 @@ COMMANDS: Final = (
         'go on with another behavior, keeping the active states',
         Send((CommandKind.SWITCH,), lambda line, view, make: make.switch(view, line.words[0], _assignments(line))),
         (
-            Argument('NAME', values=_behaviors),
+            Argument('NAME', spaced=True, values=_behaviors),
             Argument('PARAMETER=VALUE', required=False, repeated=True, values=_parameters, read=assignment),
         ),
         (_REASON,),
@@ -515,6 +516,9 @@ COMMANDS: Final = (
         'prompt',
         'the interactive console, also without any command in a terminal',
         Mode.PROMPT,
+        options=(
+            Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT'),
+        ),
         link=LinkNeed.NONE,
     ),
 )

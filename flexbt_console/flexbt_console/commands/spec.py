@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol
@@ -31,11 +31,15 @@ Read = Callable[[str], object]
 
 
 class Argument(NamedTuple):
-    """A positional argument; a ``repeated`` one takes any number of words, at least one when ``required``."""
+    """A positional argument; a ``repeated`` one takes any number of words, at least one when ``required``.
+
+    A ``spaced`` one is the first: what stands before the first word with ``=`` is its value, whatever spaces are in it.
+    """
 
     name: str
     required: bool = True
     repeated: bool = False
+    spaced: bool = False
     values: Values | None = None
     read: Read | None = None
 
@@ -133,7 +137,7 @@ class UserdataSource(Protocol):
 
 
 class Ask(NamedTuple):
-    """The command asks the executive, and waits for what it says at most so many seconds. In line mode only."""
+    """The command asks the executive, and waits so many seconds for what it says; not on the executor thread."""
 
     ask: Callable[[CommandLine, UserdataSource, float], Shown]
 
@@ -167,7 +171,7 @@ class CommandSpec:
     @property
     def in_prompt(self) -> bool:
         """Whether the interactive prompt has it too."""
-        return isinstance(self.action, Send | Show)
+        return not isinstance(self.action, Mode)
 
     @property
     def usage(self) -> str:
@@ -182,6 +186,18 @@ class CommandSpec:
     def _usage(self, options: tuple[Option, ...]) -> str:
         shown = [f'[{option.usage}]{"..." if option.repeated else ""}' for option in options]
         return ' '.join([self.name, *(argument.usage for argument in self.arguments), *shown])
+
+    @property
+    def is_spaced(self) -> bool:
+        """Whether the first argument may be written with spaces."""
+        return bool(self.arguments) and self.arguments[0].spaced
+
+    def joined(self, words: Sequence[str]) -> tuple[str, ...]:
+        """The words of a line, one for each argument, also for one that is written with spaces."""
+        if not self.is_spaced:
+            return tuple(words)
+        first = next((index for index, word in enumerate(words) if '=' in word), len(words))
+        return (*[' '.join(words[:first])][: bool(first)], *words[first:])
 
     def arguments_at(self, index: int) -> list[Argument]:
         """The arguments that the word of that index may be, the last of them first."""

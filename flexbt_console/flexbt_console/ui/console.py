@@ -97,7 +97,7 @@ def _run_prompt(line: CommandLine) -> ExitCode:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError('the interactive prompt needs a terminal; use a command, see console --help')
     try:
-        from .prompt import run_prompt
+        from .prompt import LEAVING, run_prompt
     except ModuleNotFoundError as error:
         if error.name is None or not error.name.startswith('prompt_toolkit'):
             raise
@@ -107,7 +107,8 @@ def _run_prompt(line: CommandLine) -> ExitCode:
         ) from None
     with _open_runtime(line) as runtime:
         mirror, link, make = _parts(line, runtime)
-        run_prompt(mirror, link.send, make, line.seconds('--timeout') or DEFAULT_TIMEOUT, runtime.steady)
+        leaving = line.value('--leaving') or LEAVING
+        run_prompt(mirror, link, make, line.seconds('--timeout') or DEFAULT_TIMEOUT, runtime.steady, leaving)
         return ExitCode.OK
 
 

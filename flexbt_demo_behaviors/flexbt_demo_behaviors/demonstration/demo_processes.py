@@ -73,7 +73,8 @@ def first_place(places: str) -> tuple[float, float, float]:
 
 def console_command(settings: DemoSettings) -> list[str]:
     """The command line of the operator's console, which runs in the terminal."""
-    return Process('flexbt_console', 'console', {'places': settings.places}).command()
+    executable, *parameters = Process('flexbt_console', 'console', {'places': settings.places}).command()
+    return [executable, 'prompt', '--leaving', 'the demonstration ends', *parameters]
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:

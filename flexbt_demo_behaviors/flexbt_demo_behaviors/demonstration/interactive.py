@@ -18,17 +18,19 @@ from .scripts import Demonstration
 from .session import open_session
 
 INTRODUCTION = """
-The robot is ready, and the behavior "{behavior}" has been started: it asks you where to go.
+The robot is ready, and the behavior "{behavior}" asks you where to go.
 
-  {place:<21} answer with a place ("places" lists them), or with x y yaw: 1.5 2.0 0
-  force canceled        take the goal back while the robot drives, to give another one
-  autonomy full         let the robot decide alone; low: decide more yourself
-  help                  all commands; stop ends the behavior, quit ends the demonstration
+  {place:<16} answer with a place ("places" lists them), or x y yaw: 1.5 2.0 0
+  force canceled   take the goal back while the robot drives, to give another
+  autonomy full    let the robot decide alone; low: decide more yourself
+  stop             end the behavior; "start {behavior}" begins it again
+  quit             end the demonstration
+  help             all commands
 """
 
 SPLIT_INTRODUCTION = """\
-  confirm               accept the plan that is shown, or answer with another outcome:
-  canceled, failed      asks for another goal, sends the robot to recovery
+  confirm          accept the plan that is shown, or choose another outcome:
+                   canceled asks for another goal, failed begins the recovery
 """
 
 

@@ -10,7 +10,7 @@ from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
 from flexbt_core.values import one_line
 from flexbt_server.node_types import node_registry
-from flexbt_tools.trees import OpenRegistry, find_tree, is_main, read_models, roots
+from flexbt_tools.trees import PORTS, OpenRegistry, find_tree, is_main, read_models, roots
 
 
 def add_files(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +55,13 @@ def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[Tree
     if options.expand:
         return roots(library)
     return sorted(library.tree_keys(), key=lambda key: not is_main(library, key))
+
+
+def add_ports(parser: argparse.ArgumentParser, default: str) -> None:
+    """``options.ports``."""
+    parser.add_argument(
+        '--ports', choices=PORTS, default=default, help='those that the file gives, all, or none (default: %(default)s)'
+    )
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -35,12 +35,15 @@ MERMAID_HEAD: Final = (
 )
 
 
-def dot_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterator[str]:
-    """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0."""
+def dot_tree(prefix: str, items: Sequence[Item], *, ports: str) -> Iterator[str]:
+    """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0.
+
+    ``ports`` as in :meth:`flexbt_tools.trees.Item.attributes`.
+    """
     siblings: dict[int, list[str]] = {}
     for position, item in enumerate(items):
         shape, _, colour = _SHAPES[item.kind]
-        label = dot_text(_label(item, with_ports))
+        label = dot_text(_label(item, ports))
         yield f'    {prefix}{position} [shape={shape}, fillcolor="{colour}", label={label}]'
         if item.parent is not None:
             yield f'    {prefix}{item.parent} -> {prefix}{position}'
@@ -51,19 +54,19 @@ def dot_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterato
             yield f'    {{ rank=same; {" -> ".join(children)} [style=invis] }}'
 
 
-def mermaid_tree(prefix: str, items: Sequence[Item], *, with_ports: bool) -> Iterator[str]:
+def mermaid_tree(prefix: str, items: Sequence[Item], *, ports: str) -> Iterator[str]:
     """The nodes and edges of a tree in Mermaid's language; its nodes are called ``prefix`` and a number from 0."""
     for position, item in enumerate(items):
         opening, closing = _SHAPES[item.kind][1].split('|')
-        label = f'{opening}{mermaid_text(_label(item, with_ports))}{closing}'
+        label = f'{opening}{mermaid_text(_label(item, ports))}{closing}'
         yield f'    {prefix}{position}{label}:::{item.kind.value}'
         if item.parent is not None:
             yield f'    {prefix}{item.parent} --> {prefix}{position}'
 
 
-def _label(item: Item, with_ports: bool) -> list[str]:
+def _label(item: Item, ports: str) -> list[str]:
     lines = [item.name, f'({item.type})'] if item.name else [item.type]
-    return lines + (item.attributes() if with_ports else [])
+    return lines + item.attributes(ports)
 
 
 def dot_text(lines: Sequence[str]) -> str:

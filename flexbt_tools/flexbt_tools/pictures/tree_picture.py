@@ -14,21 +14,21 @@ Graphs = Sequence[tuple[TreeKey, Sequence[Item]]]
 """The trees of a picture."""
 
 
-def trees_as_dot(graphs: Graphs, *, with_ports: bool) -> Iterator[str]:
+def trees_as_dot(graphs: Graphs, *, ports: str) -> Iterator[str]:
     """The picture in the language of Graphviz."""
     yield from DOT_HEAD
     for number, (key, items) in enumerate(graphs):
         yield f'  subgraph cluster_{number} {{'
         yield f'    label={dot_text([key.id])}'
-        yield from dot_tree(f't{number}n', items, with_ports=with_ports)
+        yield from dot_tree(f't{number}n', items, ports=ports)
         yield '  }'
     yield '}'
 
 
-def trees_as_mermaid(graphs: Graphs, *, with_ports: bool) -> Iterator[str]:
+def trees_as_mermaid(graphs: Graphs, *, ports: str) -> Iterator[str]:
     """The picture in the language of Mermaid."""
     yield from MERMAID_HEAD
     for number, (key, items) in enumerate(graphs):
         yield f'  subgraph t{number}["{mermaid_text([key.id])}"]'
-        yield from mermaid_tree(f't{number}n', items, with_ports=with_ports)
+        yield from mermaid_tree(f't{number}n', items, ports=ports)
         yield '  end'

@@ -5,13 +5,14 @@ from .blackboard_file import BlackboardFile, json_types, save_blackboard
 from .files import read_library, read_models, shown_name
 from .key_usage import EntryUsage, KeyUsage, Place
 from .keys import KeyUse, uses
-from .outline import Item, find_tree, is_main, items_of
+from .outline import PORTS, Item, find_tree, is_main, items_of
 from .schema import schema_lines
 from .stand_ins import UNKNOWN_PORT, OpenRegistry, add_models, is_stand_in
 from .tree_order import references, roots, sub_trees_first, used_trees
 from .tree_text import tree_as_json, tree_lines
 
 __all__ = [
+    'PORTS',
     'UNKNOWN_PORT',
     'BlackboardFile',
     'EntryUsage',

@@ -17,6 +17,9 @@ from .stand_ins import UNKNOWN_PORT
 _ARROWS: Final = {None: '=', PortDirection.INPUT: '=', PortDirection.OUTPUT: '→', PortDirection.INOUT: '↔'}
 _ASCII_ARROWS: Final = {**_ARROWS, PortDirection.OUTPUT: '->', PortDirection.INOUT: '<->'}
 
+PORTS: Final = ('given', 'all', 'none')
+"""Which ports and conditions of a node are shown: those that the file gives, also the defaults of ports, or none."""
+
 
 @dataclass(frozen=True, slots=True)
 class Item:
@@ -48,12 +51,14 @@ class Item:
         declared = self.node.manifest.ports.get(port)
         return None if declared is None or declared is UNKNOWN_PORT else declared.direction
 
-    def attributes(self, *, all_ports: bool = False, ascii_only: bool = False) -> list[str]:
-        """Ports as ``input=text`` and ``output→{key}``, and conditions; with ``all_ports`` also those by default."""
+    def attributes(self, ports: str, *, ascii_only: bool = False) -> list[str]:
+        """Ports as ``input=text`` and ``output→{key}``, and conditions; ``ports`` is one of :data:`PORTS`."""
+        if ports == 'none':
+            return []
         shown = []
         arrows = _ASCII_ARROWS if ascii_only else _ARROWS
         for port, value in self.node.values.items():
-            if all_ports or port in self.node.offsets:
+            if ports == 'all' or port in self.node.offsets:
                 shown.append(f'{one_line(port)}{arrows[self.direction(port)]}{_quoted(value.text)}')
         if self.node.autoremap:
             shown.append('_autoremap')

@@ -26,7 +26,7 @@ _ASCII: Final = _Lines('|- ', '`- ', '|  ', '   ')
 
 
 def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool) -> Iterator[str]:
-    """A line for each node. ``ports``: ``given``, ``all`` (defaults, too) or ``none``."""
+    """A line for each node; ``ports`` as in :meth:`.Item.attributes`."""
     lines = _ASCII if ascii_only else _UNICODE
     # What stands in front of the children of each node of the path to the current one.
     margins: list[str] = []
@@ -39,8 +39,7 @@ def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool) -> Iterat
         else:
             branch = ''
         words = [_title(item)]
-        if ports != 'none':
-            words += item.attributes(all_ports=ports == 'all', ascii_only=ascii_only)
+        words += item.attributes(ports, ascii_only=ascii_only)
         yield f'{margin}{branch}{"  ".join(words)}'
 
 

@@ -185,10 +185,10 @@ def test_no_name_and_no_value_breaks_out(tmp_path_factory: pytest.TempPathFactor
     assert done.out.count('\n') == 2
     assert all(unicodedata.category(c) not in ('Cc', 'Cf', 'Co', 'Cn', 'Zl', 'Zp') for c in done.out if c != '\n')
     json.loads(tool('show', '--json', file).out)
-    graph = parsed(tool('draw', '--format', 'dot', '--ports', file).out)
+    graph = parsed(tool('draw', '--format', 'dot', '--ports', 'given', file).out)
     [cluster] = graph.get_subgraphs()
     assert [node.get_name() for node in cluster.get_nodes()] == ['t0n0']
-    mermaid = tool('draw', '--format', 'mermaid', '--ports', file).out.splitlines()
+    mermaid = tool('draw', '--format', 'mermaid', '--ports', 'given', file).out.splitlines()
     assert len(mermaid) == 1 + 5 + 3
     assert re.fullmatch(r'    t0n0\(\["[^"`<>|\[\]\\]*(<br/>[^"`<>|\[\]\\]*)*"\]\):::Action', mermaid[-2])
 

@@ -7,9 +7,12 @@ import asyncio
 import contextlib
 import os
 import signal
-from collections.abc import Callable, Iterable, Mapping
+import threading
+import traceback
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, Protocol
 
 from prompt_toolkit import PromptSession
 from prompt_toolkit.application import in_terminal
@@ -21,19 +24,28 @@ from prompt_toolkit.output import ColorDepth, Output
 from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
-from flexbt_console.commands import CommandBuilder, Show, candidates, command_help, prompt_help
+from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, Pose, View
+from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, Pose, UserdataScope, View
 from flexbt_console.present import Follower, command_result_lines
 from flexbt_core.clock import Clock
-from flexbt_core.values import lines
+from flexbt_core.values import lines, one_line
 
-from .short_form import Bound, Local, Meaning, interpret
+from .short_form import Bound, Local, Meaning, NoLiveLinkError, interpret
 from .shown_decision import ShownDecision
+from .terminal import RawInput, is_gone
 from .toolbar import toolbar
 
-Send = Callable[[Command, float, str], object]
-"""Sends a command that is to be answered within so many seconds, with its label; the mirror follows its fate."""
+
+class Link(Protocol):
+    """The operator link, as far as the prompt uses it."""
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """The userdata of the run; not on the executor thread. Raises ConsoleError."""
+
 
 AGE_SECONDS: Final = 0.5
 """How often the age of the picture is drawn anew while nothing else happens."""
@@ -54,32 +66,52 @@ STYLE: Final = Style.from_dict(
     }
 )
 
-GREETING: Final = '"help" lists the commands. "stop" stops the robot; "quit" leaves it going on.'
+LEAVING: Final = 'the robot goes on'
+"""What happens when the operator leaves the prompt."""
 
 
-def run_prompt(mirror: Mirror, send: Send, make: CommandBuilder, timeout: float, clock: Clock) -> None:
-    """Run the prompt in this terminal until the operator quits, or SIGINT, SIGTERM or SIGHUP comes."""
-    asyncio.run(Prompt(mirror, send, make, timeout, clock).run())
+def run_prompt(
+    mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str = LEAVING
+) -> None:
+    """Run the prompt in this terminal until the operator quits, the terminal goes away, or SIGINT or SIGTERM comes."""
+    asyncio.run(Prompt(mirror, link, make, timeout, clock, leaving, input=RawInput()).run())
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A line that was typed while there was no live link, and the time until which it waits for one."""
+
+    text: str
+    bound: Bound
+    until: float
 
 
 class Prompt:
-    """One operator at one terminal. Everything here runs on the event loop's thread."""
+    """One operator at one terminal. Everything here runs on the event loop's thread.
+
+    ``timeout``: seconds for the link to be live, and for each answer. ``leaving`` is what happens when the operator
+    leaves.
+    """
 
     def __init__(
         self,
         mirror: Mirror,
-        send: Send,
+        link: Link,
         make: CommandBuilder,
         timeout: float,
         clock: Clock,
+        leaving: str = LEAVING,
         *,
         input: Input | None = None,
         output: Output | None = None,
     ) -> None:
         self._mirror = mirror
-        self._send = send
+        self._link = link
         self._make = make
         self._timeout = timeout
+        self._clock = clock
+        self._leaving = leaving
+        self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
         self._follower = Follower(mirror)
         self._pending: list[str] = []
@@ -93,7 +125,6 @@ class Prompt:
             complete_style=CompleteStyle.READLINE_LIKE,
             reserve_space_for_menu=0,
             bottom_toolbar=self._toolbar,
-            refresh_interval=AGE_SECONDS,
             style=STYLE,
             color_depth=ColorDepth.DEPTH_1_BIT if os.environ.get('NO_COLOR') else None,
             input=input,
@@ -108,28 +139,56 @@ class Prompt:
         return self._shown.shown
 
     async def run(self) -> None:
-        """Read and do lines until the operator quits."""
-        loop = asyncio.get_running_loop()
+        """Read and do lines until the operator quits, or the terminal is gone."""
+        self._loop = loop = asyncio.get_running_loop()
+        self._over = asyncio.Event()
         self._mirror.add_listener(lambda change: self._wake(loop))
+        loop.set_exception_handler(self._fault)
         for known in (signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(known, self._quit)
-        printer = loop.create_task(self._print_all())
-        self._print([GREETING])
-        self._refresh()
-        try:
-            while True:
-                try:
-                    text = await self._session.prompt_async()
-                except (EOFError, KeyboardInterrupt):
-                    return
-                bound = Bound(*self._shown.take())
-                if not self._do(text, bound):
-                    return
-        finally:
-            self._ended = True
-            for known in (signal.SIGTERM, signal.SIGHUP):
-                loop.remove_signal_handler(known)
-            printer.cancel()
+            loop.add_signal_handler(known, self._over.set)
+        self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._leaving}.'])
+        with self._session.app.input.raw_mode():
+            tasks = [loop.create_task(part()) for part in (self._read, self._print_all, self._age, self._over.wait)]
+            try:
+                await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                self._ended = True
+                for known in (signal.SIGTERM, signal.SIGHUP):
+                    loop.remove_signal_handler(known)
+                for task in tasks:
+                    task.cancel()
+                results = await asyncio.gather(*tasks, return_exceptions=True)
+        for error in results:
+            if isinstance(error, Exception) and not is_gone(error):
+                raise error
+
+    async def _read(self) -> None:
+        """Read and do lines until the operator quits."""
+        while True:
+            try:
+                text = await self._session.prompt_async(set_exception_handler=False)
+            except EOFError:
+                return
+            except KeyboardInterrupt:
+                self._shown.take()
+                self._clear(self._session.default_buffer.text)
+                continue
+            if not self._do(text, Bound(*self._shown.take())):
+                return
+
+    async def _age(self) -> None:
+        """What time alone changes."""
+        while True:
+            self._refresh()
+            await asyncio.sleep(AGE_SECONDS)
+
+    def _clear(self, text: str) -> None:
+        """Ctrl-C, as in a shell: it gives up what was typed."""
+        for held in self._held:
+            self._print([f'{one_line(held.text)}: given up; nothing was sent'])
+        if not text.strip() and not self._held:
+            self._print([f'Ctrl-C clears the line. "quit" leaves: {self._leaving}. "stop" stops the robot.'])
+        self._held.clear()
 
     def _do(self, text: str, bound: Bound) -> bool:
         """Do what a line says; False to quit."""
@@ -139,16 +198,57 @@ class Prompt:
             if meaning.local is Local.QUIT:
                 return False
             if meaning.local is Local.HELP:
-                self._print(_help(meaning))
+                self._print(self._help(meaning))
             elif meaning.local is Local.SHOW:
                 self._print(_show(meaning, view, _Known(self._mirror, self._make.places)))
+            elif meaning.local is Local.ASK:
+                threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
+        except NoLiveLinkError:
+            self._held.append(_Held(text, bound, self._clock.now() + self._timeout))
+            self._print([f'{one_line(text)}: waits for a live link, {self._timeout:g} s at most; Ctrl-C gives it up'])
         except ConsoleError as error:
             self._print(lines(str(error)))
-            return True
-        if meaning.command is not None:
-            self._pending.append(meaning.command.id)
-            self._send(meaning.command, self._timeout, meaning.label)
+        else:
+            if meaning.command is not None:
+                self._pending.append(meaning.command.id)
+                self._link.send(meaning.command, self._timeout, meaning.label)
         return True
+
+    def _do_held(self) -> None:
+        """Do what waited for a live link, or give it up."""
+        while self._held and ((is_live := self._mirror.view().live) or self._clock.now() >= self._held[0].until):
+            held = self._held.popleft()
+            if is_live:
+                self._do(held.text, held.bound)
+            else:
+                text = f'{one_line(held.text)}: there was no live link within {self._timeout:g} s; nothing was sent'
+                self._print([text])
+
+    def _ask(self, meaning: Meaning) -> None:
+        """Ask the executive, on a thread of its own: the answer may be long in coming."""
+        assert meaning.line is not None and meaning.line.spec is not None
+        action = meaning.line.spec.action
+        assert isinstance(action, Ask)
+        try:
+            text = action.ask(meaning.line, self._link, self._timeout).text
+        except ConsoleError as error:
+            text = [f'{meaning.line.spec.name}: {line}' for line in lines(str(error))]
+        except Exception as error:
+            text = _fault_lines(error)
+        with contextlib.suppress(RuntimeError):  # the loop was closed just now
+            self._loop.call_soon_threadsafe(self._print, text)
+
+    def _fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """A callback of the event loop let an exception escape: the terminal is gone, or it is a fault of ours."""
+        error = context.get('exception')
+        if is_gone(error):
+            self._over.set()
+        else:
+            self._print(_fault_lines(error or RuntimeError(context['message'])))
+
+    def _help(self, meaning: Meaning) -> list[str]:
+        spec = meaning.line.spec if meaning.line else None
+        return prompt_help(self._leaving) if spec is None else prompt_command_help(spec)
 
     def _toolbar(self) -> StyleAndTextTuples:
         view = self._mirror.view()
@@ -170,6 +270,7 @@ class Prompt:
     def _refresh(self) -> None:
         self._refresh_planned = False
         view = self._mirror.view()
+        self._do_held()
         for event in self._follower.events(view):
             self._print(event.text, view)
         for command_id in list(self._pending):
@@ -178,10 +279,6 @@ class Prompt:
                 self._pending.remove(command_id)
                 self._print(command_result_lines(tracked))
         self._session.app.invalidate()
-
-    def _quit(self) -> None:
-        if self._session.app.is_running:
-            self._session.app.exit(exception=EOFError)
 
     def _print(self, text: list[str], view: View | None = None) -> None:
         decision = (view or self._mirror.view()).decision
@@ -232,6 +329,5 @@ def _show(meaning: Meaning, view: View, known: _Known) -> list[str]:
     return action.show(meaning.line, view, known).text
 
 
-def _help(meaning: Meaning) -> list[str]:
-    spec = meaning.line.spec if meaning.line else None
-    return prompt_help() if spec is None else command_help(spec).splitlines()
+def _fault_lines(error: BaseException) -> list[str]:
+    return ['fault in the console, which goes on:', *lines(''.join(traceback.format_exception(error)))]

@@ -12,6 +12,7 @@ from flexbt_console.commands import (
     COMMANDS,
     COMMON_OPTIONS,
     DECISION,
+    Ask,
     CommandBuilder,
     CommandLine,
     LinkNeed,
@@ -28,6 +29,10 @@ from flexbt_console.mirror import Command, CommandKind, Decision, DecisionKind, 
 CHANGED = 'the decision changed while you were typing; nothing was sent. Look at it, and answer again'
 
 
+class NoLiveLinkError(RefusedError):
+    """A live link is needed, and there is none now."""
+
+
 class Local(Enum):
     """What the prompt does by itself."""
 
@@ -35,6 +40,7 @@ class Local(Enum):
     QUIT = 'quit'
     HELP = 'help'
     SHOW = 'show'
+    ASK = 'ask'
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +93,16 @@ def interpret(text: str, view: View, make: CommandBuilder, bound: Bound) -> Mean
         return Meaning(Local.QUIT)
     if name in ('help', '?'):
         topic = find(words[1]) if len(words) > 1 else None
+        if topic is None and len(words) > 1:
+            raise UsageError(_no_command(words[1]))
         return Meaning(Local.HELP, line=CommandLine(topic))
     spec = find(name)
     if spec is not None and spec.in_prompt:
         return _command(parse([name, *words[1:]]), view, make, bound)
+    if spec is not None and not any(text.strip() in decision.choices for decision in view.decisions):
+        raise UsageError(f'{name!r} is for the command line: console {name}')
     if bound.decision_id is None and view.decision is None and not words[0].isdigit():
-        near = difflib.get_close_matches(name, [spec.name for spec in COMMANDS], n=1)
-        hint = f'did you mean {near[0]!r}?' if near else '"help" lists them'
-        raise UsageError(f'there is no command {words[0]!r}; {hint}')
+        raise UsageError(_no_command(words[0]))
     return _answer(text.strip(), view, make, bound.decision(view))
 
 
@@ -112,6 +120,8 @@ def _command(line: CommandLine, view: View, make: CommandBuilder, bound: Bound) 
         return Meaning(Local.SHOW, line=line)
     if spec.link is LinkNeed.LIVE:
         _require_live(view)
+    if isinstance(spec.action, Ask):
+        return Meaning(Local.ASK, line=line)
     return Meaning(command=build(_bind(line, view, bound), view, make), label=' '.join([spec.name, *line.words]))
 
 
@@ -151,7 +161,12 @@ def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> 
 def _require_live(view: View) -> None:
     if not view.live:
         seen = 'no executive was heard' if view.age is None else f'what you see is {view.age:.1f} s old'
-        raise RefusedError(f'there is no live link ({seen}); nothing was sent. Only "stop" is tried all the same')
+        raise NoLiveLinkError(f'there is no live link ({seen}); nothing was sent. Only "stop" is tried all the same')
+
+
+def _no_command(word: str) -> str:
+    near = difflib.get_close_matches(word.lower(), [spec.name for spec in COMMANDS if spec.in_prompt], n=1)
+    return f'there is no command {word!r}; ' + (f'did you mean {near[0]!r}?' if near else '"help" lists them')
 
 
 def _words(text: str) -> list[str]:

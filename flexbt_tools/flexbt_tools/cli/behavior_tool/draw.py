@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     picture_output.add_arguments(parser)
     parser.add_argument('--no-trees', action='store_true', help='only the state machine')
     parser.add_argument('--expand', action='store_true', help='sub-trees in their place')
-    parser.add_argument('--ports', action='store_true', help='also the ports that the tree files give')
+    arguments.add_ports(parser, 'none')
     add_tree_files(parser)
     arguments.add_node_types(parser, allow_unknown=False)
 
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     graph = graph_of(behavior.machine, used, expand=options.expand)
     picture_output.write(
         options,
-        lambda: behavior_as_dot(graph, behavior.name, with_ports=options.ports),
-        lambda: behavior_as_mermaid(graph, behavior.name, with_ports=options.ports),
+        lambda: behavior_as_dot(graph, behavior.name, ports=options.ports),
+        lambda: behavior_as_mermaid(graph, behavior.name, ports=options.ports),
     )
     return ExitCode.OK

@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_file(parser)
     arguments.add_trees(parser)
     picture_output.add_arguments(parser)
-    parser.add_argument('--ports', action='store_true', help='also the ports that the file gives')
+    arguments.add_ports(parser, 'none')
     arguments.add_node_types(parser, allow_unknown=False)
 
 
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     ]
     picture_output.write(
         options,
-        lambda: trees_as_dot(graphs, with_ports=options.ports),
-        lambda: trees_as_mermaid(graphs, with_ports=options.ports),
+        lambda: trees_as_dot(graphs, ports=options.ports),
+        lambda: trees_as_mermaid(graphs, ports=options.ports),
     )
     return ExitCode.OK

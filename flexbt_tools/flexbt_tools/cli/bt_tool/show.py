@@ -17,7 +17,7 @@ from flexbt_tools.trees import is_main, items_of, read_library, tree_as_json, tr
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_file(parser)
     arguments.add_trees(parser)
-    parser.add_argument('--ports', choices=('given', 'all', 'none'), default='given', help='(default: given)')
+    arguments.add_ports(parser, 'given')
     parser.add_argument('--ascii', action='store_true', help='only ASCII characters')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
