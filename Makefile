@@ -4,6 +4,7 @@ SHELL := /bin/sh
 .DEFAULT_GOAL := help
 N ?= 20000
 SEED ?= 0
+SECONDS ?= 300
 .PHONY: help setup demo test fuzz lint bench conformance docs clean distclean
 .NOTPARALLEL:
 
@@ -26,7 +27,8 @@ demo:  ## the demonstration: DEMO=1 (one tree) or DEMO=2 (three trees under one 
 test:  ## lint and all tests
 	@tools/workspace.sh test
 
-fuzz:  ## the property tests with examples that are new in each run (those of `make test` are always the same)
+fuzz:  ## what reads texts of others (XML, YAML, scripts, values, commands, journals), with damaged texts for SECONDS=300; then the property tests with new examples
+	@tools/workspace.sh run python3 -m flexbt_testing.fuzzing --seconds $(SECONDS)
 	@FLEXBT_FUZZ=1 tools/workspace.sh run python3 -m pytest -q -m hypothesis flexbt_*/test
 
 lint:  ## ruff, mypy, the contracts of the architecture, shellcheck

@@ -15,6 +15,9 @@ import yaml
 MAX_DEPTH: Final = 100
 """Levels of mappings and lists in each other that are read at most."""
 
+MAX_REPEATED: Final = 100_000
+"""Values that a text may stand for when each alias is written out."""
+
 _MOST_DIGITS: Final = 1000
 _NUMBERS: Final = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
 
@@ -34,7 +37,8 @@ def load_yaml(text: str, *, aliases: bool = False) -> Any:
     """The plain data of one document; None for an empty one. ``aliases`` are for texts of which the author is trusted.
 
     Raises:
-        YamlError: no YAML, aliases, no plain data, or nested deeper than MAX_DEPTH.
+        YamlError: no YAML, aliases, no plain data, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by
+            aliases.
     """
     node = compose_yaml(text, aliases=aliases)
     return None if node is None else construct_yaml(node)
@@ -44,7 +48,7 @@ def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
     """The nodes of one document, with their places; None for an empty one.
 
     Raises:
-        YamlError: no YAML, aliases, or nested deeper than MAX_DEPTH.
+        YamlError: no YAML, aliases, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by aliases.
     """
     try:
         return _Composer(text, aliases=aliases).get_single_node()
@@ -69,6 +73,8 @@ class _Composer(yaml.SafeLoader):
         super().__init__(text)
         self._takes_aliases = aliases
         self._around: list[str | None] = []  # the anchors of what is being read, outermost first
+        self._values = 0  # so far, each alias written out
+        self._values_of: dict[str | None, int] = {}  # by anchor
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event: yaml.NodeEvent = self.peek_event()  # type: ignore[no-untyped-call]
@@ -79,9 +85,18 @@ class _Composer(yaml.SafeLoader):
                 raise YamlError(event.start_mark, f'*{event.anchor} is in what it stands for')
         if isinstance(event, yaml.CollectionStartEvent) and len(self._around) == MAX_DEPTH:
             raise YamlError(event.start_mark, f'nested more than {MAX_DEPTH} levels deep')
+        before = self._values
         self._around.append(event.anchor)
         node = super().compose_node(parent, index)
         self._around.pop()
+        if isinstance(event, yaml.AliasEvent):
+            self._values += self._values_of[event.anchor]
+            if self._values > MAX_REPEATED:
+                raise YamlError(event.start_mark, f'*{event.anchor} makes it more than {MAX_REPEATED} values')
+        else:
+            self._values += 1
+            if event.anchor is not None:
+                self._values_of[event.anchor] = self._values - before
         return node
 
 

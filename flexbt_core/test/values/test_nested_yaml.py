@@ -61,10 +61,11 @@ def test_any_text_is_what_it_was_or_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize('text', HOSTILE_YAML.values(), ids=HOSTILE_YAML)
-def test_what_is_meant_to_do_harm_is_refused_in_time(text: str) -> None:
+@pytest.mark.parametrize('aliases', [False, True])
+def test_what_is_meant_to_do_harm_is_refused_in_time(text: str, aliases: bool) -> None:
     began = time.process_time()
     with pytest.raises(YamlError) as caught:
-        load_yaml(text)
+        load_yaml(text, aliases=aliases)
     assert time.process_time() - began < 1.0
     assert len(str(caught.value)) < 300
 

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who offers and who uses each topic, service and action of a robot: what a security policy allows, and nothing else.
+
+The names are those of :mod:`flexbt_common.names`. A system test compares this table with the graph of a running robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from . import names
+from .names import BT_SERVER, CONSOLE, NAVIGATION, ONBOARD_EXECUTIVE, SIMULATOR
+
+RECORDER: Final = 'recorder'
+OBSERVER: Final = 'observer'
+"""The node of ``console --observer``, which gives no commands."""
+
+ROLES: Final[Mapping[str, tuple[str, ...]]] = {
+    'robot': (BT_SERVER, ONBOARD_EXECUTIVE, NAVIGATION, SIMULATOR),
+    'operator': (CONSOLE,),
+    'observer': (OBSERVER, RECORDER),
+}
+"""The nodes of each role: what moves the robot, who commands it, and who only sees what it does."""
+
+MANAGED: Final = frozenset({BT_SERVER, ONBOARD_EXECUTIVE})
+"""Nodes with a lifecycle."""
+
+
+class Kind(Enum):
+    """What an interface is; the value is the word of a policy for it."""
+
+    TOPIC = 'topic'
+    SERVICE = 'service'
+    ACTION = 'action'
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A topic, a service or an action.
+
+    ``name`` is relative to the robot's namespace unless it begins with ``/``; a leading ``~`` stands for the node.
+    ``offered_by`` are the nodes that publish or serve it, ``used_by`` those that subscribe to it or call it.
+    """
+
+    kind: Kind
+    name: str
+    offered_by: tuple[str, ...]
+    used_by: tuple[str, ...] = ()
+
+
+ROBOT: Final = ROLES['robot']
+EVERY_NODE: Final = tuple(node for nodes in ROLES.values() for node in nodes)
+CONSOLES: Final = (CONSOLE, OBSERVER)
+
+
+def _topics(*topics: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
+    return tuple(Interface(Kind.TOPIC, name, by, to) for name in topics)
+
+
+def _services(*services: str, by: tuple[str, ...], to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
+    return tuple(Interface(Kind.SERVICE, name, by, to) for name in services)
+
+
+def _actions(*actions: str, by: str, to: tuple[str, ...]) -> tuple[Interface, ...]:
+    return tuple(Interface(Kind.ACTION, name, (by,), to) for name in actions)
+
+
+OF_NODES: Final[tuple[Interface, ...]] = (
+    *_topics('/rosout', by=EVERY_NODE),
+    *_topics('/parameter_events', by=EVERY_NODE, to=EVERY_NODE),
+    *_services(
+        '~/describe_parameters',
+        '~/get_parameter_types',
+        '~/get_parameters',
+        '~/list_parameters',
+        '~/set_parameters',
+        '~/set_parameters_atomically',
+        '~/get_type_description',
+        by=EVERY_NODE,
+    ),
+    *_topics('~/transition_event', by=tuple(sorted(MANAGED))),
+    *_services(
+        '~/change_state',
+        '~/get_available_states',
+        '~/get_available_transitions',
+        '~/get_state',
+        '~/get_transition_graph',
+        by=tuple(sorted(MANAGED)),
+    ),
+)
+"""What rclpy gives each node. Nobody of these roles may set parameters or change a lifecycle state."""
+
+OF_FLEXBT: Final[tuple[Interface, ...]] = (
+    # The operator link
+    *_topics(
+        names.EXECUTIVE_STATUS,
+        names.EXECUTIVE_STRUCTURE,
+        names.EXECUTIVE_BEHAVIORS,
+        names.EXECUTIVE_LOG,
+        by=(ONBOARD_EXECUTIVE,),
+        to=(*CONSOLES, RECORDER),
+    ),
+    *_topics(names.EXECUTIVE_COMMAND, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
+    *_topics(names.EXECUTIVE_PRESENCE, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE,)),
+    *_topics(names.EXECUTIVE_PING, by=CONSOLES, to=(ONBOARD_EXECUTIVE,)),
+    *_topics(names.EXECUTIVE_PONG, by=(ONBOARD_EXECUTIVE,), to=CONSOLES),
+    *_actions(names.GET_USERDATA, by=ONBOARD_EXECUTIVE, to=(CONSOLE,)),
+    *_actions(names.OPERATOR_INPUT, names.EXECUTE_BEHAVIOR, by=ONBOARD_EXECUTIVE, to=(ONBOARD_EXECUTIVE, BT_SERVER)),
+    # The BT server
+    *_actions(
+        names.BT_LOADER,
+        names.BT_EXECUTOR,
+        names.BT_GET_DATA,
+        names.BT_SET_DATA,
+        by=BT_SERVER,
+        to=(ONBOARD_EXECUTIVE,),
+    ),
+    *_services(names.CONTROL_TREE, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
+    *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(RECORDER,)),
+    *_topics('/diagnostics', by=(BT_SERVER, ONBOARD_EXECUTIVE)),
+    # Navigation
+    *_actions(
+        names.COMPUTE_PATH_TO_POSE,
+        names.COMPUTE_PATH_THROUGH_POSES,
+        names.FOLLOW_PATH,
+        names.SPIN,
+        names.BACKUP,
+        names.WAIT,
+        names.DRIVE_ON_HEADING,
+        by=NAVIGATION,
+        to=(BT_SERVER, ONBOARD_EXECUTIVE),
+    ),
+    *_services(
+        names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP, names.IS_PATH_VALID, by=(NAVIGATION,), to=(BT_SERVER,)
+    ),
+    *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
+    # The robot
+    *_topics(names.CMD_VEL, by=(NAVIGATION,), to=(SIMULATOR, RECORDER)),
+    *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
+    *_services(names.RESET, by=(SIMULATOR,)),
+    *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, RECORDER)),
+    *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
+    *_topics(names.SCAN, names.ODOM, by=(SIMULATOR,)),
+    *_topics(names.TF, names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
+    *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
+    *(Interface(Kind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in ROBOT),
+)
+"""What the nodes of a robot and its operators have between them."""
+
+INTERFACES: Final[tuple[Interface, ...]] = (*OF_NODES, *OF_FLEXBT)

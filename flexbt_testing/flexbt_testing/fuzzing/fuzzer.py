@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads damaged texts for a while: those that lead to something that was not seen before are damaged further."""
+
+from __future__ import annotations
+
+import collections
+import faulthandler
+import random
+import signal
+import time
+from collections.abc import Hashable, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Final, NoReturn, Protocol
+
+from .damage import Damage
+
+SLOW: Final = 2.0
+"""Seconds of processor time that reading a text may take at most."""
+HANGING: Final = 20.0
+"""Seconds after which reading is interrupted; where it cannot be, the process ends after three times as long."""
+LONGEST_SEED: Final = 20_000
+"""Characters of a seed that is damaged; longer ones are read as they are."""
+LONGEST_KEPT: Final = 60_000
+MOST_KEPT: Final = 2000
+CORPUS: Final = Path(__file__).parent / 'corpus'
+"""A directory for each target, with what once led to a defect, a file each."""
+
+
+class Target(Protocol):
+    """What is fuzzed: something that reads texts of others."""
+
+    @property
+    def words(self) -> Sequence[str]:
+        """What the language of the texts is made of."""
+
+    def seeds(self) -> list[str]:
+        """Texts to begin with."""
+
+    def read(self, data: bytes, counts: collections.Counter[str]) -> Hashable:
+        """Read a text, and give what kind of text it is; ``counts`` takes how often what happened.
+
+        Raises:
+            Exception: a defect: what is wrong with a text is told in a way that the target expects.
+        """
+
+
+class Fuzzer:
+    """Texts of a target, and what was found with them. ``counts`` has what happened, and ``slowest`` is in seconds."""
+
+    def __init__(self, name: str, target: Target, seed: int) -> None:
+        self.counts: collections.Counter[str] = collections.Counter()
+        self.slowest = 0.0
+        self._name = name
+        self._target = target
+        self._chance = random.Random(seed)
+        self._damage = Damage(self._chance, target.words)
+        self._seeds = target.seeds()
+        self._short = [text for text in self._seeds if len(text) < LONGEST_SEED]
+        self._kept = list(self._short)
+        self._known: set[Hashable] = set()
+
+    def run(self, seconds: float, directory: Path) -> None:
+        """Read what once led to a defect, and the seeds; then damaged texts for that time.
+
+        Raises:
+            Exception: what a text has led to, with a note that names the file in ``directory`` where that text is.
+        """
+        for file in sorted((CORPUS / self._name).glob('*')):
+            self._read(file.read_bytes(), directory)
+        for text in self._seeds:
+            self._read(_encoded(text), directory)
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.counts['rounds'] += 1
+            text = self._chance.choice(self._short if self._chance.random() < 0.6 else self._kept)
+            text = self._damage.damaged(text, self._chance.choice(self._kept))
+            kind = self._read(self._damage.damaged_bytes(_encoded(text)), directory)
+            if kind not in self._known and len(text) < LONGEST_KEPT:
+                self._known.add(kind)
+                self._keep(text)
+
+    def _keep(self, text: str) -> None:
+        if len(self._kept) < MOST_KEPT:
+            self._kept.append(text)
+        else:
+            self._kept[self._chance.randrange(MOST_KEPT)] = text
+
+    def _read(self, data: bytes, directory: Path) -> Hashable:
+        faulthandler.dump_traceback_later(3 * HANGING, exit=True)
+        before = signal.signal(signal.SIGALRM, _interrupt)
+        signal.setitimer(signal.ITIMER_REAL, HANGING)
+        began = time.process_time()
+        try:
+            kind = self._target.read(data, self.counts)
+            took = time.process_time() - began
+            self.slowest = max(self.slowest, took)
+            assert took < SLOW, f'reading the text took {took:.1f} s of processor time'
+        except Exception as error:
+            file = directory / f'{self._name}_{self.counts["rounds"]}'
+            file.write_bytes(data)
+            error.add_note(f'the text is in {file}; when the defect is mended, it belongs into {CORPUS / self._name}')
+            raise
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+            faulthandler.cancel_dump_traceback_later()
+        return kind
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+    raise TimeoutError(f'reading the text took longer than {HANGING:g} s')
+
+
+def _encoded(text: str) -> bytes:
+    return text.encode('utf-8', 'surrogatepass')
