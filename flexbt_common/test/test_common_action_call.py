@@ -23,7 +23,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.waiting import wait_until
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 APPEARS = 10.0  # wall time for the server to be discovered on a busy machine
 
 

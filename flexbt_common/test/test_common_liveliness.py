@@ -26,7 +26,7 @@ from flexbt_common.liveness import (
 )
 from flexbt_common.runtime import NodeRuntime
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 PROGRAM = """
 import sys
 from flexbt_common.liveness.liveliness import LivelinessToken

@@ -326,7 +326,7 @@ def test_a_signal_ends_the_process_in_any_state(
         for label in labels:
             assert client.change(label)
         child.send_signal(number)
-        out, err = child.communicate(timeout=10)
+        out, err = child.communicate(timeout=60)
         assert (out.splitlines(), child.returncode) == (printed, 0), err
         assert 'Traceback' not in err
 
@@ -340,7 +340,7 @@ def test_a_transition_that_does_not_end_does_not_hold_up_the_end(tmp_path: Path)
         assert child.stdout.readline() == 'deactivating\n'
         began = time.monotonic()
         child.send_signal(signal.SIGINT)
-        _out, err = child.communicate(timeout=10)
+        _out, err = child.communicate(timeout=60)
         assert time.monotonic() - began < 2.5
         assert (child.returncode, 'did not come to an end' in err) == (0, True), err
         assert not answer.done()
@@ -351,10 +351,10 @@ def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not(tmp_path: P
         assert child.stdout is not None
         assert [child.stdout.readline() for _ in range(2)] == ['configured \n', 'activated\n']
         child.send_signal(signal.SIGINT)
-        out, err = child.communicate(timeout=10)
+        out, err = child.communicate(timeout=60)
         assert (out, err, child.returncode) == ('closed\n', '', 0)
     with process(tmp_path, 'broken:=true') as child:
-        _out, err = child.communicate(timeout=10)
+        _out, err = child.communicate(timeout=60)
         assert (err, child.returncode) == ('managed: cannot start: it is broken; mend it\n', 1)
 
 

@@ -23,7 +23,7 @@ from std_msgs.msg import Int32
 from flexbt_common.runtime.node_executor import NodeExecutor
 from flexbt_msgs.srv import ControlTree
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 class Bench:

@@ -16,7 +16,7 @@ from std_msgs.msg import Empty
 
 from flexbt_common.runtime import NodeRuntime
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 PROGRAM = """
 import sys
 from flexbt_common.runtime.node_runtime import run_node

@@ -14,7 +14,7 @@ from flexbt_common.liveness import PresenceToken, PresenceWatch, presence
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import PeerStatus
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 LEASE = 1.0
 AT_ONCE = 0.4
 

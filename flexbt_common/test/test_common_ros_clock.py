@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import ManualClock, Timer, WakeEvent
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 class Simulation:

@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from flexbt_common.calls import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 PATIENT = {'server_timeout': DEADLINE, 'response_timeout': DEADLINE}
 
 

@@ -26,7 +26,7 @@ def console(*words: str, namespace: str = NAMESPACE, timeout: str = '15') -> sub
     # The fault handler prints what each thread is doing when the process has to be aborted.
     with subprocess.Popen(command, text=True, env=os.environ | {'PYTHONFAULTHANDLER': '1'}, **pipes) as process:
         try:
-            output, errors = process.communicate(timeout=45)
+            output, errors = process.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGABRT)
             output, errors = process.communicate()
@@ -104,14 +104,14 @@ def test_exit_code_3_when_a_run_that_is_waited_for_is_stopped(executive: Scripte
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as waiting:
         executive_running(executive)
         assert console('stop').returncode == 0
-        output, _ = waiting.communicate(timeout=30)
+        output, _ = waiting.communicate(timeout=60)
     assert waiting.returncode == 3 and 'preempted' in output
 
 
 def test_exit_code_2_needs_no_executive() -> None:
     for words in (['statsu'], ['start'], ['autonomy', '7'], []):
         done = subprocess.run(
-            [*COMMAND, *words], capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=30, check=False
+            [*COMMAND, *words], capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False
         )
         assert done.returncode == 2, done
         assert done.stdout == '' and done.stderr
@@ -146,7 +146,7 @@ def test_watch_prints_json_lines_and_ends_cleanly(executive: ScriptedExecutive) 
                 break
         assert event['line']['text'] == hostile
         watching.send_signal(signal.SIGINT)
-        assert watching.wait(timeout=5) == 0
+        assert watching.wait(timeout=60) == 0
         assert watching.stderr.read() == ''
         deadline.cancel()
 
@@ -177,7 +177,7 @@ def test_a_command_that_is_interrupted_does_not_say_applied(executives: Any, num
                 break
             threading.Event().wait(0.01)
         waiting.send_signal(number)
-        assert waiting.wait(timeout=5) == 130
+        assert waiting.wait(timeout=60) == 130
         assert waiting.stderr.read() == ''
 
 
@@ -195,7 +195,7 @@ def test_output_that_is_not_utf_8(executive: ScriptedExecutive) -> None:
         [*COMMAND, 'log', '--namespace', NAMESPACE],
         capture_output=True,
         env=environment,
-        timeout=30,
+        timeout=60,
         check=False,
     )
     assert done.returncode == 0, done

@@ -17,7 +17,7 @@ from flexbt_console.link import OperatorLink, interface_problem
 from flexbt_console.mirror import AutonomyLevel, Command, CommandState, LinkState, Mirror
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 class Station:

@@ -14,7 +14,7 @@ LISTING = 'import sys; print(" ".join(sorted(name.partition(".")[0] for name in 
 def modules_after(statement: str) -> set[str]:
     """Top-level packages that are loaded after a statement in a fresh interpreter."""
     command = [sys.executable, '-c', f'{statement}\n{LISTING}']
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     return set(done.stdout.splitlines()[-1].split())
 
 

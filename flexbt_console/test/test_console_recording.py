@@ -28,7 +28,7 @@ from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.run_file import Recorded, read_run
 from flexbt_console.recording.topics import TOPICS
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 class Station:

@@ -20,7 +20,7 @@ import pytest
 from flexbt_console.ui.prompt import REACTION_SECONDS
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 COLOUR = re.compile(rb'\x1b\[[0-9;]*(3[0-7]|9[0-7]|38;[0-9;]*)m')
 
 

@@ -26,7 +26,7 @@ STUBBORN = [
 ]
 
 
-def wait_for_text(file: Path, text: str, timeout: float = 20.0) -> None:
+def wait_for_text(file: Path, text: str, timeout: float = 60.0) -> None:
     deadline = time.monotonic() + timeout
     while not (file.exists() and text in file.read_text()):
         assert time.monotonic() < deadline, f'{text!r} never came in {file}'
@@ -74,7 +74,7 @@ def test_a_process_that_dies_is_named_with_its_last_lines(tmp_path: Path, comman
     with ProcessGroup(tmp_path) as group:
         group.watch(ended.put)
         group.start('unlucky', [sys.executable, '-c', command])
-        report = ended.get(timeout=20).report()
+        report = ended.get(timeout=60).report()
     assert 'unlucky' in report
     assert said in report
     assert 'the last word' in report
@@ -86,7 +86,7 @@ def test_who_begins_to_watch_late_is_told_what_ended_before(tmp_path: Path) -> N
     with ProcessGroup(tmp_path) as group:
         group.watch(first.put)
         group.start('unlucky', [sys.executable, '-c', 'raise SystemExit(3)'])
-        ended = first.get(timeout=20)
+        ended = first.get(timeout=60)
         group.watch(late.append)
         assert late == [ended]
 

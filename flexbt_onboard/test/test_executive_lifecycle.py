@@ -47,7 +47,7 @@ class Hold(EventState):
 
     def on_exit(self, userdata: Any) -> None:
         self.left.append(self.exit_reason)
-        self.rest.wait(20.0)
+        self.rest.wait(60.0)
 
 
 def holding() -> OperatableStateMachine:

@@ -197,7 +197,7 @@ def test_twenty_rounds_with_running_trees_leave_nothing_behind() -> None:
             world.client.load_tree(f'<Sequence><Delay delay_msec="{chance.randrange(3)}">{WAITING}</Delay></Sequence>')
             runs = [world.client.execute(blackboard=str(index)) for index in range(chance.randrange(4))]
             for run in runs:
-                assert run.accepted.wait(20.0)
+                assert run.accepted.wait(60.0)
             ways = (['deactivate', 'cleanup'], ['deactivate', 'activate', 'deactivate', 'cleanup'])
             world.change(*chance.choice(ways))
             for run in runs:
@@ -234,7 +234,7 @@ def test_nothing_runs_and_no_goal_is_forgotten_whatever_transitions_come(seed: i
                     goal.call.cancel()
             if chance.random() < 0.5:
                 for goal in goals:
-                    assert goal.accepted.wait(20.0) or goal.ended
+                    assert goal.accepted.wait(60.0) or goal.ended
             world.wait.delay_cancel = chance.choice([0.0, 0.0, 0.02])
             label = chance.choice(['configure', 'activate', 'deactivate', 'deactivate', 'cleanup'])
             goal_state = GOALS_OF[state].get(label)

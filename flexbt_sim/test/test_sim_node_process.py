@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 def start(executable: str, *settings: str) -> subprocess.Popen[str]:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from flexbt_sim.world import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, Pacer, Schedule
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 pieces = st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=50)
 
 

@@ -40,7 +40,7 @@ SHORT_PARTITION_S = 3.0
 HEALING_S = 2.0
 HEARTBEAT_S = 0.5
 AUTHORITY_TIMEOUT_S = 4.0
-DEADLINE_S = 40.0
+DEADLINE_S = 60.0
 LIVE_S = LIVE_PERIODS * HEARTBEAT_S + BAD.delay[1] + 0.25
 """How old a picture may be that claims to be live: the way is not told from a difference of the clocks."""
 

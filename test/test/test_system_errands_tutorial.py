@@ -96,7 +96,7 @@ def test_the_package_of_the_tutorial_builds_and_runs_an_errand(workspace: Path) 
     finally:
         os.killpg(process.pid, signal.SIGTERM)
         try:
-            process.communicate(timeout=20)  # the pipe is open as long as any of the processes lives
+            process.communicate(timeout=60)  # the pipe is open as long as any of the processes lives
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGABRT)  # the fault handler prints what each thread is doing
             pytest.fail(f'a process did not end in time\n{process.communicate()[0]}')

@@ -19,7 +19,7 @@ from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
 
 INNER = 'inspector/onboard_executive'
-DEADLINE = 30.0
+DEADLINE = 60.0
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
 
-DEADLINE = 30.0
+DEADLINE = 60.0
 TIMEOUT = 2.0
 SEEN_AFTER_DEATH = PRESENCE_LEASE_SECONDS + 1.0
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree  # of files that our own pytest runs wrote
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,9 @@ from .terminal import stop_group
 from .workspace import Workspace
 
 DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
+LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: tests mostly wait for something
+SPREAD = 'flexbt_system_tests'  # takes far longer than any other: a worker of pytest for each processor
+_POLL_SECONDS = 0.1
 _MESSAGE_WIDTH = 160
 
 
@@ -54,11 +58,12 @@ def run(workspace: Workspace) -> int:
     tally = Tally(passed=len(all_checks(workspace)) - len(failed_checks))
     tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
 
-    packages = [package for package in workspace.layout.packages() if package.test_modules()]
-    runs = [_Run(workspace, packages), *(_Run(workspace, packages, variant) for variant in VARIANTS)]
-    deadline = time.monotonic() + DEADLINE
-    for one in runs:
-        one.start_and_wait(deadline)
+    packages = {package.name: package for package in workspace.layout.packages() if package.test_modules()}
+    # What takes longest first.
+    runs = [_Run(workspace, package) for package in packages.values()]
+    runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
+    runs.sort(key=lambda run: (run.is_spread, run.modules), reverse=True)
+    _finish(runs, time.monotonic() + DEADLINE)
     _show_results(workspace)
     for one in runs:
         one.count(tally)
@@ -69,31 +74,59 @@ def run(workspace: Workspace) -> int:
     return 1 if tally.failures else 0
 
 
+def _finish(runs: list[_Run], deadline: float) -> None:
+    """Lets the runs come to their end, `LANES` at a time; what has not by the deadline (monotonic) is stopped."""
+    waiting, running = deque(runs), list[_Run]()
+    try:
+        while waiting or running:
+            running = [one for one in running if not one.ended()]
+            while waiting and len(running) < LANES:
+                running.append(waiting.popleft())
+                running[-1].start()
+            if time.monotonic() > deadline:
+                print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
+                break
+            time.sleep(_POLL_SECONDS)
+    finally:
+        for one in running:
+            one.stop()
+
+
 class _Run:
-    """The tests of one package after another. How they ended is in the result files, not in colcon's exit code."""
+    """The tests of one package. How they ended is in the result file, not in colcon's exit code."""
 
-    def __init__(self, workspace: Workspace, packages: list[Package], variant: Variant | None = None) -> None:
-        self._workspace = workspace
-        self._packages = [package for package in packages if variant is None or package.name == variant.package]
-        self._variant = variant
+    def __init__(self, workspace: Workspace, package: Package, variant: Variant | None = None) -> None:
         build = workspace.layout.build
+        self._workspace = workspace
+        self._package = package
+        self._variant = variant
         self._results = build / 'variants' / str(variant) if variant else build  # below which colcon looks for results
+        self._process: subprocess.Popen[bytes] | None = None
 
-    def start_and_wait(self, deadline: float) -> None:
-        """Runs the tests until they have ended, or to the deadline (a monotonic time)."""
-        for package in self._packages:
-            self._result_file(package).unlink(missing_ok=True)
+    @property
+    def is_spread(self) -> bool:
+        return self._package.name == SPREAD
+
+    @property
+    def modules(self) -> int:
+        """How many files of tests there are."""
+        below = self._package.path / (self._variant.tests if self._variant else '')
+        return sum(below in file.parents for file in self._package.test_modules())
+
+    def start(self) -> None:
+        self._result_file.unlink(missing_ok=True)
         workspace, variant = self._workspace, self._variant
-        command: list[str | Path] = ['colcon', '--log-base', workspace.layout.log / 'colcon', 'test']
+        log = workspace.layout.log / 'colcon' / self._package.name
+        command: list[str | Path] = ['colcon', '--log-base', log, 'test', '--event-handlers', 'summary-']
         command += ['--base-paths', workspace.layout.root, '--return-code-on-test-failure']
-        command += ['--test-result-base', self._results, '--executor', 'sequential']
-        command += ['--packages-select', *(package.name for package in self._packages)]
-        options = [*_in_parallel(workspace), *([variant.tests] if variant else [])]
+        command += ['--test-result-base', self._results, '--packages-select', self._package.name]
+        options = _in_parallel(workspace) if self.is_spread else []
+        options += [variant.tests] if variant else []
         if options:
             command += ['--pytest-args', *options]
         if variant:
             print(f'once more with {variant}: {variant.package}/{variant.tests}', flush=True)
-        process = subprocess.Popen(
+        self._process = subprocess.Popen(
             [str(word) for word in workspace.inside(command)],
             stdin=subprocess.DEVNULL,
             stderr=subprocess.STDOUT,
@@ -101,26 +134,27 @@ class _Run:
             cwd=workspace.layout.root,
             start_new_session=True,
         )
-        try:
-            process.wait(timeout=max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
-        finally:
-            if process.returncode is None:
-                stop_group(process)
+
+    def ended(self) -> bool:
+        return self._process is not None and self._process.poll() is not None
+
+    def stop(self) -> None:
+        """Ends what still runs of it."""
+        if self._process is not None and not self.ended():
+            stop_group(self._process)
 
     def count(self, tally: Tally) -> None:
         """Adds the results to the tally."""
-        for package in self._packages:
-            label = f' [{self._variant}]' if self._variant else ''
-            _count(self._result_file(package), package.name, label, tally)
+        label = f' [{self._variant}]' if self._variant else ''
+        _count(self._result_file, self._package.name, label, tally)
 
-    def _result_file(self, package: Package) -> Path:
-        return self._results / package.name / 'pytest.xml'
+    @property
+    def _result_file(self) -> Path:
+        return self._results / self._package.name / 'pytest.xml'
 
 
 def _in_parallel(workspace: Workspace) -> list[str]:
-    """Options for a worker of pytest for each processor, so that none is idle whatever the packages are like.
+    """Options for a worker of pytest for each processor.
 
     Without pytest-xdist, which no key of a manifest asks for, there is one worker.
     """

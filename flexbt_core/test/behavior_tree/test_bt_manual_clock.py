@@ -200,5 +200,5 @@ def test_a_thread_sleeps_by_the_clock_of_the_tree() -> None:
     assert tree.tick_once() is NodeStatus.RUNNING
     assert not woken.is_set()
     clock.set(START + PERIOD)
-    assert woken.wait(20.0)
+    assert woken.wait(60.0)
     assert tree.tick_once() is NodeStatus.SUCCESS

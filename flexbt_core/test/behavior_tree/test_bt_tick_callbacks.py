@@ -249,7 +249,7 @@ def test_the_tick_that_a_callback_abandons_begins_nothing_more() -> None:
 
     def wait(node: TreeNode) -> NodeStatus:
         arrived.set()
-        assert released.wait(20.0)
+        assert released.wait(60.0)
         assert tree.callbacks.released
         raise TickAbandoned(node.path, node.id, 'stopped')
 
@@ -264,7 +264,7 @@ def test_the_tick_that_a_callback_abandons_begins_nothing_more() -> None:
 
     thread = threading.Thread(target=tick)
     thread.start()
-    assert arrived.wait(20.0)
+    assert arrived.wait(60.0)
     tree.callbacks.release()
     thread.join(20.0)
     assert len(raised) == 1

@@ -34,7 +34,7 @@ from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.clock import ManualClock
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
-DEADLINE = 10.0
+DEADLINE = 60.0
 
 
 class Work(StatefulAction):

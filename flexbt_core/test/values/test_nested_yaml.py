@@ -76,5 +76,5 @@ def test_brackets_do_not_end_a_process_that_may_recurse_deep() -> None:
         'try: load_yaml("[" * 10**6, aliases=True)\n'
         'except ValueError as error: print(error)'
     )
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=30)
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout.strip()) == (0, f'line 1: nested more than {MAX_DEPTH} levels deep')

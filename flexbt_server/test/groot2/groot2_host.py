@@ -31,7 +31,7 @@ from flexbt_server.groot2.watched_tree import clock
 from flexbt_testing.behavior_trees.scripted_nodes import LETTERS, Act, Cond, Deco, Script, Sync, registry
 from flexbt_testing.behavior_trees.wheel import _attributes_by_name
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 def tell(line: str) -> None:

@@ -25,7 +25,7 @@ from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.groot2.watched_tree import RECORDED, clock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 _PORTS = itertools.count(10_000 + os.getpid() % 250 * 100, 2)
 DOCUMENT = """<root BTCPP_format="4"><BehaviorTree ID="One"><Sequence><Script code="x := 1"/><AlwaysSuccess/>
 <SubTree ID="Two" name="two" x="{x}"/></Sequence></BehaviorTree>

@@ -20,6 +20,7 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.model import DOUBLE, STRING
 from flexbt_server.leaves import TopicCondition
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
+from flexbt_testing.waiting import DEADLINE
 
 
 class Blocks(SyncAction):
@@ -30,7 +31,7 @@ class Blocks(SyncAction):
 
     def tick(self) -> NodeStatus:
         self.entered.set()
-        self.release.wait(20.0)
+        self.release.wait(DEADLINE)
         return NodeStatus.SUCCESS
 
 

@@ -30,7 +30,7 @@ from flexbt_server.node import BtServer
 
 from .scripted_action_server import Answer, ScriptedActionServer
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:

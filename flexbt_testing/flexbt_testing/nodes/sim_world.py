@@ -33,7 +33,7 @@ from flexbt_sim.nodes import Navigation, Simulator, pose_of
 
 T = TypeVar('T')
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 DOCK = (0.8, 4.45, 0.0)
 """Where the robot starts: at the west end of the corridor, heading along it."""

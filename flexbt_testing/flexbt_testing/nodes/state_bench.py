@@ -17,7 +17,7 @@ from flexbt_onboard.runs import ActiveLeaf, BehaviorRun, RunDecision, RunEnd, Ru
 from ..waiting import wait_until
 from .scripted_action_server import Script, ScriptedActionServer
 
-DEADLINE = 10.0
+DEADLINE = 60.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
 
 

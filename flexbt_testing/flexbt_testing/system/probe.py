@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
-from typing import Any, Final, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from geometry_msgs.msg import PoseStamped
+from std_srvs.srv import Trigger
 
 from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome
@@ -18,12 +18,9 @@ from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 
 from ..nodes.operator import Operator
-from ..waiting import wait_until
+from ..waiting import DEADLINE, uncontended_time, wait_until
 
 T = TypeVar('T')
-
-DEADLINE: Final = 40.0
-"""Seconds within which what a test waits for has to happen, on a busy machine too."""
 
 
 class Probe(Operator):
@@ -35,19 +32,15 @@ class Probe(Operator):
         self._changed = threading.Condition()
         self.pose: PoseStamped | None = None
         self.moved_at = 0.0
+        """The uncontended time when the last movement was seen, s."""
         self.moved_stamp = 0.0
         """The time of the pose that showed the last movement, s on the robot's clock."""
         runtime.call(lambda: runtime.node.create_subscription(PoseStamped, names.POSE, self._on_pose, 10))
 
-    @property
-    def status_at(self) -> float:
-        """The monotonic time when the latest status arrived."""
-        return self.arrivals[-1]
-
     def _on_pose(self, pose: PoseStamped) -> None:
         with self._changed:
             if self.pose is not None and _differ(self.pose, pose):
-                self.moved_at = time.monotonic()
+                self.moved_at = uncontended_time()
                 self.moved_stamp = stamp(pose)
             self.pose = pose
             self._changed.notify_all()
@@ -91,9 +84,30 @@ class Probe(Operator):
         self.send(ExecutiveCommand.ANSWER, decision_id=asked.id, inputs=[to_entry('goal', goal)])
         self.wait(lambda: self.pose is not None and _distance(start, self.pose) > driven, 'robot driving')
 
+    def reset(self) -> None:
+        """Put the robot back to where the simulation has begun."""
+        service = self.console.call(lambda: self.console.node.create_client(Trigger, names.RESET))
+        wait_until(service.service_is_ready, names.RESET)
+        answer = service.call_async(Trigger.Request())
+        wait_until(answer.done, f'answer of {names.RESET}')
+        assert answer.result().success, answer.result().message
+        self.console.call(lambda: self.console.node.destroy_client(service))
+        before = self.pose
+        self.wait(lambda: self.pose is not before, 'pose after the reset')
+
+    def wait_at_rest(self, quiet: float = 1.5) -> None:
+        """Wait until poses, not their absence, have shown the robot at rest for so long, s on the robot's clock."""
+        began = self.pose
+
+        def still() -> bool:
+            assert began is not None and self.pose is not None
+            return stamp(self.pose) - max(self.moved_stamp, stamp(began)) > quiet
+
+        self.wait(still, 'robot at rest')
+
     def stop(self) -> float:
-        """Give the operator's stop; the monotonic time when."""
-        now = time.monotonic()
+        """Give the operator's stop; the uncontended time when."""
+        now = uncontended_time()
         self.send(ExecutiveCommand.STOP)
         return now
 

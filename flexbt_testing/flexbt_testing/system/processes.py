@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Final
 from ament_index_python.packages import get_package_prefix
 
 from flexbt_testing.system.network_namespace import NetworkNamespace
+from flexbt_testing.waiting import uncontended_time
 
 PACKAGES: Final[Mapping[str, str]] = {
     'simulator': 'flexbt_sim',
@@ -39,7 +39,7 @@ def executable(name: str) -> str:
 
 @dataclass(frozen=True)
 class Ending:
-    """How a process ended: its exit code, the seconds from the signal on, and what it has said."""
+    """How a process ended: its exit code, the (uncontended) seconds from the signal on, and what it has said."""
 
     exit_code: int
     seconds: float
@@ -99,10 +99,10 @@ class Stack:
             self.start(name)
 
     def kill(self, name: str) -> float:
-        """kill -9; the monotonic time when."""
+        """kill -9; the uncontended time when."""
         process = self._processes[name]
         process.kill()
-        killed = time.monotonic()
+        killed = uncontended_time()
         process.wait()
         return killed
 
@@ -117,10 +117,10 @@ class Stack:
             subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
         """
         process = self._processes[name]
-        sent = time.monotonic()
+        sent = uncontended_time()
         process.send_signal(number)
         exit_code = process.wait(timeout)
-        return Ending(exit_code, time.monotonic() - sent, self.output(name))
+        return Ending(exit_code, uncontended_time() - sent, self.output(name))
 
     def output(self, name: str) -> str:
         """Everything that a process has said."""
