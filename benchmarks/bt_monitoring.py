@@ -73,7 +73,7 @@ SHAPES: Final[dict[str, tuple[str, Callable[[int], str]]]] = {
 
 def registry() -> Any:
     from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, StatefulAction
-    from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+    from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 
     class Check(Condition):
         """Every 50th time the answer is another one."""
@@ -99,7 +99,7 @@ def registry() -> Any:
             pass
 
     nodes = bt_tick.registry()
-    nav2_nodes.register(nodes)
+    register_nav2(nodes)
     nodes.register('Check', Check)
     nodes.register('Drive', Drive)
     return nodes

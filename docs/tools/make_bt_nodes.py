@@ -12,12 +12,14 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import Example, NodeManifest, PortDirection
+from flexbt_core.behavior_tree import Example, NodeKind, NodeManifest, PortDirection
 from flexbt_core.behavior_tree.model import NO_DEFAULT
 from flexbt_server.node_types import node_registry
 
 HERE: Final = Path(__file__).parent
 PAGE: Final = HERE.parent / 'reference' / 'bt_nodes.md'
+KINDS: Final = (NodeKind.CONTROL, NodeKind.DECORATOR, NodeKind.SUBTREE, NodeKind.ACTION, NodeKind.CONDITION)
+"""In the order of the page."""
 HEAD: Final = """\
 # The nodes of a behavior tree
 
@@ -51,10 +53,9 @@ def page() -> str:
     assert not broken, broken
     ours = ('flexbt_core.', 'flexbt_server.')
     manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith(ours)]
-    kinds = list(dict.fromkeys(manifest.kind for manifest in manifests))
-    overview = sorted(manifests, key=lambda manifest: kinds.index(manifest.kind))
+    overview = sorted(manifests, key=lambda manifest: KINDS.index(manifest.kind))
     lines = [HEAD, *(overview_row(manifest) for manifest in overview), '']
-    for kind in kinds:
+    for kind in KINDS:
         lines += [f'## {kind.value} nodes', '']
         for manifest in manifests:
             if manifest.kind is kind:

@@ -9,19 +9,19 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry, builtin_registry
-from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+from flexbt_core.behavior_tree.nodes.nav2 import Dialect, register_nav2
 
 ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 """Group of the entry points by which an installed package adds node types: functions that take the registry."""
 
 
-def node_registry(on_broken: Callable[[str, Exception], None], dialect: nav2_nodes.Dialect = 'jazzy') -> NodeRegistry:
+def node_registry(on_broken: Callable[[str, Exception], None], dialect: Dialect = 'jazzy') -> NodeRegistry:
     """A registry with everything that is installed. ``dialect`` is the branch of Nav2 whose nodes its trees expect.
 
     ``on_broken(source, error)`` is told of an entry point or a module whose nodes cannot be used; the others can.
     """
     registry = builtin_registry()
-    nav2_nodes.register(registry, dialect)
+    register_nav2(registry, dialect)
     points = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
     sources: list[tuple[str, Callable[[], Callable[[NodeRegistry], None]]]] = [
         ('flexbt_server.leaves', lambda: _ros_leaves(dialect)),
@@ -35,7 +35,7 @@ def node_registry(on_broken: Callable[[str, Exception], None], dialect: nav2_nod
     return registry
 
 
-def _ros_leaves(dialect: nav2_nodes.Dialect) -> Callable[[NodeRegistry], None]:
+def _ros_leaves(dialect: Dialect) -> Callable[[NodeRegistry], None]:
     from flexbt_server.leaves import register_leaves
 
     return lambda registry: register_leaves(registry, dialect)

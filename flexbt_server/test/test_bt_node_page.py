@@ -3,14 +3,21 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, load_xml
+from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, TreeNode, load_xml, nodes
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
 from flexbt_core.clock import ManualClock
+from flexbt_server import leaves
 from flexbt_server.node_types import node_registry
 
 DOCS = Path(__file__).parents[2] / 'docs'
@@ -30,6 +37,28 @@ def test_every_node_of_the_engine_has_an_example() -> None:
     }
     alike = {'Switch3', 'Switch4', 'Switch5', 'Switch6', 'WouldASmootherRecoveryHelp', 'WouldARouteRecoveryHelp'}
     assert engine - set(EXAMPLES) == alike
+
+
+def test_every_node_class_but_bases_is_registered_under_the_name_that_it_declares() -> None:
+    found = {node_class for room in (nodes, leaves) for node_class in node_classes(room)}
+    bases = {base for node_class in found for base in node_class.__mro__[1:]}
+    named = {manifest.node_class: manifest.id for dialect in DIALECTS for manifest in node_registry(fail, dialect)}
+    for node_class in found - bases:
+        if inspect.isabstract(node_class):
+            continue
+        assert named.get(node_class) == vars(node_class).get('xml_name', node_class.__name__), node_class
+
+
+def fail(point: str, error: Exception) -> None:
+    raise error
+
+
+def node_classes(room: ModuleType) -> Iterator[type[TreeNode]]:
+    """The node classes that the modules of a room define."""
+    for found in pkgutil.walk_packages(room.__path__, f'{room.__name__}.'):
+        for value in vars(importlib.import_module(found.name)).values():
+            if isinstance(value, type) and issubclass(value, TreeNode) and value.__module__ == found.name:
+                yield value
 
 
 @pytest.mark.parametrize('id', EXAMPLES)

@@ -13,7 +13,7 @@ import pytest
 from flexbt_core.behavior_tree import NodeStatus, StatusLog, builtin_registry, log_reader
 from flexbt_core.behavior_tree.model import Acceleration, acceleration
 from flexbt_core.behavior_tree.nodes import decorators
-from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_testing.behavior_trees.user_nodes import make
 
 inlining = pytest.importorskip('flexbt_core.behavior_tree.acceleration.inlining')
@@ -41,7 +41,7 @@ def test_children_that_are_set_to_idle_are_one_entry() -> None:
 def test_of_the_engine_nothing_is_left_out() -> None:
     """A method that stores a status and cannot be compiled anew works, but takes its time."""
     registry = builtin_registry()
-    nav2_nodes.register(registry)
+    register_nav2(registry)
     for manifest in registry:
         node_class = manifest.node_class
         methods = inlining.inlined_methods(node_class)

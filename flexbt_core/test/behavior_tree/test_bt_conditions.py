@@ -22,7 +22,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make
 
 
@@ -279,7 +279,7 @@ def test_a_node_whose_post_condition_fails_has_not_completed(observed: bool) -> 
 
 
 WITH_CHILDREN = builtin_registry()
-nav2_nodes.register(WITH_CHILDREN, 'main')
+register_nav2(WITH_CHILDREN, 'main')
 PORTS = {'queue': '1;0', 'entry': '{n}', 'if': 'n &lt; 3', 'then_skip': 'false', 'if_empty': 'FAILURE'}
 
 

@@ -25,8 +25,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.behavior_tree.nodes.nav2 import SpeedController
-from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+from flexbt_core.behavior_tree.nodes.nav2 import SpeedController, register_nav2
 from flexbt_core.clock import ManualClock
 
 START = 1000.0
@@ -71,9 +70,8 @@ class AtRest(SpeedController):
 
 def registry() -> NodeRegistry:
     nodes = builtin_registry()
-    nav2_nodes.register(nodes)
-    for node_class in (Count, Forever, Doze, Nap, AtRest):
-        nodes.register(node_class.__name__, node_class)
+    register_nav2(nodes)
+    nodes.register_classes((Count, Forever, Doze, Nap, AtRest))
     return nodes
 
 

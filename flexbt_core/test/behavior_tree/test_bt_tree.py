@@ -109,8 +109,7 @@ NODES = (Stubborn, Work, Returns, Check, Pass, All)
 
 def library(*bodies: str, **trees: str) -> TreeLibrary:
     registry = builtin_registry()
-    for node_class in NODES:
-        registry.register(node_class.__name__, node_class)
+    registry.register_classes(NODES)
     named = {**{f'T{index}' if index else 'Main': body for index, body in enumerate(bodies)}, **trees}
     xml = ''.join(f'<BehaviorTree ID="{id}">{body}</BehaviorTree>' for id, body in named.items())
     return TreeLibrary([load_xml(f'<root BTCPP_format="4">{xml}</root>', 'file.xml', registry)])

@@ -87,3 +87,6 @@ class ExecuteBehavior(ActionLeaf):
 
     def _words(self, port: str) -> list[str]:
         return separated(str(self.get_input(port)))
+
+
+NODES: Final = (ExecuteBehavior,)

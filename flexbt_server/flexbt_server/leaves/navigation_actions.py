@@ -8,7 +8,7 @@ halts that ends every run; here a controller's tree may take the path from the b
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 from geometry_msgs.msg import Point, PoseStamped
 from nav2_msgs import action
@@ -229,3 +229,14 @@ class Wait(_Recovery):
         if not (math.isfinite(seconds) and seconds > 0):
             raise ValueError(f'wait_duration has to be positive, not {seconds}')
         return self.action_type.Goal(time=duration_message(seconds))
+
+
+NODES: Final = (
+    ComputePathToPose,
+    ComputePathThroughPoses,
+    FollowPath,
+    Spin,
+    BackUp,
+    DriveOnHeading,
+    Wait,
+)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -89,3 +89,6 @@ class RemovePassedGoals(SyncAction):
                 goals.pop(0)
         self.set_output('output_goals', goals)
         return NodeStatus.SUCCESS
+
+
+NODES: Final = (TruncatePath, RemovePassedGoals)

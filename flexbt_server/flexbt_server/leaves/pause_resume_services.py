@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus
 from flexbt_core.behavior_tree.nodes.nav2 import pause_resume as nav2_pause
 
@@ -26,3 +28,6 @@ class PauseResumeController(nav2_pause.PauseResumeController):
                 if name:
                     services.triggers.offer(name, request)
         return super().tick()
+
+
+NODES: Final = (PauseResumeController,)

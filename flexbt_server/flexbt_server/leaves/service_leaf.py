@@ -180,3 +180,14 @@ class CancelDriveOnHeading(CancelAction):
 
     __slots__ = ()
     default_action = names.DRIVE_ON_HEADING
+
+
+NODES: Final = (
+    ClearEntireCostmap,
+    IsPathValid,
+    CancelControl,
+    CancelSpin,
+    CancelBackUp,
+    CancelWait,
+    CancelDriveOnHeading,
+)

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar, Final
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
 from flexbt_common import names
 from flexbt_core.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree.nodes.nav2 import Dialect
 from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
 from flexbt_server.trees import POSE_STAMPED, POSES
 
@@ -67,6 +68,7 @@ class GoalUpdater(Decorator):
         'input_goals': input_port(POSES, optional=True, description='goals to pass'),
         'output_goals': output_port(POSES, description='the same goals'),
     }
+    dialect: ClassVar[Dialect] = 'jazzy'
     topic = 'goal_update'
 
     def __init__(self, config: NodeConfig) -> None:
@@ -98,9 +100,15 @@ class GoalUpdaterOfMain(GoalUpdater):
 
     __slots__ = ()
 
+    xml_name = 'GoalUpdater'
+    dialect: ClassVar[Dialect] = 'main'
+
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
         return published >= given and published != (0, 0)
 
 
 def _stamp(pose: Any) -> tuple[int, int]:
     return pose.header.stamp.sec, pose.header.stamp.nanosec
+
+
+NODES: Final = (DistanceController, SpeedController, GoalUpdater, GoalUpdaterOfMain)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
@@ -127,3 +127,12 @@ class ProgressCheckerSelector(_Selector):
     __slots__ = ()
     selected, default = 'selected_progress_checker', 'default_progress_checker'
     ports = _selector_ports('progress_checker')
+
+
+NODES: Final = (
+    ControllerSelector,
+    PlannerSelector,
+    SmootherSelector,
+    GoalCheckerSelector,
+    ProgressCheckerSelector,
+)

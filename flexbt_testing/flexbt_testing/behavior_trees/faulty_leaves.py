@@ -374,5 +374,4 @@ ALL = (
 
 def register(registry: NodeRegistry) -> None:
     """Adds all of them."""
-    for node in ALL:
-        registry.register(node.__name__, node)
+    registry.register_classes(ALL)

@@ -129,8 +129,7 @@ def registry() -> NodeRegistry:
     """The registry of the engine with the scripted nodes."""
     # Code is made of a script at its second run, so that all that runs more often tests both of its forms.
     nodes = builtin_registry(ScriptLibrary(warm_up=1))
-    for node_class in (Act, Sync, Cond, Deco):
-        nodes.register(node_class.__name__, node_class)
+    nodes.register_classes((Act, Sync, Cond, Deco))
     return nodes
 
 

@@ -34,7 +34,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+from flexbt_core.behavior_tree.nodes.nav2 import Dialect, register_nav2
 from flexbt_core.clock import ManualClock
 
 PATIENCE = 10.0
@@ -71,7 +71,7 @@ class Step(StatefulAction):
 def make(
     body: str,
     clock: ManualClock | None = None,
-    dialect: nav2_nodes.Dialect = 'jazzy',
+    dialect: Dialect = 'jazzy',
     extra: Sequence[type[TreeNode]] = (),
     enums: Mapping[str, int] = {},
 ) -> tuple[Tree, list[str]]:
@@ -83,14 +83,10 @@ def make(
 
 
 @functools.cache
-def _registry(
-    dialect: nav2_nodes.Dialect, extra: tuple[type[TreeNode], ...], enums: tuple[tuple[str, int], ...]
-) -> NodeRegistry:
+def _registry(dialect: Dialect, extra: tuple[type[TreeNode], ...], enums: tuple[tuple[str, int], ...]) -> NodeRegistry:
     registry = builtin_registry()
-    nav2_nodes.register(registry, dialect)
-    node_classes: tuple[type[TreeNode], ...] = (Step, *extra)
-    for node_class in node_classes:
-        registry.register(node_class.__name__, node_class)
+    register_nav2(registry, dialect)
+    registry.register_classes((Step, *extra))
     for name, number in enums:
         registry.scripts.register_enum(name, number)
     return registry
@@ -107,7 +103,7 @@ def control(tag: str, *scripts: str, **ports: str) -> str:
     return f'<{tag}{attributes} name="top">{children}</{tag}>'
 
 
-def check(body: str, expected: str, dialect: nav2_nodes.Dialect = 'jazzy') -> Tree:
+def check(body: str, expected: str, dialect: Dialect = 'jazzy') -> Tree:
     """Asserts that the tree does what is ``expected``, as in the notation above; gives the tree as it is at the end."""
     tree, calls = make(body, dialect=dialect)
     for number, text in enumerate(expected.split('|')):

@@ -23,7 +23,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.engine import ControlNode
-from flexbt_core.behavior_tree.nodes.nav2 import register as nav2_nodes
+from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_core.clock import ManualClock
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.SKIPPED
@@ -123,10 +123,8 @@ class Fickle(ControlNode):
 def make(body: str, more: Iterable[type[TreeNode]] = (), **options: Any) -> Tree:
     """A tree of these nodes, and of ``more``."""
     registry = builtin_registry()
-    nav2_nodes.register(registry)
-    node_classes: tuple[type[TreeNode], ...] = (Flip, Busy, Moody, Careless, Twice, Fickle, *more)
-    for node_class in node_classes:
-        registry.register(node_class.__name__, node_class)
+    register_nav2(registry)
+    registry.register_classes((Flip, Busy, Moody, Careless, Twice, Fickle, *more))
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     return Tree(TreeLibrary([load_xml(text, 'test.xml', registry)]), 'Main', clock=ManualClock(), **options)
 

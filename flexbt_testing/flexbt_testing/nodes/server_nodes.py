@@ -122,6 +122,5 @@ class DoorOpen(TopicCondition):
 
 def register(registry: NodeRegistry) -> None:
     """The entry point."""
-    for node in (Blocks, Raises, Nonsense, NeverRests, TidiesUp, Dozes, Naps, Counts, DoorOpen):
-        registry.register(node.__name__, node)
+    registry.register_classes((Blocks, Raises, Nonsense, NeverRests, TidiesUp, Dozes, Naps, Counts, DoorOpen))
     bt_faulty_leaves.register(registry)

@@ -66,8 +66,7 @@ class Fail(Succeed):
 
 
 REGISTRY = builtin_registry()
-for node_class in (Free, Succeed, Fail):
-    REGISTRY.register(node_class.__name__, node_class)
+REGISTRY.register_classes((Free, Succeed, Fail))
 
 
 def library_of(body: str) -> TreeLibrary:

@@ -72,8 +72,7 @@ class Twice(Decorator):
 
 def registry() -> NodeRegistry:
     nodes = builtin_registry()
-    for node_class in (Drive, Look, Near, Twice):
-        nodes.register(node_class.__name__, node_class)
+    nodes.register_classes((Drive, Look, Near, Twice))
     return nodes
 
 

@@ -13,16 +13,7 @@ import types
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.engine import (
-    Conditions,
-    Control,
-    ControlNode,
-    Decorator,
-    DecoratorNode,
-    SimpleAction,
-    TreeNode,
-)
-from flexbt_core.behavior_tree.nodes import decorators, entry_updates, loops, script_nodes, switch, timing
+from flexbt_core.behavior_tree.engine import Conditions, TreeNode
 from flexbt_core.behavior_tree.observers import StatusLog
 
 from .inlining import inlined_methods
@@ -32,32 +23,11 @@ Observers = Sequence[Callable[..., None]]
 
 _SLOT: Final = vars(TreeNode)['_stored_status']
 
-_RUNNING_FIRST: Final[dict[type[Any], bool | None]] = {
-    TreeNode: False,
-    ControlNode: True,
-    DecoratorNode: True,
-    Control: None,
-    Decorator: None,
-    SimpleAction: None,
-    decorators.RunOnce: None,
-    loops.Loop: None,
-    entry_updates.UpdateDecorator: None,
-    script_nodes.Precondition: False,
-    switch.Switch: False,
-    timing.Delay: False,
-}
-"""Whether a tick that completes a node has stored RUNNING before: always, never, or None when it depends."""
-
 
 def plain_class(node_class: type[Any]) -> type[Any]:
     """The class of which this one may be a faster form."""
     plain: type[Any] = vars(node_class).get('plain_class', node_class)
     return plain
-
-
-def runs_first(node_class: type[TreeNode]) -> bool | None:
-    """Whether a tick that completes a node has stored RUNNING before: always, never, or None when it depends."""
-    return next(_RUNNING_FIRST[base] for base in plain_class(node_class).__mro__ if base in _RUNNING_FIRST)
 
 
 def stores_directly(node: TreeNode) -> bool:
@@ -69,7 +39,7 @@ def stores_directly(node: TreeNode) -> bool:
 def class_for(plain: Any, observers: Observers, conditions: Conditions | None) -> type[Any]:
     """The fastest class for a node of a tree with these observers."""
     halting = conditions is not None and conditions.halting
-    if conditions is not None and conditions.completing and (observers or runs_first(plain) is None):
+    if conditions is not None and conditions.completing and (observers or plain.stores_running is None):
         return plain
     if not observers:
         return direct_class(plain, halting)

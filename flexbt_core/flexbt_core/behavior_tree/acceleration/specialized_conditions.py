@@ -9,7 +9,7 @@ from typing import Any
 from flexbt_core.behavior_tree.engine import Conditions, NodeScript, Tick, TreeNode
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, Entry, NodeExecutionError, NodeStatus, Script
 
-from .node_classes import runs_first, stores_directly
+from .node_classes import stores_directly
 from .specialized_scripts import SpecializedBoundScript, SpecializedScript, completion_factory, gate_factory, kinds_of
 
 
@@ -103,7 +103,7 @@ class SpecializedConditions(Conditions):
         try:
             self._run(status)
         except NodeExecutionError:
-            self._node.status = RUNNING if runs_first(type(self._node)) else before
+            self._node.status = RUNNING if self._node.stores_running else before
             raise
         return status
 

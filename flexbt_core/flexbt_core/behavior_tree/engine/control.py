@@ -23,6 +23,7 @@ class ControlNode(TreeNode):
     __slots__ = ('_failed', '_ticks', 'children')
 
     kind = NodeKind.CONTROL
+    stores_running: ClassVar[bool | None] = True
     children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
     """Least and greatest number of children."""
     tickable_with: ClassVar[tuple[int, int] | None] = None
@@ -98,6 +99,8 @@ class Control(ControlNode):
     """Base of controls of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
 
     __slots__ = ()
+
+    stores_running = None
 
     @abstractmethod
     def tick(self) -> NodeStatus:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar
 
 from flexbt_core.behavior_tree.model import FAILURE, IDLE, SKIPPED, SUCCESS, NodeExecutionError, NodeKind, NodeStatus
 
@@ -23,6 +24,7 @@ class DecoratorNode(TreeNode):
 
     kind = NodeKind.DECORATOR
 
+    stores_running: ClassVar[bool | None] = True
     child: TreeNode
     _tick: Tick
 
@@ -54,6 +56,8 @@ class Decorator(DecoratorNode):
     """Base of decorators of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
 
     __slots__ = ('_child_failed',)
+
+    stores_running = None
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -99,10 +99,15 @@ class TreeNode(ABC):
 
     ports: ClassVar[Mapping[str, Port]] = NO_PORTS
     kind: ClassVar[NodeKind]
+    xml_name: ClassVar[str]
+    """What XML calls nodes of just this class, where that is not the name of the class."""
     example: ClassVar[Example | None] = None
     """A tree that shows what nodes of just this class do: one that derives from it has its own, or none."""
     outcomes: ClassVar[Outcomes | None] = None
     """What ticks of nodes of just this class may give, and which children they may tick. None: it is not known."""
+
+    stores_running: ClassVar[bool | None] = False
+    """Whether a tick that completes a node has stored RUNNING before: always, never, or None when it depends."""
 
     conditions: NodeConditions | None
     """The pre- and post-conditions, if it has any."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from flexbt_core.behavior_tree.model import (
     NO_DEFAULT,
@@ -74,6 +74,11 @@ class NodeRegistry:
         )
         self._manifests[id] = manifest
         return manifest
+
+    def register_classes(self, node_classes: Iterable[type[TreeNode]]) -> None:
+        """Makes classes known under the names that they declare. Raises RegistrationError, as :meth:`register` does."""
+        for node_class in node_classes:
+            self.register(vars(node_class).get('xml_name', node_class.__name__), node_class)
 
     def get(self, id: str) -> NodeManifest | None:
         return self._manifests.get(id)

@@ -38,6 +38,8 @@ class SimpleAction(SyncAction):
 
     __slots__ = ()
 
+    stores_running = None
+
     @abstractmethod
     def call(self) -> NodeStatus:
         """Does the work."""

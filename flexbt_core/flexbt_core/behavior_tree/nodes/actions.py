@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from flexbt_core.behavior_tree.engine import LeafNode, NodeConfig, SyncAction
 from flexbt_core.behavior_tree.model import (
@@ -186,3 +186,6 @@ class UnsetBlackboard(SyncAction):
     def tick(self) -> NodeStatus:
         self.blackboard.unset(self.get_input('key'))
         return SUCCESS
+
+
+NODES: Final = (AlwaysSuccess, AlwaysFailure, SetBlackboard, UnsetBlackboard)

@@ -9,6 +9,7 @@ never reached runs; and a condition that is skipped is an error, since it says n
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, TreeNode, halt_child
 from flexbt_core.behavior_tree.model import (
@@ -162,3 +163,6 @@ class WhileDoElse(_Conditional):
             self._failed = chosen
             self.status = status
         return status
+
+
+NODES: Final = (IfThenElse, WhileDoElse)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, TreeNode, halt_child
 from flexbt_core.behavior_tree.model import (
@@ -276,6 +276,7 @@ class RunOnce(DecoratorNode):
 
     __slots__ = ('_result', '_skip')
 
+    stores_running = None
     ports = {
         'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
     }
@@ -348,3 +349,15 @@ class SubTree(DecoratorNode):
 
     def failure_reason(self) -> str:
         return f'the tree [{self.id}] failed'
+
+
+NODES: Final = (
+    Inverter,
+    ForceSuccess,
+    ForceFailure,
+    Repeat,
+    RetryUntilSuccessful,
+    KeepRunningUntilFailure,
+    RunOnce,
+    SubTree,
+)

@@ -53,6 +53,7 @@ class UpdateDecorator(DecoratorNode):
 
     __slots__ = ('_child_running', '_entry', '_key', '_seen')
 
+    stores_running = None
     ports = _PORTS
 
     def __init__(self, config: NodeConfig) -> None:
@@ -143,3 +144,6 @@ class WasEntryUpdated(LeafNode):
 
     def failure_reason(self) -> str:
         return f'{self.id}: entry [{self._key}] was not written since the last tick'
+
+
+NODES: Final = (SkipUnlessUpdated, WaitValueUpdate, WasEntryUpdated)

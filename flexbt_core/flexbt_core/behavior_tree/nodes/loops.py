@@ -57,6 +57,7 @@ class Loop(DecoratorNode):
 
     __slots__ = ('_child_failed', '_child_running', '_constant', '_python_type', '_queue', '_rest', '_target')
 
+    stores_running = None
     element: ClassVar[PortType]
     queue: ClassVar[PortType]
     """How a queue is written as text."""
@@ -220,3 +221,6 @@ class LoopString(Loop, element=STRING):
         ticks=(RUNNING, RUNNING, FAILURE),
         after={'place': 'kitchen'},
     )
+
+
+NODES: Final = (LoopInt, LoopBool, LoopDouble, LoopString)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from operator import length_hint
+from typing import Final
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, Tick
 from flexbt_core.behavior_tree.model import (
@@ -231,3 +232,6 @@ class ParallelAll(_ParallelControl):
 
     def _read_limits(self) -> tuple[int, ...]:
         return (self._limit('max_failures', 'fail'),)
+
+
+NODES: Final = (Parallel, ParallelAll)

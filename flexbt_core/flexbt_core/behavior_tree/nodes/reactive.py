@@ -7,6 +7,7 @@ While one child is RUNNING all others, before and after it, are halted and set t
 from __future__ import annotations
 
 from operator import length_hint
+from typing import Final
 
 from flexbt_core.behavior_tree.engine import ControlNode, halt_child
 from flexbt_core.behavior_tree.model import (
@@ -93,3 +94,6 @@ class ReactiveFallback(_ReactiveControl):
         ticks=(RUNNING, SUCCESS),
         before={'asked': 0},
     )
+
+
+NODES: Final = (ReactiveSequence, ReactiveFallback)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Final, Protocol
 
 from flexbt_core.behavior_tree.engine import DecoratorNode, LeafNode, NodeConfig, TreeNode
 from flexbt_core.behavior_tree.model import (
@@ -131,6 +131,7 @@ class Precondition(DecoratorNode):
 
     __slots__ = ('_blocked', '_holds', '_script')
 
+    stores_running = False
     ports = {
         'if': input_port(STRING, literal=CONDITION, description='the script'),
         'else': input_port(NODE_STATUS, default='FAILURE', description='result when the script is false'),
@@ -171,3 +172,6 @@ class Precondition(DecoratorNode):
 
     def failure_reason(self) -> str:
         return f'{self.id}: [{self.port_text("if")}] does not hold' if self._blocked else super().failure_reason()
+
+
+NODES: Final = (Script, ScriptCondition, Precondition)

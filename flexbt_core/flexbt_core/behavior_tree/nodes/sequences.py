@@ -9,6 +9,7 @@ whose children were skipped is skipped.
 from __future__ import annotations
 
 from operator import length_hint
+from typing import Final
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
 from flexbt_core.behavior_tree.model import (
@@ -270,3 +271,6 @@ class SequenceWithMemory(_YieldingControl):
     def halt(self) -> None:
         self.reset_children()
         self.status = IDLE
+
+
+NODES: Final = (Sequence, AsyncSequence, SequenceWithMemory, Fallback, AsyncFallback)

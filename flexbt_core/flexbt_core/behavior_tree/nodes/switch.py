@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, TreeNode, halt_child
 from flexbt_core.behavior_tree.model import (
@@ -38,6 +38,7 @@ class Switch(ControlNode):
 
     __slots__ = ('_choice', '_constant', '_incomplete', '_running', '_text', '_variable')
 
+    stores_running = False
     cases: ClassVar[tuple[str, ...]]
     """The ports of the cases."""
 
@@ -164,3 +165,6 @@ class Switch5(Switch, count=5):
 
 class Switch6(Switch, count=6):
     __slots__ = ()
+
+
+NODES: Final = (Switch2, Switch3, Switch4, Switch5, Switch6)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, StatefulAction, TreeNode, halt_child
 from flexbt_core.behavior_tree.model import (
@@ -89,6 +90,7 @@ class Delay(DecoratorNode):
 
     __slots__ = ('_begun', '_delay')
 
+    stores_running = False
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
     outcomes = Exchanged(waits=True)
     example = Example('<Delay delay_msec="100"><AlwaysSuccess/></Delay>', ticks=(RUNNING, SUCCESS))
@@ -154,3 +156,6 @@ class Sleep(StatefulAction):
 
     def on_halted(self) -> None:
         pass
+
+
+NODES: Final = (Timeout, Delay, Sleep)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
 from flexbt_core.behavior_tree.model import (
     BOOL,
@@ -104,3 +106,6 @@ class TryCatch(ControlNode):
             for child in self.children[:-1]:
                 halt_child(child)
             self._ticks[-1]()
+
+
+NODES: Final = (TryCatch,)

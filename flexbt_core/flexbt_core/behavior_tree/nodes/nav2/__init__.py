@@ -1,8 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The node types of Nav2 that need no ROS."""
 
+from .dialects import DIALECTS, Dialect, of_dialect
 from .motion import DistanceController, Position, SpeedController
 from .pause_resume import PauseResumeController
-from .register import DIALECTS, Dialect
+from .register import register_nav2
 
-__all__ = ['DIALECTS', 'Dialect', 'DistanceController', 'PauseResumeController', 'Position', 'SpeedController']
+__all__ = [
+    'DIALECTS',
+    'Dialect',
+    'DistanceController',
+    'PauseResumeController',
+    'Position',
+    'SpeedController',
+    'of_dialect',
+    'register_nav2',
+]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar, Final
 
 from flexbt_core.behavior_tree.engine import Control, NodeConfig, TreeNode
 from flexbt_core.behavior_tree.model import (
@@ -17,6 +18,8 @@ from flexbt_core.behavior_tree.model import (
     NodeStatus,
     input_port,
 )
+
+from .dialects import Dialect
 
 
 class RecoveryNode(Control):
@@ -140,6 +143,7 @@ class RoundRobin(Control):
 
     __slots__ = ('_current', '_failures')
 
+    dialect: ClassVar[Dialect] = 'jazzy'
     tries_all = True
 
     ports = {'wrap_around': input_port(BOOL, default='true', description='whether the first child follows the last')}
@@ -198,4 +202,9 @@ class RoundRobinOfMain(RoundRobin):
 
     __slots__ = ()
 
+    xml_name = 'RoundRobin'
+    dialect: ClassVar[Dialect] = 'main'
     ports = {'wrap_around': replace(RoundRobin.ports['wrap_around'], default='false')}
+
+
+NODES: Final = (PipelineSequence, RecoveryNode, RoundRobin, RoundRobinOfMain)

@@ -102,3 +102,6 @@ class GoalUpdatedController(Decorator):
             self._updated = False
             return self.tick_child()
         return RUNNING
+
+
+NODES: Final = (GoalUpdatedController, GoalUpdated, GlobalUpdatedGoal)

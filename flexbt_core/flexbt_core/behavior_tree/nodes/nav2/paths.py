@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from flexbt_core.behavior_tree.engine import Decorator, NodeConfig
 from flexbt_core.behavior_tree.model import (
@@ -75,3 +75,6 @@ def _length(poses: Sequence[Any]) -> float:
     """Metres along the path, over the ground."""
     points = [(pose.pose.position.x, pose.pose.position.y) for pose in poses]
     return sum(math.dist(one, other) for one, other in itertools.pairwise(points))
+
+
+NODES: Final = (PathLongerOnApproach,)

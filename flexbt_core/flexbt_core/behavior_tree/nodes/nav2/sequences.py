@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from flexbt_core.behavior_tree.engine import Control
 from flexbt_core.behavior_tree.model import (
     FAILURE,
@@ -86,3 +88,6 @@ class PersistentSequence(Control):
         self.reset_children()
         self.set_output('current_child_idx', 0)
         return status
+
+
+NODES: Final = (NonblockingSequence, PersistentSequence)
