@@ -56,9 +56,11 @@ BEHAVIORS = (
 )
 
 
-def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',)) -> View:
+def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',), autonomy: int = 1) -> View:
     states = tuple(ActiveState(path) for path in active)
-    snapshot = Snapshot('e', 1, state=ExecutiveState.RUNNING, run_id='r1', active_states=states, decisions=decisions)
+    snapshot = Snapshot(
+        'e', 1, state=ExecutiveState.RUNNING, run_id='r1', active_states=states, decisions=decisions, autonomy=autonomy
+    )
     return View(LinkState.LIVE, 0.1, '', snapshot, STRUCTURE, BEHAVIORS)
 
 
@@ -149,7 +151,8 @@ def test_start_is_checked_against_the_list_of_behaviors(make: CommandBuilder) ->
 
 
 def test_parameters_of_embedded_behaviors_are_the_executives_to_judge(make: CommandBuilder) -> None:
-    command = make.start(view(), 'Drive', [('/Inner/speed', 'any')])
+    command = make.start(view(autonomy=3), 'Drive', [('/Inner/speed', 'any')])
+    assert command.autonomy == 3  # as it is shown
     assert list(command.arguments) == [('/Inner/speed', 'any')]
 
 

@@ -15,6 +15,7 @@ from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_onboard.commands.authority import REQUESTS
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 
@@ -77,8 +78,28 @@ class _Operator:
         self.token = PresenceToken(self.runtime, operator)
 
 
-def test_a_holder_who_is_gone_loses_the_authority_to_the_one_who_asked_first(make_bench: Make) -> None:
+@pytest.fixture
+def consoles() -> Iterator[Callable[[str], _Operator]]:
+    """Makes consoles of operators, and closes them."""
+    made: list[_Operator] = []
+
+    def make(operator: str) -> _Operator:
+        made.append(_Operator(operator))
+        return made[-1]
+
+    yield make
+    for console in made:
+        console.runtime.close()
+
+
+Consoles = Callable[[str], _Operator]
+
+
+def test_a_holder_who_is_gone_loses_the_authority_to_the_first_who_asked_and_is_there(
+    make_bench: Make, consoles: Consoles
+) -> None:
     bench = make_bench(1.0)
+    eve = consoles('eve')
     console = _Operator('ann')
     second = _Operator('ann')
     try:
@@ -93,11 +114,33 @@ def test_a_holder_who_is_gone_loses_the_authority_to_the_one_who_asked_first(mak
         assert bench.status.authority == 'ann'  # who only looks is there all the same
     finally:
         console.runtime.close()
-    bench.wait_for(lambda status: status.authority == 'bob', 'passed on')
-    assert 'gone for 1 s' in bench.logged("'bob' has the authority").text
-    # Bob has no console and says nothing; then Eve, and then nobody.
-    bench.wait_for(lambda status: not status.authority and not status.authority_requests, 'nobody left')
+    # Bob has no console and says nothing: his request has expired, or he is passed over.
+    bench.wait_for(lambda status: status.authority == 'eve', 'passed on')
+    assert 'gone for 1 s' in bench.logged("'eve' has the authority").text
+    bench.logged("'bob', who asked for the authority, was gone for 1 s")
+    bench.wait_for(lambda status: not status.authority_requests, 'expired')
+    eve.runtime.close()
+    bench.wait_for(lambda status: not status.authority, 'nobody left')
     bench.applied(AUTONOMY, autonomy=0, operator_id='zoe', run_id='')
+
+
+def test_claims_of_ghosts_are_bounded_and_give_way_to_those_who_are_there(make_bench: Make, consoles: Consoles) -> None:
+    bench = make_bench(3600.0)
+    bench.applied(CLAIM, operator_id='ann')
+    for number in range(REQUESTS):
+        bench.applied(CLAIM, operator_id=f'ghost {number}')
+    assert f'{REQUESTS} operators ask' in bench.refused(CLAIM, operator_id='one more')
+    consoles('bob')
+    bench.wait_for(lambda _status: 'bob' in bench.executive._presence.present, 'there')
+    bench.applied(CLAIM, operator_id='bob')
+    assert len(bench.status.authority_requests) == REQUESTS
+    bench.applied(RELEASE, operator_id='ann', run_id='')
+    assert bench.status.authority == 'bob'
+    # Nobody is there: it is free, and goes to the one of them who comes.
+    bench.applied(RELEASE, operator_id='bob', run_id='')
+    assert bench.status.authority == ''
+    consoles('ghost 7')
+    bench.wait_for(lambda status: status.authority == 'ghost 7', 'who has come')
 
 
 def test_commands_alone_keep_the_authority(make_bench: Make) -> None:
@@ -117,8 +160,11 @@ ACTIONS = st.lists(
 )
 
 
-def test_any_sequence_of_claims_is_as_the_rules_say(make_bench: Make) -> None:
+def test_any_sequence_of_claims_is_as_the_rules_say(make_bench: Make, consoles: Consoles) -> None:
     bench = make_bench(3600.0)
+    for operator in OPERATORS:
+        consoles(operator)
+    bench.wait_for(lambda _status: bench.executive._presence.present >= set(OPERATORS), 'all are there')
 
     @settings(max_examples=25)
     @given(ACTIONS)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from flexbt_core.clock import SteadyClock
 from flexbt_core.state_machine import Answer
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand
-from flexbt_onboard.commands import COMMANDS, REPORT_TIME, CommandLedger
+from flexbt_onboard.commands import COMMANDS, OPEN_COMMANDS, REPORT_TIME, CommandLedger
 from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.event_log import EventLog, Reporter
@@ -56,7 +56,7 @@ class Books:
     def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
         return {}
 
-    def apply(self, command: ExecutiveCommand, answer: Answer) -> bool:
+    def apply(self, command: ExecutiveCommand, answer: Answer, writer: bytes) -> bool:
         if command.kind == ExecutiveCommand.REPEAT:
             raise CommandRefusedError('no')
         if command.kind == ExecutiveCommand.LOCK:
@@ -156,6 +156,38 @@ def test_a_command_that_is_not_decided_is_not_forgotten() -> None:
         books.send(str(number))
     books.send('start', START)
     assert books.effects.count('start') == 1
+
+
+def test_of_one_writer_only_so_many_commands_wait_for_their_effect() -> None:
+    books = Books()
+    for number in range(OPEN_COMMANDS + 10):
+        books.ledger.receive(ExecutiveCommand(id=str(number), kind=START), b'flooder')
+    assert len(books.effects) == OPEN_COMMANDS
+    assert {code for _, code in books.results()} == {R}
+    assert 'wait for their effect' in books.ledger.results()[0].reason
+    books.ledger.receive(ExecutiveCommand(id='other', kind=START), b'operator')
+    books.ledger.receive(ExecutiveCommand(id='stop', kind=STOP), b'flooder')
+    assert books.effects[-2:] == ['other', 'stop']
+
+
+def test_of_a_command_that_is_too_large_nothing_is_kept(tmp_path: Path) -> None:
+    books = Books(directory=str(tmp_path))
+    large = 'x' * 1_000_000
+    books.ledger.receive(ExecutiveCommand(id=large, kind=STOP))
+    books.ledger.receive(ExecutiveCommand(id='a', kind=STOP, reason=large, operator_id=large))
+    assert (books.results(), books.effects) == ([('a', R)], [])
+    assert 'at most 128' in books.ledger.results()[0].reason
+    books.journal.close()
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 1000
+    assert max(map(len, books.told)) < 1000
+
+
+def test_what_cannot_be_journaled_is_answered_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    books = Books()
+    monkeypatch.setattr(books.journal, 'decide', lambda *_arguments: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        books.send('a')
+    assert books.results() == [('a', A)]
 
 
 def test_what_was_decided_before_a_restart_is_remembered(tmp_path: Path) -> None:

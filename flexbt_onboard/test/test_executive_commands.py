@@ -13,7 +13,15 @@ from rclpy.action import ActionClient
 from flexbt_common.values import to_entry
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.action import OperatorInput
-from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveCommand, ExecutiveStatus, PendingDecision
+from flexbt_msgs.msg import (
+    BehaviorArgument,
+    BlackboardEntry,
+    CommandResult,
+    ExecutiveCommand,
+    ExecutiveStatus,
+    PendingDecision,
+)
+from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS, OPEN_REQUESTS
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -183,7 +191,70 @@ def test_a_command_without_an_id_is_ignored_and_logged(bench: LoopBench) -> None
 def test_the_autonomy_of_an_idle_executive_is_kept_for_the_operator(bench: LoopBench) -> None:
     bench.applied(AUTONOMY, autonomy=3, run_id='')
     assert bench.status.autonomy == 3
-    assert 'no behavior is running' in bench.refused(AUTONOMY, autonomy=3, path='/A')
+    assert 'no behavior is running' in bench.refused(AUTONOMY, autonomy=3, path='/A', run_id='')
+    bench.start()
+    bench.applied(STOP)
+    bench.wait_idle()
+    stale = bench.run_id
+    assert f'run {stale} is not active' in bench.refused(
+        AUTONOMY, autonomy=0, run_id=stale
+    )  # it was meant for that run
+    assert bench.status.autonomy == 3
+
+
+def test_a_fault_in_a_command_is_its_answer_and_told_and_the_run_goes_on(
+    bench: LoopBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.start()
+    decision = bench.decision('/A')
+
+    def broken(*_arguments: object) -> None:
+        raise ZeroDivisionError('of a test')
+
+    monkeypatch.setattr('flexbt_core.state_machine.engine.operator_commands.mark', broken)
+    assert 'ZeroDivisionError: of a test' in bench.refused(ExecutiveCommand.LOCK, path='/A')
+    bench.logged('ZeroDivisionError')
+    monkeypatch.setattr(bench.executive._authority, 'claim', broken)
+    assert 'ZeroDivisionError: of a test' in bench.refused(ExecutiveCommand.CLAIM_AUTHORITY)
+    bench.applied(CONFIRM, decision_id=decision.id)
+    bench.decision('/B')
+
+
+def test_a_field_that_is_too_large_is_refused_by_name(bench: LoopBench) -> None:
+    too_large: list[tuple[str, Any]] = [
+        *(
+            (field, 'x' * (limit + 1))
+            for field, limit in COMMAND_LENGTHS.items()
+            if field not in ('id', 'executive_id')
+        ),
+        ('arguments', [BehaviorArgument(name='n', value='x' * 10_001)]),
+        ('arguments', [BehaviorArgument()] * 101),
+        ('inputs', [BlackboardEntry(key='k', text='x' * 100_001)]),
+    ]
+    for field, value in too_large:
+        reason = bench.refused(START, **{'behavior': 'Test', field: value})
+        assert field in reason and 'at most' in reason
+    assert bench.status.state == ExecutiveStatus.IDLE
+    asker = Asker(bench)
+    for field, value in (('prompt', 'x' * 1001), ('asker', 'x' * 4097), ('choices', ['1'] * 101), ('type', 'x' * 257)):
+        asker.ask(**{'type': 'int8', field: value})
+        result = asker.result()
+        assert result.code == OperatorInput.Result.ERROR and field in result.message
+    for _ in range(OPEN_REQUESTS + 1):
+        asker.ask(type='int8')
+    assert 'no more are taken' in asker.result().message
+    bench.wait_for(lambda status: len(status.decisions) == OPEN_REQUESTS, 'all that are taken')
+
+
+def test_names_and_reasons_cannot_write_to_the_terminal_of_the_robot(
+    bench: LoopBench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bench.start(operator_id='eve\x1b[2J')
+    bench.applied(STOP, operator_id='eve\x1b[2J', reason='\x1b]0;owned\x07\u202e')
+    bench.wait_idle()
+    bench.logged('owned')
+    told = wait_until(lambda: capfd.readouterr().err, 'the log of the node')
+    assert 'owned' in told and not {'\x1b', '\x07', '\u202e'} & set(told)
 
 
 class Asker:

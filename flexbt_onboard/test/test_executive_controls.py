@@ -149,11 +149,13 @@ def test_a_state_is_repeated_and_a_sub_tree_has_its_own_level(bench: ControlBenc
     bench.applied(C.AUTONOMY, autonomy=1, path='/M')
     levels = [(entry.path, entry.level) for entry in bench.status.autonomy_levels]
     assert (bench.status.autonomy, levels) == (3, [('/M', 1)])
+    assert bench.logged('level of autonomy is Low now').path == '/M'
     bench.finish_inner(bench.inner)
     bench.wait_for(lambda status: status.decisions, 'decision')
     bench.applied(C.AUTONOMY, autonomy=3)
     bench.wait_active('/Last')
     assert list(bench.status.autonomy_levels) == []
+    bench.logged('level of autonomy is Full now, instead of those of /M (Low)')
     bench.applied(C.AUTONOMY, autonomy=2)
     bench.applied(C.STOP)
     bench.wait_idle()

@@ -180,6 +180,7 @@ def test_an_interrupted_run_is_given_up_and_one_that_cannot_go_on_says_why(bench
     assert 'builtins.object' in bench.refused(C.RESUME_RUN)
     assert 'other' in bench.refused(C.ABORT_RUN, run_id='other')
     assert bench.status.state == ExecutiveStatus.INTERRUPTED
+    assert 'resume or abort it first' in bench.refused(C.AUTONOMY, autonomy=0)
     bench.applied(C.ABORT_RUN, operator_id='ann')
     assert bench.wait_idle() == 'preempted'
     assert ('ann' in bench.status.message, bench.run_id) == (True, run_id)

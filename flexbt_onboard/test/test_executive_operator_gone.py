@@ -18,16 +18,16 @@ from flexbt_testing.nodes.executive_bench import ExecutiveBench
 AFTER = 0.6
 
 
-def behavior(policy: object, after: object = AFTER) -> type[Behavior]:
-    """A behavior that waits for ever, with a policy."""
+def behavior(policy: object, after: object = AFTER, state: str = 'Wait', name: str = '') -> type[Behavior]:
+    """A behavior that waits for ever in a state, with a policy."""
 
     class Waiting(Behavior):
-        manifest = BehaviorManifest(str(getattr(policy, 'value', policy)))
+        manifest = BehaviorManifest(name or str(getattr(policy, 'value', policy)))
 
         def create(self) -> OperatableStateMachine:
             machine = OperatableStateMachine(outcomes=['done'])
             with machine:
-                OperatableStateMachine.add('Wait', EventState(outcomes=['done'], desired_rate=None), {'done': 'done'})
+                OperatableStateMachine.add(state, EventState(outcomes=['done'], desired_rate=None), {'done': 'done'})
             return machine
 
     Waiting.operator_gone = policy  # type: ignore[assignment]
@@ -37,7 +37,9 @@ def behavior(policy: object, after: object = AFTER) -> type[Behavior]:
 
 @pytest.fixture
 def bench() -> Iterator[ExecutiveBench]:
-    bench = ExecutiveBench(*map(behavior, OperatorGone), behavior('sometimes'))
+    bench = ExecutiveBench(
+        *map(behavior, OperatorGone), behavior('sometimes'), behavior(OperatorGone.STOP, state='Other', name='unlike')
+    )
     yield bench
     bench.close()
 
@@ -104,3 +106,14 @@ def test_a_run_goes_on_by_default_and_one_that_begins_without_an_operator_has_it
     assert bench.wait_idle() == 'preempted'
     assert time.monotonic() - began >= AFTER
     assert 'operator_gone' in bench.refused(ExecutiveCommand.START, behavior='sometimes')
+
+
+def test_a_switch_brings_the_policy_of_the_other_behavior_when_it_is_accepted(bench: ExecutiveBench) -> None:
+    bench.start('continue')
+    assert 'Wait' in bench.refused(ExecutiveCommand.SWITCH, behavior='unlike')
+    run = bench.executive.runs.run
+    assert run is not None and run.snapshot.operator_gone is OperatorGone.CONTINUE
+    began = time.monotonic()
+    bench.applied(ExecutiveCommand.SWITCH, behavior='stop')
+    assert bench.wait_idle() == 'preempted'
+    assert time.monotonic() - began >= AFTER  # the time counts from the switch

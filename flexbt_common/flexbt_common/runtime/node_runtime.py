@@ -36,6 +36,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from flexbt_core.clock import SteadyClock
+from flexbt_core.values import lines
 
 from . import rclpy_private
 from .fastdds_shutdown import end_callbacks
@@ -60,6 +61,7 @@ CALL_SECONDS = 30.0
 """An executor that does not get to something in this time never will. To make the entities of a node can take many
 seconds when a whole fleet starts on one machine."""
 
+_TRACE_LINES = 200
 _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
 
@@ -210,7 +212,8 @@ class NodeRuntime:
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
         """Log an exception that a callback let escape, and tell the observers. Never raises."""
         text = ''.join(traceback.format_exception(error)).rstrip()
-        self.node.get_logger().error(f'{where} raised; the node goes on:\n{text}')
+        shown = '\n'.join(lines(text, _TRACE_LINES))  # it may quote what others have written
+        self.node.get_logger().error(f'{where} raised; the node goes on:\n{shown}')
         for observer in self._on_fault:
             try:
                 observer(error)

@@ -53,21 +53,22 @@ class CommandBuilder:
         view: View,
         name: str,
         arguments: Sequence[tuple[str, str]] = (),
-        autonomy: AutonomyLevel = AutonomyLevel.LOW,
+        autonomy: AutonomyLevel | None = None,
         inputs: Sequence[InputValue] = (),
     ) -> Command:
-        """Start a behavior.
+        """Start a behavior; without a level of autonomy, at the one that the executive shows.
 
         Raises:
             RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
         """
         _check_behavior(view, name, arguments)
+        shown = view.snapshot.autonomy if view.snapshot else AutonomyLevel.LOW
         return replace(
             self.command(view, CommandKind.START),
             run_id='',
             behavior=name,
             arguments=tuple(arguments),
-            autonomy=int(autonomy),
+            autonomy=int(shown if autonomy is None else autonomy),
             inputs=tuple(inputs),
         )
 

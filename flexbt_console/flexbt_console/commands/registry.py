@@ -135,7 +135,7 @@ def _at_path(kind: CommandKind) -> Send:
 
 def _build_start(line: CommandLine, view: View, make: CommandBuilder) -> Command:
     inputs = [start_input(text, make.places) for text in line.values('--input')]
-    level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else AutonomyLevel.LOW
+    level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
     return make.start(view, line.words[0], _assignments(line), level, inputs)
 
 
@@ -305,7 +305,7 @@ COMMANDS: Final = (
         (
             Option(
                 '--autonomy',
-                'off, low, high, full or 0 to 3 (default low)',
+                'off, low, high, full or 0 to 3 (default: as it is shown)',
                 'LEVEL',
                 values=_levels,
                 read=autonomy_level,

@@ -3,12 +3,13 @@
 
 from .authority import Authority
 from .command_handlers import COMMANDS
-from .command_ledger import REPORT_TIME, CommandLedger
+from .command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandLedger
 from .command_registry import Command, CommandRegistry, NeededRun
 from .input_requests import InputRequests
 
 __all__ = [
     'COMMANDS',
+    'OPEN_COMMANDS',
     'REPORT_TIME',
     'Authority',
     'Command',

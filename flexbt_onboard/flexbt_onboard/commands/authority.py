@@ -6,6 +6,8 @@
 - The holder gives it back, or hands it over to somebody. What is given back goes to the oldest requester.
 - It is lost when the holder was gone for a set time: no console of theirs, and no command. That goes on to the oldest
   requester, too.
+- It goes only to a requester who is there. Whoever is gone for as long as a holder may be does not ask any more, and
+  only so many can ask at a time: who is there comes before who is not.
 - Stopping the robot needs no authority: anybody may do that at any time.
 
 Goals of the action ``execute_behavior`` come from programs, not from operators; they need no authority either.
@@ -14,17 +16,21 @@ Goals of the action ``execute_behavior`` come from programs, not from operators;
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from flexbt_common.liveness import PresenceWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_onboard.errors import CommandRefusedError
 
+REQUESTS: Final = 16
+"""Operators who may ask for the authority at a time: every status names them."""
+
 
 class Authority:
     """The authority over one executive. Used on the executor thread only.
 
-    ``holder`` is the operator who has it, '' for nobody; ``requests`` are those who ask for it, the oldest first.
+    ``holder`` is the operator who has it, '' for nobody.
     ``presence`` tells who is there, ``timeout`` is in seconds of wall time. ``on_change`` gets a line that says who has
     it now, and why.
     """
@@ -33,7 +39,7 @@ class Authority:
         self, runtime: NodeRuntime, presence: PresenceWatch, timeout: float, on_change: Callable[[str], None]
     ) -> None:
         self.holder = ''
-        self.requests: list[str] = []
+        self._requests: dict[str, float] = {}  # who asks, and when they were there last
         self._runtime = runtime
         self._timeout = timeout
         self._on_change = on_change
@@ -41,7 +47,13 @@ class Authority:
         self._was_present = False
         self._last_seen = 0.0
         self._timer: Timer | None = None
+        self._requests_timer: Timer | None = None
         presence.add_listener(self._presence_changed)
+
+    @property
+    def requests(self) -> list[str]:
+        """The operators who ask for it, the oldest request first."""
+        return list(self._requests)
 
     def check(self, operator: str) -> None:
         """Take note that an operator commands.
@@ -59,7 +71,7 @@ class Authority:
         """Give the authority to an operator, or put their request on the list.
 
         Raises:
-            CommandRefusedError: the operator has no name.
+            CommandRefusedError: the operator has no name, or too many ask for it.
         """
         if not operator:
             raise CommandRefusedError('only an operator with a name can claim the authority; set operator_id')
@@ -67,9 +79,8 @@ class Authority:
             self._seen()
         elif not self.holder:
             self._give(operator, 'claimed it')
-        elif operator not in self.requests:
-            self.requests.append(operator)
-            self._on_change(f'operator {operator!r} asks {self.holder!r} for the authority to command')
+        else:
+            self._request(operator)
 
     def release(self, operator: str) -> None:
         """Take the authority back from its holder, or a requester from the list.
@@ -79,8 +90,8 @@ class Authority:
         """
         if operator and operator == self.holder:
             self._pass_on(f'{operator!r} released it')
-        elif operator in self.requests:
-            self.requests.remove(operator)
+        elif operator in self._requests:
+            del self._requests[operator]
             self._on_change(f'operator {operator!r} does not ask for the authority to command any more')
         else:
             raise CommandRefusedError(f'{operator!r} does not have the authority to command, and did not ask for it')
@@ -98,16 +109,54 @@ class Authority:
         if grantee != operator:
             self._give(grantee, f'{operator!r} handed it over')
 
+    def _request(self, operator: str) -> None:
+        now = self._runtime.steady.now()
+        if operator in self._requests:
+            self._requests[operator] = now
+            return
+        there = self._presence.present
+        if len(self._requests) >= REQUESTS:
+            absent = next((one for one in self._requests if one not in there), None)
+            if absent is None or operator not in there:
+                raise CommandRefusedError(
+                    f'{len(self._requests)} operators ask for the authority already; try again when there are fewer'
+                )
+            del self._requests[absent]
+        self._requests[operator] = now
+        self._on_change(f'operator {operator!r} asks {self.holder!r} for the authority to command')
+        self._expire_requests()
+
+    def _expire_requests(self) -> None:
+        """Forget the requests of those who are gone, now and when the time of the next one is over."""
+        now, there = self._runtime.steady.now(), self._presence.present
+        for operator, seen in list(self._requests.items()):
+            if operator in there:
+                self._requests[operator] = now
+            elif now >= seen + self._timeout:
+                del self._requests[operator]
+                self._on_change(f'operator {operator!r}, who asked for the authority, was gone for {self._timeout:g} s')
+        if self._requests_timer is not None:
+            self._requests_timer.cancel()
+            self._requests_timer = None
+        absent = [seen for operator, seen in self._requests.items() if operator not in there]
+        if absent:
+            when = min(absent) + self._timeout
+            self._requests_timer = self._runtime.steady.call_at(when, lambda: self._runtime.post(self._expire_requests))
+
     def _pass_on(self, why: str) -> None:
-        if self.requests:
-            self._give(self.requests[0], why)
+        there = self._first_there()
+        if there:
+            self._give(there, why)
         else:
             self._set_holder('')
             self._on_change(f'nobody has the authority to command: {why}; every operator may')
 
+    def _first_there(self) -> str:
+        """Whoever is there and asked first; '' for nobody."""
+        return next((operator for operator in self._requests if operator in self._presence.present), '')
+
     def _give(self, operator: str, why: str) -> None:
-        if operator in self.requests:
-            self.requests.remove(operator)
+        self._requests.pop(operator, None)
         self._set_holder(operator)
         self._on_change(f'operator {operator!r} has the authority to command: {why}')
 
@@ -118,6 +167,9 @@ class Authority:
     def _presence_changed(self) -> None:
         if self._is_present is not self._was_present:
             self._seen()
+        self._expire_requests()
+        if not self.holder and (there := self._first_there()):
+            self._give(there, 'asked for it, and is there again')
 
     def _seen(self) -> None:
         """The holder gave a sign of life, or their last console went: the time counts from now."""

@@ -9,7 +9,7 @@ from typing import Final
 
 from flexbt_core.state_machine import Answer, MachineRun
 from flexbt_core.values import lines
-from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand
+from flexbt_msgs.msg import BlackboardEntry
 from flexbt_onboard.behaviors import RunRequest, checked_autonomy, run_request
 from flexbt_onboard.errors import CommandRefusedError
 
@@ -97,10 +97,6 @@ def _hand_over_authority(given: Given) -> None:
 
 def _note(given: Given) -> None:
     command = given.command
-    if len(command.text) > ExecutiveCommand.NOTE_LENGTH:
-        raise CommandRefusedError(
-            f'a note has at most {ExecutiveCommand.NOTE_LENGTH} characters, not {len(command.text)}; send it in parts'
-        )
     given.report.note(command.operator_id, '\n'.join(lines(command.text)), command.run_id)
 
 

@@ -11,22 +11,38 @@ from __future__ import annotations
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Answer
-from flexbt_core.values import sendable
+from flexbt_core.values import one_line, sendable
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.durability import REMEMBERED_COMMANDS, CommandAnswer, RunJournal
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.event_log import Reporter
 
+from .command_bounds import COMMAND_LENGTHS, excess_of_command
+
 REPORTED_RESULTS: Final = 32
 """Results that are part of a status at most (ExecutiveStatus.results)."""
+
+OPEN_COMMANDS: Final = 32
+"""Commands of one writer that may wait for their effect, at most: a behavior that is held up applies none."""
 
 REPORT_TIME: Final = 5.0
 """Seconds for which a result is part of every status. A console that has lost it sends the command again, and so has it
 reported again; without this limit most of a quiet link's traffic would be old results."""
+
+
+REASON_LENGTH: Final = 2000
+"""Characters of the reason of a refusal, at most."""
+
+
+@dataclass(frozen=True)
+class _Open:
+    command: ExecutiveCommand
+    writer: bytes
 
 
 class CommandHandling(Protocol):
@@ -38,7 +54,7 @@ class CommandHandling(Protocol):
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
         """What the command says, for the event log."""
 
-    def apply(self, command: ExecutiveCommand, answer: Answer) -> bool:
+    def apply(self, command: ExecutiveCommand, answer: Answer, writer: bytes) -> bool:
         """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
 
         Raises:
@@ -69,22 +85,27 @@ class CommandLedger:
         self._changed = changed
         self._remembered = remembered
         self._now = now
-        # A command without a result is open: admitted, and not decided.
-        self._entries: OrderedDict[str, CommandResult | ExecutiveCommand] = OrderedDict()
+        # A command without a result is open: admitted, and not decided. The entry says who has written it.
+        self._entries: OrderedDict[str, CommandResult | _Open] = OrderedDict()
         self._reported: OrderedDict[str, float] = OrderedDict()  # results, and when each was reported last
         for result in journal.results:
             self._entries[result.command_id] = result
         self._forget_old()
 
-    def receive(self, command: ExecutiveCommand) -> None:
-        """Take a command in, whatever it is; its result is part of the status."""
-        if not command.id:
-            self._report.log(ExecutiveLog.WARN, f'a command of {command.operator_id!r} has no id; it was ignored')
-            self._report.command(self._handling.fields(command), 'ignored', 'it has no id')
+    def receive(self, command: ExecutiveCommand, writer: bytes = b'') -> None:
+        """Take a command in, whatever it is; its result is part of the status. ``writer`` has sent it, b'': unknown."""
+        if not 0 < len(command.id) <= COMMAND_LENGTHS['id']:
+            self._ignore_nameless(command)
             return
         known = self._entries.get(command.id)
+        excess = excess_of_command(command)
         if known is None and self._handling.is_meant(command):
-            self._admit(command)  # a status now would only hold up its effect
+            if excess:
+                self._refuse_unkept(command, excess)
+            else:
+                self._admit(command, writer)  # a status now would only hold up its effect
+            return
+        if excess:
             return
         if known is None:
             self._report.command(self._handling.fields(command), 'ignored', 'meant for another executive')
@@ -100,13 +121,31 @@ class CommandLedger:
         entries = [self._entries.get(command_id) for command_id in self._reported]
         return [entry for entry in entries if isinstance(entry, CommandResult)]
 
-    def _admit(self, command: ExecutiveCommand) -> None:
+    def _ignore_nameless(self, command: ExecutiveCommand) -> None:
+        """It cannot be answered."""
+        length = len(command.id)
+        why = f'its id has {length} characters, and may have {COMMAND_LENGTHS["id"]}' if length else 'it has no id'
+        operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
+        self._report.log(ExecutiveLog.WARN, f'a command of operator {operator!r} was ignored: {why}')
+        self._report.command({'operator': operator, 'kind': command.kind}, 'ignored', why)
+
+    def _refuse_unkept(self, command: ExecutiveCommand, reason: str) -> None:
+        """Nothing of it is kept but its id."""
+        operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
+        self._settle(command.id, reason, {'id': command.id, 'operator': operator, 'kind': command.kind})
+
+    def _admit(self, command: ExecutiveCommand, writer: bytes) -> None:
         command_id = str(command.id)
-        self._entries[command_id] = command
+        of_writer = sum(isinstance(entry, _Open) and entry.writer == writer for entry in self._entries.values())
+        self._entries[command_id] = _Open(command, writer)
         self._forget_old()
         answer = CommandAnswer(command_id, lambda reason: self._post(lambda: self._decide(command_id, reason)))
         try:
-            is_applied = self._handling.apply(command, answer)
+            if of_writer >= OPEN_COMMANDS and command.kind != ExecutiveCommand.STOP:
+                raise CommandRefusedError(
+                    f'{of_writer} commands wait for their effect already; the behavior is held up'
+                )
+            is_applied = self._handling.apply(command, answer, writer)
         except CommandRefusedError as error:
             self._decide(command_id, str(error))
         except Exception as error:
@@ -118,15 +157,21 @@ class CommandLedger:
 
     def _decide(self, command_id: str, reason: str | None) -> None:
         """A command had its effect (None), or is refused; the first decision counts."""
-        command = self._entries.get(command_id)
-        if not isinstance(command, ExecutiveCommand):
-            return
-        self._journal.decide(command_id, reason)
-        self._report.command(self._handling.fields(command), 'applied' if reason is None else 'refused', reason or '')
+        entry = self._entries.get(command_id)
+        if isinstance(entry, _Open):
+            self._settle(command_id, reason, self._handling.fields(entry.command))
+
+    def _settle(self, command_id: str, reason: str | None, fields: dict[str, Any]) -> None:
+        told = sendable(reason or '', REASON_LENGTH)
         code = CommandResult.APPLIED if reason is None else CommandResult.REFUSED
-        self._entries[command_id] = CommandResult(command_id=command_id, code=code, reason=sendable(reason or ''))
-        self._report_result(command_id)
-        self._changed()
+        try:
+            self._journal.decide(command_id, None if reason is None else told)
+            self._report.command(fields, 'applied' if reason is None else 'refused', told)
+        finally:  # whatever cannot be written: who gave it is answered
+            self._entries[command_id] = CommandResult(command_id=command_id, code=code, reason=told)
+            self._forget_old()
+            self._report_result(command_id)
+            self._changed()
 
     def _report_result(self, command_id: str) -> None:
         self._reported[command_id] = self._now()

@@ -28,7 +28,7 @@ class NeededRun(Enum):
     """Which run a command has to name in ``run_id``."""
 
     NONE = 'none'
-    ANY = 'the run that goes on, if one does'
+    ANY = 'the run that goes on; none while idle'
     GOING_ON = 'the run that goes on'
     RUNNING = 'the run that goes on, when it is running or paused'
     SHOWN = 'the run that the status shows, also when it has ended'
@@ -118,7 +118,7 @@ class CommandRegistry:
         known = self._commands.get(command.kind)
         return command_fields(command, known.name if known is not None else f'kind {command.kind}')
 
-    def apply(self, command: ExecutiveCommand, answer: Answer) -> bool:
+    def apply(self, command: ExecutiveCommand, answer: Answer, writer: bytes) -> bool:
         """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
 
         Raises:
@@ -144,7 +144,12 @@ def _check_none(_runs: RunSupervisor, _command: ExecutiveCommand) -> None:
 
 
 def _check_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    if runs.run is not None:
+    interrupted = runs.interrupted
+    if interrupted is not None:
+        raise CommandRefusedError(
+            f'behavior {interrupted.behavior!r} was interrupted (run {interrupted.run_id}); resume or abort it first'
+        )
+    if runs.run is not None or command.run_id:
         _check_going_on(runs, command)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Final
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -16,8 +17,11 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.values import sendable
+from flexbt_core.values import lines, sendable
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+
+_MOST_LINES: Final = 200
+"""Of a text, in the log of the node: a trace may be long."""
 
 
 class OperatorLink:
@@ -82,7 +86,8 @@ class OperatorLink:
                 )
         except InvalidHandle:
             return  # the executive has ended; a run was left behind
-        _log_to_node(self._runtime.node.get_logger(), severity, f'{path}: {text}' if path else text)
+        line = '\n'.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
+        _log_to_node(self._runtime.node.get_logger(), severity, line)
 
 
 def _log_to_node(logger: RcutilsLogger, severity: int, line: str) -> None:

@@ -35,7 +35,7 @@ class UnconfiguredExecutive:
         """There is no event log."""
         return {}
 
-    def apply(self, _command: ExecutiveCommand, _answer: Answer) -> bool:
+    def apply(self, _command: ExecutiveCommand, _answer: Answer, _writer: bytes) -> bool:
         """Refuse it."""
         raise CommandRefusedError(self._refusal)
 

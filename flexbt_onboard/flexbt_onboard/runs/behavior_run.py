@@ -21,7 +21,6 @@ from flexbt_core.state_machine import (
     ROOT_PATH,
     Answer,
     ExitReason,
-    MachineDefinition,
     MachineError,
     MachineRun,
     Position,
@@ -34,6 +33,7 @@ from flexbt_core.state_machine import (
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behaviors import (
     READY_SECONDS,
+    Behavior,
     RunContext,
     RunRequest,
     StateServices,
@@ -264,7 +264,8 @@ class BehaviorRun:
             answer('the run has ended')
 
     def _build(self) -> MachineRun:
-        definition = self._define(self._request)
+        behavior, definition = build(self._request)
+        self._publish(**_when_gone(behavior))
         at = self._request.at
         if at is not None and (reasons := reasons_against(definition, at)):
             raise ParameterError(f'it cannot go on where it was: {"; ".join(reasons)}')
@@ -295,15 +296,11 @@ class BehaviorRun:
             self._wake_event.wait(steady, deadline)
         self._publish(has_begun=True)
 
-    def _define(self, request: RunRequest) -> MachineDefinition:
-        behavior, definition = build(request)
-        self._publish(operator_gone=behavior.operator_gone, operator_gone_after=float(behavior.operator_gone_after))
-        return definition
-
     def _switch(self, machine: MachineRun, wanted: RunRequest, answer: Answer) -> None:
         request = replace(wanted, autonomy=self._request.autonomy, is_durable=self._request.is_durable)
         try:
-            definition = self._define(request)
+            behavior, definition = build(request)
+            structure = structure_message(definition, self.run_id, request.entry.name)
         except BaseException as error:  # code of the behavior
             self._decide(answer, self._reason_of(error))
             return
@@ -311,7 +308,8 @@ class BehaviorRun:
         def switched(reason: str | None) -> None:
             if reason is None:
                 self._request = request
-                self._observer.switched(request, structure_message(definition, self.run_id, request.entry.name))
+                self._publish(**_when_gone(behavior))
+                self._observer.switched(request, structure)
             self._decide(answer, reason)
 
         switch_machine(machine, definition, switched)
@@ -393,3 +391,8 @@ class BehaviorRun:
         self._publish(behavior=self._request.entry.name, **fields)
         for answer, reason in decided:
             answer(reason)
+
+
+def _when_gone(behavior: Behavior) -> dict[str, Any]:
+    """What a behavior wants when no operator is there, as fields of a snapshot."""
+    return {'operator_gone': behavior.operator_gone, 'operator_gone_after': float(behavior.operator_gone_after)}

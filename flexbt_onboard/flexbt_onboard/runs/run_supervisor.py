@@ -158,6 +158,12 @@ class RunSupervisor:
         answer(None)
         self._display.flush()
 
+    def switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
+        """A run goes on with another behavior, which may want something else when no operator is there."""
+        self._display.publish_structure(structure)
+        if run is self.run:
+            self._operators.watch_over(run)
+
     def ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         """A run has ended, or could not begin."""
         self.run = None
@@ -201,7 +207,7 @@ class _Owner:
 
     def run_switched(self, structure: BehaviorStructure) -> None:
         """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
-        self._post(lambda: self._display.publish_structure(structure))
+        self._post(lambda: self._supervisor.switched(self.run, structure))
 
     def run_ended(self, end: RunEnd) -> None:
         """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Protocol
 
-from flexbt_core.state_machine.model import AUTONOMY_NAMES, ROOT_PATH, Decision
+from flexbt_core.state_machine.model import AUTONOMY_NAMES, ROOT_PATH, Decision, Severity, is_inside
 
 from .engine import Engine
 from .leaf import LeafRun
@@ -80,13 +80,18 @@ def repeat(run: CommandedRun, path: str) -> str | None:
 
 
 def set_autonomy(run: CommandedRun, level: int, path: str) -> str | None:
-    """Set the level of a sub-tree, '' for all."""
+    """Set the level of a sub-tree, '' for all. It replaces those of the sub-trees in it, which the observer is told."""
     top = path or ROOT_PATH
     if level not in AUTONOMY_NAMES:
         return no_level(level)
     if top not in run.controls:
         return f'there is no state {path!r}'
+    own = {at: one for at, one in run.controls.levels().items() if at not in (ROOT_PATH, top) and is_inside(at, top)}
     run.controls.set_level(level, top)
+    replaced = ', '.join(f'{at} ({AUTONOMY_NAMES[one]})' for at, one in own.items() if one != level)
+    if replaced or top != ROOT_PATH:
+        text = f'its level of autonomy is {AUTONOMY_NAMES[level]} now'
+        run.observer.log(Severity.INFO, top, f'{text}, instead of those of {replaced}' if replaced else text)
     run.changed()
     return None
 

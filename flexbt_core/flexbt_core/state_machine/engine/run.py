@@ -9,6 +9,7 @@ one step. While nothing happens, nothing is called.
 from __future__ import annotations
 
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -285,8 +286,19 @@ class MachineRun:
         self.command(lambda: see(self._userdata_of_machines()), answer)
 
     def command(self, apply: Callable[[], str | None], answer: Answer) -> None:
-        """Have ``apply`` called between two steps; it gives why it refuses, or None."""
-        self._commands.put(apply, answer)
+        """Have ``apply`` called between two steps; it gives why it refuses, or None.
+
+        When it raises, the command is refused with that, the observer is told of the fault, and the run goes on.
+        """
+
+        def applied() -> str | None:
+            try:
+                return apply()
+            except Exception as error:
+                self.fault(ROOT_PATH, f'a command raised; the run goes on:\n{traceback.format_exc().rstrip()}')
+                return f'fault in the state machine: {type(error).__name__}: {error}'
+
+        self._commands.put(applied, answer)
         self.wake()
 
     def preempt(self, reason: str = '') -> None:

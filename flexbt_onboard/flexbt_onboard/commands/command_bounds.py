@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How large commands and input requests may be: looked at before anything of them is kept, logged or journaled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Final
+
+from flexbt_msgs.msg import ExecutiveCommand
+
+COMMAND_LENGTHS: Final[Mapping[str, int]] = {
+    'id': 128,
+    'operator_id': 128,
+    'executive_id': 128,
+    'run_id': 128,
+    'decision_id': 128,
+    'path': 4096,
+    'outcome': 256,
+    'behavior': 256,
+    'grantee': 128,
+    'text': ExecutiveCommand.NOTE_LENGTH,
+    'reason': 1000,
+}
+"""Characters of each text of an ExecutiveCommand, at most."""
+
+ARGUMENTS: Final = 100
+ARGUMENT_LENGTHS: Final[Mapping[str, int]] = {'name': 256, 'value': 10_000}
+"""Arguments of a START or SWITCH, and the characters of each."""
+
+INPUTS: Final = 100
+INPUT_LENGTHS: Final[Mapping[str, int]] = {'key': 256, 'type': 256, 'text': 100_000, 'data': 1_000_000}
+"""Inputs of a START or ANSWER, the characters of each, and the bytes of its data."""
+
+REQUEST_LENGTHS: Final[Mapping[str, int]] = {'prompt': 1000, 'type': 256, 'asker': 4096}
+"""Characters of each text of an input request: every status has it."""
+
+CHOICES: Final = 100
+CHOICE_LENGTH: Final = 256
+OPEN_REQUESTS: Final = 32
+"""Choices of an input request, the characters of each, and the input requests that may wait at a time."""
+
+
+def excess_of_command(command: ExecutiveCommand) -> str:
+    """What of a command is too large; '' for nothing."""
+    return next(_excesses_of_command(command), '')
+
+
+def excess_of_request(request: Any) -> str:
+    """What of an input request (OperatorInput.Goal) is too large; '' for nothing."""
+    return next(_excesses_of_request(request), '')
+
+
+def _excesses_of_command(command: ExecutiveCommand) -> Iterator[str]:
+    yield from _too_long(command, COMMAND_LENGTHS)
+    yield from _too_many('arguments', command.arguments, ARGUMENTS)
+    for argument in command.arguments:
+        yield from _too_long(argument, ARGUMENT_LENGTHS, 'arguments: ')
+    yield from _too_many('inputs', command.inputs, INPUTS)
+    for entry in command.inputs:
+        yield from _too_long(entry, INPUT_LENGTHS, 'inputs: ')
+
+
+def _excesses_of_request(request: Any) -> Iterator[str]:
+    yield from _too_long(request, REQUEST_LENGTHS)
+    yield from _too_many('choices', request.choices, CHOICES)
+    for choice in request.choices:
+        if len(choice) > CHOICE_LENGTH:
+            yield f'choices: each has at most {CHOICE_LENGTH} characters, not {len(choice)}'
+
+
+def _too_long(message: Any, lengths: Mapping[str, int], where: str = '') -> Iterator[str]:
+    for field, limit in lengths.items():
+        if (length := len(getattr(message, field))) > limit:
+            unit = 'bytes' if field == 'data' else 'characters'
+            yield f'{where}{field} has at most {limit} {unit}, not {length}'
+
+
+def _too_many(what: str, entries: Iterable[Any], limit: int) -> Iterator[str]:
+    if (count := len(list(entries))) > limit:
+        yield f'{what} has at most {limit} entries, not {count}'
