@@ -27,11 +27,15 @@ def setup(runtime):
     if 'stuck' in sys.argv:
         import time
         runtime.on_close(lambda: time.sleep(60))
+    if 'failing' in sys.argv:
+        runtime.fail('the disk is full')
+    if 'raising' in sys.argv:
+        runtime.on_close(lambda: 1 / 0)
     runtime.node.create_timer(0.01, lambda: None)
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-how = [word for word in sys.argv[1:] if word not in ('fail', 'stuck')]
+how = [word for word in sys.argv[1:] if word not in ('fail', 'stuck', 'failing', 'raising')]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
 
@@ -188,9 +192,20 @@ def test_a_component_that_does_not_end_cannot_keep_the_process() -> None:
         began = time.monotonic()
         process.terminate()
         _, err = process.communicate(timeout=DEADLINE)
-        assert process.returncode == 0
+        assert process.returncode == 1
         assert time.monotonic() - began < 2.0
         assert 'did not come to an end' in err and 'Traceback' not in err
+
+
+@pytest.mark.parametrize(('word', 'told'), [('failing', 'the disk is full'), ('raising', 'division by zero')])
+def test_a_node_that_has_failed_or_not_ended_in_order_says_so_by_its_exit_code(word: str, told: str) -> None:
+    with start(word) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.terminate()
+        _, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 1
+        assert told in err
 
 
 def test_a_set_up_that_fails_gives_one_line_and_exit_code_1() -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -14,9 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader, make_reader
 
+from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import ExitCode
@@ -27,6 +32,7 @@ from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.run_file import Recorded, read_run
 from flexbt_console.recording.topics import TOPICS
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
 
@@ -35,6 +41,7 @@ class Station:
     """A console without a user interface."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
         self.mirror = Mirror(runtime.steady)
         self.link = OperatorLink(runtime, self.mirror)
         self.requests = CommandBuilder('ann', {})
@@ -63,10 +70,17 @@ def recording(file: Path, namespace: str) -> Iterator[subprocess.Popen[bytes]]:
         process.wait()
 
 
-def wait_heard(at: Station) -> None:
-    """Until the recorder subscribes to what the console publishes, and so to everything."""
-    count = at.link._commands.get_subscription_count
-    assert at.link.wait_for(lambda _: count() >= 2 or None, DEADLINE, every=0.05), 'no recorder'
+@contextmanager
+def ready_recorder(
+    at: Station, file: Path, namespace: str
+) -> Iterator[tuple[subprocess.Popen[bytes], LivelinessWatch]]:
+    """A recorder that has said that it is ready."""
+    token = LivelinessWatch(at.runtime, 'recorder', lambda _alive: None)
+    wait_until(lambda: not token.ready, 'end of the recorder before')
+    with recording(file, namespace) as process:
+        wait_until(lambda: token.ready, 'recorder ready')
+        yield process, token
+        token.close()
 
 
 def written(file: Path) -> list[Recorded]:
@@ -77,9 +91,8 @@ def written(file: Path) -> list[Recorded]:
 def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
     """A run of the scripted executive with a decision and its answer; gives the last picture of the console."""
     executives(namespace, heartbeat=0.1)
-    with recording(file, namespace) as process, station(namespace) as at:
+    with station(namespace) as at, ready_recorder(at, file, namespace) as (process, _):
         view = at.wait(lambda view: view.live and view.behaviors)
-        wait_heard(at)
         command = at.requests.start(view, 'Drive')
         at.link.send(command, DEADLINE)
         settled = at.link.settled(command.id, DEADLINE)
@@ -115,19 +128,70 @@ def test_the_console_sees_in_a_replay_what_it_saw_of_the_robot(executives: Any, 
         assert 'replay of run.mcap' in behavior_line(seen)
 
 
-def test_a_recorder_that_is_killed_leaves_what_it_had_written(executives: Any, tmp_path: Path) -> None:
+def indexed(file: Path) -> list[tuple[str, bytes]]:
+    """Topics and messages as a reader finds them by the index."""
+    with file.open('rb') as stream:
+        reader = make_reader(stream)
+        assert isinstance(reader, SeekingReader)
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None and summary.chunk_indexes
+        messages = [(channel.topic, message.data) for _, channel, message in reader.iter_messages()]
+        assert len(messages) == summary.statistics.message_count
+    return messages
+
+
+def test_a_disk_that_gets_full_ends_the_file_after_a_whole_record_and_the_process_says_so(
+    executives: Any, tmp_path: Path
+) -> None:
+    executives('full', heartbeat=0.01)
+    file, recovered = tmp_path / 'full.mcap', tmp_path / 'recovered.mcap'
+    with station('full') as at, ready_recorder(at, file, 'full') as (process, token):
+        wait_until(lambda: written(file), 'first messages')
+        size = file.stat().st_size + 2000
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, size))
+        wait_until(lambda: not token.ready, 'recorder not ready')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 1
+    assert file.stat().st_size <= size
+    assert run_replay(str(file), '--recover', str(recovered)) == (0, '')
+    assert len(indexed(recovered)) == len(written(file)) > 0
+
+
+def test_what_is_said_once_the_recorder_is_ready_is_recorded(executives: Any, tmp_path: Path) -> None:
+    executives('early', heartbeat=1.0)
+    with station('early') as at:
+        view = at.wait(lambda view: view.live and view.behaviors)
+        for number in range(3):
+            file = tmp_path / f'{number}.mcap'
+            with ready_recorder(at, file, 'early') as (process, _):
+                command = at.requests.start(view, 'Drive')
+                at.link.send(command, DEADLINE)
+                assert at.link.settled(command.id, DEADLINE) is not None
+                process.send_signal(signal.SIGINT)
+                process.wait(10)
+            assert any(one.topic == 'executive/command' and command.id.encode() in one.data for one in read_run(file))
+
+
+def test_a_file_has_an_index_and_one_whose_recorder_was_killed_gets_it(executives: Any, tmp_path: Path) -> None:
     whole, cut = tmp_path / 'whole.mcap', tmp_path / 'cut.mcap'
-    run_recorded(executives, whole, 'killed', signal.SIGINT)
+    run_recorded(executives, whole, 'ended', signal.SIGINT)
     data = whole.read_bytes()
     messages = list(read_run(whole))
+    assert sorted(indexed(whole)) == sorted((one.resolved, one.data) for one in messages)
     for size in (len(data) - 1, len(data) - 100, len(data) // 2, 100):
         cut.write_bytes(data[:size])
         left = list(read_run(cut))
         assert left == messages[: len(left)]
         assert (len(left) > len(messages) // 4) == (size > 100)
-    other = tmp_path / 'killed.mcap'
-    run_recorded(executives, other, 'killed_hard', signal.SIGKILL)
-    assert written(other)
+    killed, recovered = tmp_path / 'killed.mcap', tmp_path / 'recovered.mcap'
+    run_recorded(executives, killed, 'killed', signal.SIGKILL)
+    with killed.open('rb') as stream, pytest.raises(McapError):
+        SeekingReader(stream).get_summary()
+    assert run_replay(str(killed), '--recover', str(recovered)) == (0, '')
+    assert written(killed) == list(read_run(recovered))
+    assert sorted(indexed(recovered)) == sorted((one.resolved, one.data) for one in written(killed))
+    code, text = run_replay(str(killed), '--recover', str(recovered))
+    assert code == ExitCode.USAGE and str(recovered) in text
 
 
 def test_a_replay_beside_a_real_executive_is_refused(executives: Any, tmp_path: Path) -> None:

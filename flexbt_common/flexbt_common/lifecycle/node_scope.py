@@ -72,6 +72,10 @@ class NodeScope(NodeRuntime):
         """As that of the host. Never raises."""
         self._host.report_fault(error, where)
 
+    def fail(self, why: str) -> None:
+        """As that of the host."""
+        self._host.fail(why)
+
     def close(self) -> None:
         """End the scope. May be called twice, not from the executor thread."""
         self._close_components()

@@ -76,6 +76,11 @@ class PresenceWatch:
             event_callbacks=SubscriptionEventCallbacks(matched=self._matched),
         )
 
+    @property
+    def tokens(self) -> int:
+        """How many tokens have been heard lately."""
+        return len(self._heard)
+
     def add_listener(self, on_change: Callable[[], None]) -> None:
         """Call ``on_change`` after each change of :attr:`present`."""
         self._listeners.append(on_change)

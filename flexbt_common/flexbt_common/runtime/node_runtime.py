@@ -87,6 +87,8 @@ class NodeRuntime:
         ``args`` are command line arguments (``--ros-args`` ...), None for those of the process; ``parameters``
         override what the arguments say.
         """
+        self.has_failed = False
+        """Whether the process ends with exit code 1; see :meth:`fail`."""
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
@@ -220,6 +222,11 @@ class NodeRuntime:
             except Exception as further:
                 self.node.get_logger().error(f'a fault observer raised {further!r}')
 
+    def fail(self, why: str) -> None:
+        """Log that the node has not done what it is for: the process ends, whenever it does, with exit code 1."""
+        self.has_failed = True
+        self.node.get_logger().error(why)
+
     def close(self) -> None:
         """End everything in the documented order. May be called twice, not from the executor thread."""
         self._close_components()
@@ -248,7 +255,9 @@ class NodeRuntime:
             try:
                 callback()
             except Exception as error:
-                self.report_fault(error, f'closing {getattr(callback, "__qualname__", callback)}')
+                where = f'closing {getattr(callback, "__qualname__", callback)}'
+                self.report_fault(error, where)
+                self.fail(f'{where} was not done')
 
     def _post_locked(self, fn: Callable[[], object]) -> None:
         self._posted.append(fn)
@@ -302,9 +311,9 @@ def run_node(
     """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
 
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
-    ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be
-    set up; 2 for arguments that are not for ROS. With ``--help`` it is told what the node is (``about``), and nothing
-    is run. Must be called on the main thread.
+    ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be set
+    up, has failed (:meth:`NodeRuntime.fail`), or has not ended in order; 2 for arguments that are not for ROS. With
+    ``--help`` it is told what the node is (``about``), and nothing is run. Must be called on the main thread.
     """
     given = sys.argv[1:] if args is None else args
     if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
@@ -331,7 +340,7 @@ def run_node(
             return 1
         os.read(signals, 1)
         _close_in_time(name, runtime)
-        return 0
+        return 1 if runtime.has_failed else 0
 
 
 @contextlib.contextmanager
@@ -372,4 +381,4 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
 
 def _leave_now(name: str) -> None:
     print(f'{name}: did not come to an end within {_CLOSE_SECONDS} s; leaving without', file=sys.stderr, flush=True)
-    os._exit(0)
+    os._exit(1)

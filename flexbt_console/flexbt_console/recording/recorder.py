@@ -10,16 +10,25 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY, home_path
+from flexbt_common.liveness import LivelinessToken, PresenceWatch
 from flexbt_common.runtime import NodeRuntime, ParameterDeclarer, run_node
 from flexbt_common.values import resolve_type
 
+from .definitions import full_definition
 from .run_file import RunWriter
 from .topics import TOPICS
 
 NODE_NAME: Final = 'recorder'
+
+DISCOVERY_SECONDS: Final = 1.0
+"""How long is listened for who is there before the recorder says that it hears all of them."""
+
+_LOOK_SECONDS: Final = 0.1
 
 
 def declare_parameters(node: Node) -> Path:
@@ -31,18 +40,41 @@ def declare_parameters(node: Node) -> Path:
 
 
 class Recorder:
-    """Subscribes to the topics of a run and writes their messages as they come."""
+    """Subscribes to the topics of a run and writes their messages as they come.
 
-    def __init__(self, runtime: NodeRuntime, writer: RunWriter) -> None:
+    ``tell_ready`` gets True when everything is heard that is said from then on by those who are there, and False when
+    nothing is recorded any more.
+    """
+
+    def __init__(self, runtime: NodeRuntime, writer: RunWriter, tell_ready: Callable[[bool], None]) -> None:
         self._runtime = runtime
         self._writer = writer
         self._is_full = False
         node = runtime.node
+        self._subscriptions = []
         for name, topic in TOPICS.items():
-            writer.add_topic(name, node.resolve_topic_name(name), topic.type)
+            writer.add_topic(name, node.resolve_topic_name(name), topic.type, full_definition(topic.type))
             type = resolve_type(topic.type).message
             assert type is not None, 'topics have messages'
-            node.create_subscription(type, name, self._hear(name), topic.qos, raw=True)
+            subscription = node.create_subscription(type, name, self._hear(name), topic.qos, raw=True)
+            self._subscriptions.append(subscription)
+        # The last one: a console that knows of it knows of those before, and says a word then.
+        self._consoles = PresenceWatch(runtime)
+        self._tell_ready = tell_ready
+        self._begin = runtime.steady.now()
+        self._readiness = node.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _look(self) -> None:
+        """Discovery is over when all who are in the graph have found this node, and some time was given to it."""
+        node = self._runtime.node
+        unheard = [
+            one.topic for one in self._subscriptions if one.get_publisher_count() < node.count_publishers(one.topic)
+        ]
+        consoles = node.count_publishers(names.EXECUTIVE_PRESENCE)
+        if unheard or self._consoles.tokens < consoles or self._runtime.steady.now() < self._begin + DISCOVERY_SECONDS:
+            return
+        self._readiness.cancel()
+        self._tell_ready(True)
 
     def _hear(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
         def on_message(data: bytes, info: Mapping[str, int]) -> None:
@@ -52,7 +84,9 @@ class Recorder:
                 self._writer.add(topic, bytes(data), time.time_ns(), info['source_timestamp'])
             except OSError as error:
                 self._is_full = True
-                self._runtime.node.get_logger().error(f'nothing is recorded any more: {error}')
+                self._readiness.cancel()
+                self._tell_ready(False)
+                self._runtime.fail(f'nothing is recorded any more: {error}; what was is whole, but for its index')
 
         return on_message
 
@@ -61,9 +95,24 @@ def setup(runtime: NodeRuntime) -> None:
     """Make the file, and begin."""
     file = runtime.call(lambda: declare_parameters(runtime.node))
     writer = RunWriter(file)
-    runtime.on_close(writer.close)
-    runtime.call(lambda: Recorder(runtime, writer))
-    runtime.node.get_logger().info(f'records into {file}')
+    runtime.on_close(lambda: _close(writer, runtime))
+    token = LivelinessToken(runtime)
+    logger = runtime.node.get_logger()
+
+    def tell_ready(is_ready: bool) -> None:
+        token.set_ready(is_ready)
+        if is_ready:
+            logger.info(f'ready: hears all who are there; records into {file}')
+
+    runtime.call(lambda: Recorder(runtime, writer, tell_ready))
+    logger.info(f'begins to record into {file}')
+
+
+def _close(writer: RunWriter, runtime: NodeRuntime) -> None:
+    try:
+        writer.close()
+    except OSError as error:
+        runtime.fail(f'the recording has no index: {error}; `replay --recover NEW FILE` makes one')
 
 
 def main(args: list[str] | None = None) -> int:

@@ -26,7 +26,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     make_streams_safe()
     options = _parser().parse_args(arguments)
     try:
-        replay(options.file, rate=options.rate, namespace=options.namespace, start=options.start)
+        if options.recover is not None:
+            from .run_file import recover_run
+
+            print(f'{options.recover}: {recover_run(options.file, options.recover)} messages')
+        else:
+            replay(options.file, rate=options.rate, namespace=options.namespace, start=options.start)
     except ConsoleError as error:
         print(f'replay: {error}', file=sys.stderr)
         return error.exit_code
@@ -41,6 +46,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--rate', type=_rate, default=1.0, help='times as fast as it was (default: 1)')
     parser.add_argument('--start', metavar='SECONDS', type=float, default=0.0, help='what was before is shown at once')
     parser.add_argument('--namespace', metavar='NAME', default='', help='namespace in which it is published')
+    parser.add_argument(
+        '--recover',
+        metavar='NEW',
+        type=Path,
+        help='publish nothing; write what can be read of FILE, whose recorder was killed, into a whole file',
+    )
     return parser
 
 

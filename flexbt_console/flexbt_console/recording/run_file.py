@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""MCAP files of runs: written so that a crash costs the last few messages, read also when their end is missing."""
+"""MCAP files of runs: written so that a crash costs the last few messages, read also when their end is missing.
+
+A file that was not closed, or whose disk was full, ends after a whole record, and lacks the index that many readers
+need. :func:`recover_run` writes it anew with one, as ``mcap recover`` of MCAP's own tools does.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import IO, Any, Final, cast
 
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from flexbt_console.errors import UsageError
-
-from .definitions import full_definition
 
 CHUNK: Final = 4096
 """Bytes that are compressed and written together, and may be lost in a crash: some ten pictures of the executive."""
@@ -28,38 +32,42 @@ RELATIVE_NAME: Final = 'flexbt_topic'
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A message: its topic in the robot's namespace, its type with the full definition, its CDR bytes.
+    """A message: its topic in the robot's namespace and in full, its type with the full definition, its CDR bytes.
 
-    ``time`` is when it was heard, in ns since the epoch.
+    ``time`` is when it was heard, ``sent`` when it was sent, in ns since the epoch.
     """
 
     topic: str
+    resolved: str
     type: str
     definition: str
     data: bytes
     time: int
+    sent: int
 
 
 class RunWriter:
     """Writes a file; may be used from several threads.
 
-    Raises OSError when the file cannot be made, or not be written any more.
+    Raises OSError when the file cannot be made, or not be written any more: then it ends after the last record that
+    fits, has no index, and takes nothing more.
     """
 
     def __init__(self, file: Path) -> None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        self._stream = file.open('xb', buffering=0)
+        self._stream = _WholeWrites(file)
         self._lock = threading.Lock()
-        self._writer = Writer(self._stream, chunk_size=CHUNK)
+        self._writer = Writer(cast('IO[Any]', self._stream), chunk_size=CHUNK)
         self._writer.start(profile='ros2', library='flexbt')
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 
-    def add_topic(self, topic: str, resolved: str, type: str) -> None:
+    def add_topic(self, topic: str, resolved: str, type: str, definition: str) -> None:
         """Make a topic known: its name in the robot's namespace, and the full one."""
         with self._lock:
+            if topic in self._channels:
+                return
             if type not in self._schemas:
-                self._schemas[type] = self._writer.register_schema(type, 'ros2msg', full_definition(type).encode())
+                self._schemas[type] = self._writer.register_schema(type, 'ros2msg', definition.encode())
             self._channels[topic] = self._writer.register_channel(
                 resolved, 'cdr', self._schemas[type], {RELATIVE_NAME: topic, 'offered_qos_profiles': ''}
             )
@@ -71,8 +79,63 @@ class RunWriter:
 
     def close(self) -> None:
         """Write what is left, and the index."""
-        with self._lock, self._stream:
+        with self._lock, contextlib.closing(self._stream):
             self._writer.finish()  # type: ignore[no-untyped-call]
+
+
+class _WholeWrites:
+    """A new file to which each write is made as a whole, or not at all; after a failure it takes no more.
+
+    Not a stream of the standard library: MCAP's writer would put a buffer of its own on a raw one, and never empty it.
+    """
+
+    def __init__(self, file: Path) -> None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self._file = file.open('xb', buffering=0)
+        self._size = 0
+        self._failure: OSError | None = None
+
+    def write(self, data: bytes) -> int:
+        if self._failure is not None:
+            raise self._failure
+        try:
+            written = 0
+            while written < len(data):
+                written += self._file.write(data[written:])
+        except OSError as error:
+            self._failure = error
+            self._file.truncate(self._size)
+            raise
+        self._size += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        return self._size
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def recover_run(file: Path, whole: Path) -> int:
+    """Write what can be read of a file into a new one that has an index; gives the number of messages.
+
+    Raises:
+        UsageError: the one cannot be read, or the other not be written.
+    """
+    messages = read_run(file)
+    first = next(messages, None)
+    if first is None:
+        raise UsageError(f'{file}: has no messages of a run')
+    number = 0
+    try:
+        with contextlib.closing(RunWriter(whole)) as writer:
+            for one in itertools.chain([first], messages):
+                writer.add_topic(one.topic, one.resolved, one.type, one.definition)
+                writer.add(one.topic, one.data, one.time, one.sent)
+                number += 1
+    except OSError as error:
+        raise UsageError(f'{whole}: cannot be written: {error.strerror or error}') from error
+    return number
 
 
 def read_run(file: Path) -> Iterator[Recorded]:
@@ -104,7 +167,15 @@ def _messages(records: Iterator[object]) -> Iterator[Recorded]:
             topic = channel.metadata.get(RELATIVE_NAME)
             if topic is not None and schema is not None:
                 definition = schema.data.decode('utf-8', 'replace')
-                yield Recorded(topic, schema.name, definition, record.data, record.log_time)
+                yield Recorded(
+                    topic,
+                    channel.topic,
+                    schema.name,
+                    definition,
+                    record.data,
+                    record.log_time,
+                    record.publish_time,
+                )
 
 
 def _next(records: Iterator[object]) -> object | None:

@@ -148,6 +148,7 @@ class Executive:
             self.deactivate(SHUTTING_DOWN, SHUTTING_DOWN, SHUTDOWN_SECONDS)
         except OnboardError as error:
             self._report.log(ExecutiveLog.ERROR, str(error), run_id=self.runs.shown.run_id)
+            self._runtime.fail('it did not end in order')
         self._report.event('executive', state='ended', executive=self._id)
 
     def _announce(self) -> None:

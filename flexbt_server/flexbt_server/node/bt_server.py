@@ -72,7 +72,7 @@ class BtServer:
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
         self.data = runtime.call(lambda: DataServers(runtime, boards, reader, self.execute.wake, admission))
         self.alive = LivelinessToken(runtime)
-        runtime.on_close(lambda: self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS))
+        runtime.on_close(lambda: self._end(runtime))
         self._log = logger.info
         self._log(f'configured: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
 
@@ -96,6 +96,10 @@ class BtServer:
                 f'{"a file is being read" if unread else "a tree is running"} {within:g} s after the stop'
             )
         self._log(f'the BT server {refusal}')
+
+    def _end(self, runtime: NodeRuntime) -> None:
+        if not self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS):
+            runtime.fail(f'a tree was running {_END_SECONDS:g} s after the stop; leaving it')
 
     def _stop(self, why: str, refusal: str, within: float) -> bool:
         self._admission.close(refusal)
