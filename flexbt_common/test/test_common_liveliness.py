@@ -9,6 +9,7 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,14 +18,14 @@ from ament_index_python.packages import get_package_share_directory
 
 from flexbt_common.lifecycle import NodeScope
 from flexbt_common.liveness import (
-    GRACE_SECONDS,
     LEASE_SECONDS,
     START_SECONDS,
     STARTED,
     LivelinessToken,
     LivelinessWatch,
 )
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import Hang, NodeRuntime
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
 PROGRAM = """
@@ -70,7 +71,7 @@ def latest(killed: float) -> float:
 
     A machine that is busy may be late, but not as late as the participant's own lease of 3 s.
     """
-    return max(killed + LEASE_SECONDS + GRACE_SECONDS, STARTED + START_SECONDS) + 1.5
+    return max(killed + LEASE_SECONDS, STARTED + START_SECONDS) + 1.5
 
 
 @pytest.mark.parametrize('name', ['living', '/robot1/living'])
@@ -118,7 +119,7 @@ def test_a_watcher_that_was_killed_and_started_again_takes_nobody_for_dead() -> 
             watcher, seen = started(WATCHER)
             assert seen == 'True\n'
             assert watcher.stdout is not None
-            told, _, _ = select.select([watcher.stdout], [], [], 2 * (LEASE_SECONDS + GRACE_SECONDS))
+            told, _, _ = select.select([watcher.stdout], [], [], 3 * LEASE_SECONDS)
             with watcher:
                 watcher.kill()
             assert not told
@@ -164,21 +165,134 @@ def test_a_node_that_lives_stays_alive() -> None:
         assert watch.alive is True
 
 
-def test_a_process_that_hangs_is_taken_for_dead_until_it_goes_on() -> None:
-    changes: queue.Queue[bool] = queue.Queue()
+class Told:
+    """What a watch has told, in its order."""
+
+    def __init__(self, runtime: NodeRuntime, timeout: float = 60.0) -> None:
+        self._told: queue.Queue[tuple[str, bool]] = queue.Queue()
+        self.watch = LivelinessWatch(
+            runtime,
+            'living',
+            lambda alive: self._told.put(('alive', alive)),
+            on_late=lambda late: self._told.put(('late', late)),
+            timeout=timeout,
+        )
+
+    def next(self) -> tuple[str, bool]:
+        return self._told.get(timeout=DEADLINE)
+
+
+def test_a_process_that_was_stopped_is_late_and_then_as_before() -> None:
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime, start() as process:
-        LivelinessWatch(runtime, 'living', changes.put)
-        assert changes.get(timeout=DEADLINE) is True
-        noticed = []
+        told = Told(runtime)
+        assert told.next() == ('alive', True)
         for _ in range(2):
             process.send_signal(signal.SIGSTOP)
-            stopped = time.monotonic()
-            assert changes.get(timeout=DEADLINE) is False
-            noticed.append(time.monotonic() < latest(stopped))
+            assert told.next() == ('late', True)
+            assert told.watch.alive and told.watch.age >= LEASE_SECONDS and told.watch.problem
             process.send_signal(signal.SIGCONT)
-            assert changes.get(timeout=DEADLINE) is True
+            assert told.next() == ('late', False)
         process.kill()
-        assert all(noticed)
+        while (last := told.next()) != ('alive', False):
+            assert last[0] == 'late'
+
+
+def test_a_process_that_is_late_for_too_long_is_gone_until_it_is_heard_again() -> None:
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime, start() as process:
+        told = Told(runtime, timeout=1.0)
+        assert told.next() == ('alive', True)
+        process.send_signal(signal.SIGSTOP)
+        assert [told.next() for _ in range(3)] == [('late', True), ('late', False), ('alive', False)]
+        assert told.watch.age == 0.0
+        process.send_signal(signal.SIGCONT)
+        assert told.next() == ('alive', True)
+        process.kill()
+
+
+def test_a_process_that_is_killed_while_it_is_late_is_gone_at_once_and_another_one_can_take_its_place() -> None:
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+        told = Told(runtime)
+        with start() as process:
+            assert told.next() == ('alive', True)
+            process.send_signal(signal.SIGSTOP)
+            assert told.next() == ('late', True)
+            process.kill()
+            assert [told.next() for _ in range(2)] == [('late', False), ('alive', False)]
+        with start() as process:
+            assert told.next() == ('alive', True)
+            process.kill()
+
+
+def test_a_process_that_takes_the_place_of_one_that_is_stopped_begins_anew() -> None:
+    """The first one was not missed yet, or was late: it is gone before the other one is there."""
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+        told = Told(runtime)
+        with start() as process:
+            assert told.next() == ('alive', True)
+            process.send_signal(signal.SIGSTOP)
+            assert told.next() == ('late', True)
+            with start() as another:
+                assert [told.next() for _ in range(3)] == [('late', False), ('alive', False), ('alive', True)]
+                process.kill()
+                another.kill()
+
+
+def test_a_thread_that_does_not_answer_makes_the_process_late_with_the_reason() -> None:
+    blocked, go_on = threading.Event(), threading.Event()
+
+    def block() -> None:
+        blocked.set()
+        go_on.wait(DEADLINE)
+
+    with NodeRuntime.open('watcher') as runtime, NodeRuntime.open('living') as living:
+        LivelinessToken(living).set_ready(True)
+        told = Told(runtime)
+        assert told.next() == ('alive', True)
+        living.post(block)
+        assert blocked.wait(DEADLINE)
+        assert told.next() == ('late', True)
+        wait_until(lambda: 'the executor has not answered' in told.watch.problem, 'the reason')
+        assert not told.watch.ready
+        go_on.set()
+        assert told.next() == ('late', False)
+        wait_until(lambda: told.watch.ready, 'ready again')
+
+
+def test_a_loop_that_does_not_come_to_rest_makes_the_process_late() -> None:
+    go_on, rest = threading.Event(), threading.Event()
+
+    def work() -> None:
+        with living.health.loop('the loop', lambda: 'at the mill') as loop:
+            with loop.resting():
+                rest.wait(DEADLINE)
+            go_on.wait(DEADLINE)
+
+    with NodeRuntime.open('watcher') as runtime, NodeRuntime.open('living') as living:
+        LivelinessToken(living)
+        hangs: queue.Queue[Hang] = queue.Queue()
+        living.health.on_hang(hangs.put)
+        thread = threading.Thread(target=work)
+        thread.start()
+        told = Told(runtime)
+        assert told.next() == ('alive', True)
+        rest.set()
+        assert told.next() == ('late', True)
+        hang = hangs.get(timeout=DEADLINE)
+        assert hang.name == 'the loop' and hang.where == 'at the mill' and 'go_on.wait' in hang.stack
+        go_on.set()
+        assert told.next() == ('late', False)
+        assert hangs.get(timeout=DEADLINE).is_over
+        thread.join(DEADLINE)
+
+
+def test_a_process_that_cannot_go_on_says_so_until_it_ends() -> None:
+    with NodeRuntime.open('watcher') as runtime, NodeRuntime.open('living') as living:
+        LivelinessToken(living)
+        told = Told(runtime)
+        assert told.next() == ('alive', True)
+        living.give_up('the world has come to its end')
+        assert told.next() == ('late', True)
+        assert told.watch.problem == 'the world has come to its end'
 
 
 def test_ready_is_what_the_node_says_while_it_is_alive() -> None:

@@ -31,11 +31,23 @@ def setup(runtime):
         runtime.fail('the disk is full')
     if 'raising' in sys.argv:
         runtime.on_close(lambda: 1 / 0)
+    if 'exit' in sys.argv:
+        runtime.node.create_timer(0.2, lambda: sys.exit(0))
+    if 'interrupt' in sys.argv:
+        def interrupt():
+            raise KeyboardInterrupt('by a callback')
+        runtime.post(interrupt)
+    if 'shutdown' in sys.argv:
+        runtime.post(runtime.node.context.shutdown)
+    if 'give_up' in sys.argv:
+        runtime.give_up('the world has come to its end')
+    runtime.on_close(lambda: runtime.call(lambda: None))
     runtime.node.create_timer(0.01, lambda: None)
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-how = [word for word in sys.argv[1:] if word not in ('fail', 'stuck', 'failing', 'raising')]
+NOT_FOR_ROS = 'fail stuck failing raising exit interrupt shutdown give_up'.split()
+how = [word for word in sys.argv[1:] if word not in NOT_FOR_ROS]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
 
@@ -206,6 +218,22 @@ def test_a_node_that_has_failed_or_not_ended_in_order_says_so_by_its_exit_code(w
         _, err = process.communicate(timeout=DEADLINE)
         assert process.returncode == 1
         assert told in err
+
+
+@pytest.mark.parametrize(
+    ('how', 'reason'),
+    [
+        ('exit', 'SystemExit'),
+        ('interrupt', 'KeyboardInterrupt: by a callback'),
+        ('shutdown', 'the ROS context was shut down'),
+        ('give_up', 'the world has come to its end'),
+    ],
+)
+def test_a_node_that_cannot_go_on_ends_its_process_with_exit_code_1_and_the_reason(how: str, reason: str) -> None:
+    with start(how) as process:
+        _, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 1
+        assert 'program: cannot ' in err and reason in err
 
 
 def test_a_set_up_that_fails_gives_one_line_and_exit_code_1() -> None:

@@ -30,9 +30,11 @@ class NodeScope(NodeRuntime):
         self.name = host.name
         self.clock = host.clock
         self.steady = host.steady
+        self.health = host.health
         self._closed = threading.Event()
         self._on_close = []
         self._on_fault = []
+        self._thread = host._thread
         self._lock = threading.Lock()
         self._before = host.call(self._entities)
         host.on_fault(self._tell_fault)
@@ -67,6 +69,10 @@ class NodeScope(NodeRuntime):
         made = self._host.once(key, make)
         self._before.update(item for item in self._entities().items() if item[0] not in before)
         return made
+
+    def give_up(self, problem: str) -> None:
+        """As that of the host."""
+        self._host.give_up(problem)
 
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
         """As that of the host. Never raises."""

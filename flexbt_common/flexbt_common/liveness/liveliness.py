@@ -1,12 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether another node's process is alive, known within a fraction of a second, at no cost to those who watch; and
-whether it is ready.
+"""Whether another node is alive, known within a fraction of a second, at no cost to those who watch; and whether it is
+ready.
 
-A node holds a token: a publisher on ``<name>/alive``, which it asserts some times a second. The name is that of the
-node, or of what it stands for; several nodes may hold the same, which is alive while one of them is. The middleware of
-a watcher takes the assertions, without waking Python, and tells when they stop: at once when the node ends in order,
-after the lease when the process is killed, or when its interpreter hangs. (A participant's own lease, on which the
-action clients' ``server_is_ready`` depends, is seconds.)
+A node holds a token: a publisher on ``<name>/alive``, which it asserts some times a second, as long as all its threads
+answer (see :class:`flexbt_common.runtime.Health`). The middleware of a watcher takes the assertions, without waking
+Python, and tells when they stop: at once when the node ends in order, after the lease when the process is killed, or
+when a part of it hangs. (A participant's own lease, on which the action clients' ``server_is_ready`` depends, is
+seconds.)
+
+A watcher knows three stages:
+
+- *alive*;
+- *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
+  computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again;
+- *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back, another
+  process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by its being
+  late for longer than a time that the watcher sets.
 
 Alive is not ready: a process lives for seconds before the last of its actions and services exists. The message on the
 token's topic says whether the node is ready, and whoever comes later gets it too. A node that has said nothing is not.
@@ -18,31 +27,31 @@ every process of the domain: among 12 robots it was half of what an idle executi
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Bool
 
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
+from flexbt_core.values import sendable
+
+from .process_identity import ProcessIdentity
 
 LEASE_SECONDS: Final = 0.5
 """A watcher notices after this time that the token is not asserted any more."""
 
-ASSERT_SECONDS: Final = 0.15
-"""From one assertion to the next."""
-
-GRACE_SECONDS: Final = 0.25
-"""A loss is told only when it lasts this long: on a busy machine an assertion may be late, and what a death causes
-cannot be taken back."""
+PEER_TIMEOUT: Final = 5.0
+"""After this time a node that is late is taken for gone, s of wall time; unless the watcher sets another one."""
 
 START_SECONDS: Final = 5.0
 """In this time of its own life, a process waits for the first assertion of a token: when it takes the place of one that
@@ -50,6 +59,12 @@ was killed, the middleware of the others does not reach it for up to 2.5 s (meas
 
 STARTED: Final = time.monotonic()
 """When this process was new: this module is loaded then."""
+
+_LOOK_SECONDS: Final = 0.2
+"""From one look at whether the process of a node that is late exists, to the next."""
+
+_PID: Final = 'pid'
+_BEGAN: Final = 'began'
 
 
 def _qos() -> QoSProfile:
@@ -78,61 +93,92 @@ def _check_profile() -> None:
 
 
 class LivelinessToken:
-    """Says that this process is alive, as long as it has the node; under the name of the node, or another ``name``.
+    """Says that this process is alive, as long as it has the node, and all its threads answer.
 
     Whatever part of a node wants a token: it is one for the whole node, and stays when that part has ended.
     """
 
-    def __init__(self, runtime: NodeRuntime, name: str = '') -> None:
-        topic = alive_topic(name or runtime.node.get_fully_qualified_name())
-        self._held = runtime.call(lambda: runtime.once(('token', topic), lambda runtime: _HeldToken(runtime, topic)))
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._held = runtime.call(lambda: runtime.once('liveliness token', _HeldToken))
 
     def set_ready(self, is_ready: bool) -> None:
         """Say whether all that others need of the node exists and works. From any thread."""
-        self._held.publish(is_ready)
+        self._held.set_ready(is_ready)
 
 
 class _HeldToken:
-    def __init__(self, runtime: NodeRuntime, topic: str) -> None:
-        self._runtime = runtime
-        self._publisher = runtime.node.create_publisher(Bool, topic, _qos())
-        self.publish(False)  # also for those who have not missed the process whose place this one takes
-        self._assert()
+    def __init__(self, runtime: NodeRuntime) -> None:
+        node = runtime.node
+        self._name = node.get_fully_qualified_name()
+        self._identity = ProcessIdentity.own()
+        self._is_ready = False
+        self._problem = ''
+        self._publisher = node.create_publisher(DiagnosticStatus, alive_topic(self._name), _qos())
+        self._publish()  # also for those who have not missed the process whose place this one takes
+        runtime.health.on_late(self._tell_late)
+        runtime.health.on_beat(self._assert)
+        runtime.on_close(lambda: self._publish(has_ended=True))
 
-    def publish(self, is_ready: bool) -> None:
+    def set_ready(self, is_ready: bool) -> None:
+        self._is_ready = is_ready
+        self._publish()
+
+    def _tell_late(self, problem: str) -> None:
+        self._problem = problem
+        self._publish()
+
+    def _publish(self, has_ended: bool = False) -> None:
+        level = DiagnosticStatus.OK if self._is_ready else DiagnosticStatus.WARN
+        if self._problem:
+            level = DiagnosticStatus.STALE
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.ERROR if has_ended else level,
+            name=self._name,
+            message=sendable(self._problem),
+            hardware_id=self._identity.host,
+            values=[
+                KeyValue(key=_PID, value=str(self._identity.pid)),
+                KeyValue(key=_BEGAN, value=self._identity.began),
+            ],
+        )
         with contextlib.suppress(InvalidHandle):  # the node is gone
-            self._publisher.publish(Bool(data=is_ready))
+            self._publisher.publish(status)
 
     def _assert(self) -> None:
-        """On the clock's thread, which no callback of the node holds up. It ends with the runtime."""
-        try:
+        with contextlib.suppress(InvalidHandle):
             self._publisher.assert_liveliness()
-        except InvalidHandle:  # the node is gone
-            return
-        steady = self._runtime.steady
-        steady.call_at(steady.now() + ASSERT_SECONDS, self._assert)
 
 
 class LivelinessWatch:
     """Watches the token of the node ``node_name`` (relative to this node's namespace, or fully qualified).
 
     ``on_change`` is called on the executor thread with the new value of :attr:`alive`, ``on_ready`` with that of
-    :attr:`ready`.
+    :attr:`ready`, ``on_late`` with that of :attr:`late`. A node that is gone is not late any more, and one that comes
+    back was gone before: ``on_late(False)`` comes before ``on_change(False)``, and ``on_change(True)`` before all else.
+
+    ``timeout``: for how long the node may be late before it is taken for gone, s of wall time.
     """
 
     def __init__(
         self,
         runtime: NodeRuntime,
         node_name: str,
-        on_change: Callable[[bool], None],
+        on_change: Callable[[bool], None] = lambda _is_alive: None,
         on_ready: Callable[[bool], None] = lambda _is_ready: None,
+        on_late: Callable[[bool], None] = lambda _is_late: None,
+        timeout: float = PEER_TIMEOUT,
     ) -> None:
         self.node_name = node_name
         self._runtime = runtime
+        self._timeout = timeout
         self._on_change = on_change
         self._on_ready = on_ready
+        self._on_late = on_late
         self._told: bool | None = None
         self._told_ready = False
+        self._told_late = False
+        self._given_up = False  # late for too long; until it is heard again
+        self._end: Timer | None = None
         # On the executor thread, so that no event comes before all is there that it needs.
         runtime.call(self._open)
         runtime.on_close(self.close)
@@ -146,30 +192,75 @@ class LivelinessWatch:
 
     @property
     def alive(self) -> bool | None:
-        """True while the node is alive, False since it stopped, None while it has never been seen."""
-        return self._token.alive
+        """True while the node is alive or late, False since it is gone, None while it has never been seen."""
+        return False if self._given_up else self._token.alive
+
+    @property
+    def late(self) -> bool:
+        """Whether the node is alive, and nothing was heard of it for longer than its lease, or a part of it hangs."""
+        return self.alive is True and self._token.late_since is not None
+
+    @property
+    def age(self) -> float:
+        """For how long nothing was heard of a node that is late, s of wall time; 0.0 of one that is not."""
+        since = self._token.late_since
+        return self._runtime.steady.now() - since if self.late and since is not None else 0.0
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with a node that is alive, for people; '' when it is ready."""
+        if self.late:
+            return self._token.problem or 'it hangs, was stopped, or its computer is busy'
+        return 'it is starting, or inactive' if self.alive and not self.ready else ''
 
     @property
     def ready(self) -> bool:
-        """Whether the node is alive, and has said that it is ready."""
-        return self._token.ready
+        """Whether the node is alive and not late, and has said that it is ready."""
+        return self.alive is True and not self.late and self._token.says_ready
 
     def close(self) -> None:
-        """Stop watching; ``on_change`` is not called any more. From any thread."""
+        """Stop watching; nothing is called any more. From any thread."""
         self._runtime.post(self._close)
 
     def _close(self) -> None:
         if self._tell in self._token.listeners:
             self._token.listeners.remove(self._tell)
+        self._keep_time(None)
 
     def _tell(self) -> None:
-        alive, ready = self._token.alive, self._token.ready
+        since = self._token.late_since
+        self._given_up = self._given_up and since is not None
+        self._keep_time(since if self.late else None)
+        if not self.late:
+            self._tell_late()
+        alive = self.alive
         if alive is not None and alive is not self._told:
             self._told = alive
             self._on_change(alive)
-        if ready is not self._told_ready:
-            self._told_ready = ready
-            self._on_ready(ready)
+        self._tell_late()
+        if self.ready is not self._told_ready:
+            self._told_ready = not self._told_ready
+            self._on_ready(self._told_ready)
+
+    def _tell_late(self) -> None:
+        if self.late is not self._told_late:
+            self._told_late = not self._told_late
+            self._on_late(self._told_late)
+
+    def _keep_time(self, late_since: float | None) -> None:
+        if (late_since is None) is (self._end is None):
+            return
+        if self._end is not None:
+            self._end.cancel()
+            self._end = None
+        if late_since is not None:
+            end = late_since + self._timeout
+            self._end = self._runtime.steady.call_at(end, lambda: self._runtime.post(self._give_up))
+
+    def _give_up(self) -> None:
+        if self._end is not None:
+            self._given_up = True
+            self._tell()
 
 
 class _SeenToken:
@@ -181,62 +272,89 @@ class _SeenToken:
 
     def __init__(self, runtime: NodeRuntime, topic: str) -> None:
         self.alive: bool | None = None
+        self.late_since: float | None = None
+        self.says_ready = False
+        self.problem = ''
         self.listeners: list[Callable[[], None]] = []
-        self._says_ready = False
-        self._is_stale = False  # said before the loss; still true if it is the same node that comes back
+        self._identity: ProcessIdentity | None = None
+        self._is_asserted = False
+        self._silent_since = 0.0
         self._runtime = runtime
-        self._loss: Timer | None = None
+        self._timer: Timer | None = None
         runtime.node.create_subscription(
-            Bool,
+            DiagnosticStatus,
             topic,
             self._hear,
             _qos(),
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
         )
 
-    @property
-    def ready(self) -> bool:
-        return self.alive is True and self._says_ready
-
-    def _hear(self, message: Bool) -> None:
-        self._says_ready, self._is_stale = message.data, False
-        self._inform()
+    def _hear(self, status: DiagnosticStatus) -> None:
+        identity = _identity_of(status)
+        if self.alive and identity != self._identity:  # another one has taken its place, before it was missed
+            self._leave()
+        if status.level == DiagnosticStatus.ERROR:
+            if self.alive:
+                self._leave()
+            return
+        now = self._runtime.steady.now()
+        if not self.alive and not self._is_asserted:
+            self._silent_since = max(now, STARTED + START_SECONDS - LEASE_SECONDS)
+        if status.message and not self.problem:
+            self._silent_since = now - LEASE_SECONDS
+        self.alive, self._identity = True, identity
+        self.says_ready, self.problem = status.level == DiagnosticStatus.OK, status.message
+        self._review()
 
     def _matched(self, event: Any) -> None:
-        if event.current_count_change > 0 and self._is_stale:
-            self._says_ready = self._is_stale = False
-        # Without this, a node that is killed before its token has been asserted once would never be missed.
-        if event.current_count_change > 0 and not self.alive:
-            self._tell(True)
-            start_left = STARTED + START_SECONDS - time.monotonic()
-            self._expect_assertion(max(LEASE_SECONDS + GRACE_SECONDS, start_left))
+        if event.current_count > 0 or not self.alive:
+            return
+        if self._identity is not None and self._identity.is_here:
+            self._is_asserted = False  # it may only have been stopped for longer than the middleware waits
+            self._review()
+        else:
+            self._leave()
 
     def _liveliness_changed(self, event: Any) -> None:
-        self._forget_loss()
-        if event.alive_count > 0:
-            self._tell(True)
-        elif self.alive:
-            self._expect_assertion(GRACE_SECONDS)
+        is_asserted = event.alive_count > 0
+        if self._is_asserted and not is_asserted:
+            self._silent_since = self._runtime.steady.now() - LEASE_SECONDS
+        self._is_asserted = is_asserted
+        # After what was said with the assertion: to say that a part of it hangs, asserts the token as well.
+        self._runtime.post(self._review)
 
-    def _expect_assertion(self, seconds: float) -> None:
-        steady = self._runtime.steady
-        self._loss = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(self._tell_loss))
+    def _leave(self) -> None:
+        self.alive, self.late_since, self.says_ready, self.problem = False, None, False, ''
+        self._inform()
 
-    def _tell_loss(self) -> None:
-        if self._loss is not None:
-            self._loss = None
-            self._is_stale = True
-            self._tell(False)
-
-    def _forget_loss(self) -> None:
-        if self._loss is not None:
-            self._loss.cancel()
-            self._loss = None
-
-    def _tell(self, alive: bool) -> None:
-        self.alive = alive
+    def _review(self) -> None:
+        """Find out whether it is late, and whether it is gone."""
+        if not self.alive:
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        now = self._runtime.steady.now()
+        late_from = math.inf if self._is_asserted and not self.problem else self._silent_since + LEASE_SECONDS
+        if now < late_from:
+            self.late_since = None
+            next_look = late_from
+        elif self._identity is not None and self._identity.has_ended():
+            self._leave()
+            return
+        else:
+            self.late_since = self._silent_since if self.late_since is None else self.late_since
+            next_look = now + _LOOK_SECONDS
+        if next_look < math.inf:
+            self._timer = self._runtime.steady.call_at(next_look, lambda: self._runtime.post(self._review))
         self._inform()
 
     def _inform(self) -> None:
         for listener in list(self.listeners):
             listener()
+
+
+def _identity_of(status: DiagnosticStatus) -> ProcessIdentity:
+    values = {value.key: value.value for value in status.values}
+    pid = values.get(_PID, '')
+    return ProcessIdentity(status.hardware_id, int(pid) if pid.isdecimal() else 0, values.get(_BEGAN, ''))

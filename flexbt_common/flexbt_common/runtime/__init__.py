@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A node on rclpy: its executor and thread, its clock, its parameters, and how it ends."""
 
+from .health import HANG_SECONDS, Hang, Health, Loop, Watched
 from .latest_message import LatestMessage
 from .node_runtime import CALL_SECONDS, NodeRuntime, run_node
 from .parameters import ParameterDeclarer, refuse_while_configured
@@ -19,12 +20,17 @@ __all__ = [
     'ACTION_CLIENT',
     'ACTION_SERVER',
     'CALL_SECONDS',
+    'HANG_SECONDS',
+    'Hang',
+    'Health',
     'LatestMessage',
+    'Loop',
     'NodeRuntime',
     'OpenActionClient',
     'OpenActionServer',
     'ParameterDeclarer',
     'RosClock',
+    'Watched',
     'destroy_lifecycle_services',
     'is_usable',
     'refuse_while_configured',

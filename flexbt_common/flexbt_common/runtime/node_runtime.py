@@ -6,6 +6,9 @@ is the exception, it is thread-safe). rclpy's clients fill their table of pendin
 left; when another thread receives the answer in between, the answer is lost. :meth:`NodeRuntime.post` and
 :meth:`NodeRuntime.call` bring work there.
 
+A node that cannot go on says so by :meth:`NodeRuntime.give_up`; so does one whose executor thread has ended, whatever
+ended it. It is not alive for others any more, and its process ends with an exit code that is not 0.
+
 The order of the end, which is silent whatever the node was doing: the components in reverse order of their
 :meth:`NodeRuntime.on_close`, while callbacks still run; then executor, its thread, the node, the context.
 """
@@ -25,6 +28,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
+from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
@@ -40,6 +44,7 @@ from flexbt_core.values import lines
 
 from . import rclpy_private
 from .fastdds_shutdown import end_callbacks
+from .health import Hang, Health
 from .node_executor import node_executor
 from .ros_clock import RosClock
 
@@ -70,7 +75,8 @@ class NodeRuntime:
     """One node, one executor thread, two clocks.
 
     ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``), ``steady`` the machine's
-    monotonic clock, for deadlines of communication.
+    monotonic clock, for deadlines of communication; ``health`` has what must answer while the node is called alive: the
+    executor, and what others register.
     """
 
     def __init__(
@@ -92,6 +98,8 @@ class NodeRuntime:
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
+        self._on_failure: list[Callable[[], object]] = []
+        self._is_closing = False
         self._made: dict[Hashable, Any] = {}
         self._posted: deque[Callable[[], object]] = deque()
         self._calls: set[Future[Any]] = set()
@@ -110,6 +118,8 @@ class NodeRuntime:
             raise
         self.name = self.node.get_name()
         self.steady = SteadyClock()
+        self.health = Health(self.steady)
+        self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():
             self.node.get_logger().warning(warning)
         self._executor = node_executor(self.node, self._on_escaped)
@@ -117,6 +127,7 @@ class NodeRuntime:
         self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
         self.clock = RosClock(self)
         self._thread = threading.Thread(target=self._spin, name=f'{name}_executor', daemon=True)
+        self.health.register('the executor', self.post, self._thread)
         self._thread.start()
 
     @classmethod
@@ -227,12 +238,28 @@ class NodeRuntime:
         self.has_failed = True
         self.node.get_logger().error(why)
 
+    def on_failure(self, fn: Callable[[], object]) -> None:
+        """Have ``fn`` called when the node cannot go on, on the thread that noticed. It must not block."""
+        self._on_failure.append(fn)
+
+    def give_up(self, problem: str) -> None:
+        """The node cannot go on: from now on it is not alive for others, and its process ends, with exit code 1.
+
+        ``problem`` says why. From any thread.
+        """
+        self.has_failed = True
+        self.health.fail(problem)
+        self.node.get_logger().fatal(f'the node cannot go on: {problem}')
+        for fn in list(self._on_failure):
+            fn()
+
     def close(self) -> None:
         """End everything in the documented order. May be called twice, not from the executor thread."""
         self._close_components()
         with self._lock:
-            if self.closed:
+            if self._is_closing:
                 return
+            self._is_closing = True
             self._closed.set()
         self.steady.close()
         self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
@@ -256,8 +283,11 @@ class NodeRuntime:
                 callback()
             except Exception as error:
                 where = f'closing {getattr(callback, "__qualname__", callback)}'
-                self.report_fault(error, where)
-                self.fail(f'{where} was not done')
+                if self._thread.is_alive():
+                    self.report_fault(error, where)
+                    self.fail(f'{where} was not done')
+                else:  # the executor, whose end has been told
+                    self.node.get_logger().warning(f'{where}: {error}')
 
     def _post_locked(self, fn: Callable[[], object]) -> None:
         self._posted.append(fn)
@@ -265,6 +295,22 @@ class NodeRuntime:
             self._doorbell.trigger()
 
     def _spin(self) -> None:
+        end = 'it came to its end'
+        try:
+            self._turn()
+        except ExternalShutdownException:
+            end = 'the ROS context was shut down'
+        except BaseException as error:  # SystemExit too
+            end = ''.join(traceback.format_exception(error)).rstrip()
+        with self._lock:
+            if self.closed:
+                return
+            self._closed.set()
+            for future in self._calls:
+                future.cancel()
+        self.give_up(f'its executor thread has ended: {end}')
+
+    def _turn(self) -> None:
         # The bell only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps sets back
         # the guard conditions that were not triggered when it looked, a moment later): what was posted is looked at
         # whenever a wait has ended.
@@ -272,8 +318,10 @@ class NodeRuntime:
             try:
                 self._executor.turn(0.0 if self._posted else None)
             except ExternalShutdownException:
-                return
+                raise
             except Exception as error:
+                if not self._context.ok():
+                    raise ExternalShutdownException from error
                 self._on_escaped(error)
             self._run_posted()
 
@@ -289,6 +337,10 @@ class NodeRuntime:
                 # Only now: while it is there, nobody rings.
                 with self._lock:
                     self._posted.popleft()
+
+    def _log_hang(self, hang: Hang) -> None:
+        note = '' if hang.is_over else '; meanwhile the node is late for others, and what it drives is held'
+        self.node.get_logger().warning('\n'.join(filter(None, [f'{hang}{note}', hang.stack])))
 
     def _on_escaped(self, error: Exception) -> None:
         """An exception has escaped from a callback: that must not be the end of the node."""
@@ -312,8 +364,9 @@ def run_node(
 
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
     ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be set
-    up, has failed (:meth:`NodeRuntime.fail`), or has not ended in order; 2 for arguments that are not for ROS. With
-    ``--help`` it is told what the node is (``about``), and nothing is run. Must be called on the main thread.
+    up, has failed (:meth:`NodeRuntime.fail`), cannot go on (:meth:`NodeRuntime.give_up`), or has not ended in order; 2
+    for arguments that are not for ROS. With ``--help`` it is told what the node is (``about``), and nothing is run.
+    Must be called on the main thread.
     """
     given = sys.argv[1:] if args is None else args
     if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
@@ -326,10 +379,11 @@ def run_node(
             file=sys.stderr,
         )
         return 2
-    with _signals_as_bytes() as signals:
+    with _signals_as_bytes() as (signals, wake):
         runtime: NodeRuntime | None = None
         try:
             runtime = NodeRuntime(name, args=args, node_class=node_class)
+            runtime.on_failure(wake)
             setup(runtime)
             gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
@@ -339,13 +393,16 @@ def run_node(
             _close_in_time(name, runtime)
             return 1
         os.read(signals, 1)
+        if runtime.health.failure:
+            print(f'{name}: cannot go on: {runtime.health.failure}', file=sys.stderr, flush=True)
         _close_in_time(name, runtime)
         return 1 if runtime.has_failed else 0
 
 
 @contextlib.contextmanager
-def _signals_as_bytes() -> Iterator[int]:
-    """A file from which a byte can be read for each SIGINT and SIGTERM, which do nothing else any more.
+def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
+    """A file from which a byte can be read for each SIGINT and SIGTERM, which do nothing else any more; and what puts a
+    byte there without a signal, from any thread.
 
     The C handler writes the byte on whatever thread the signal arrives: no code of ours is interrupted at an
     unsuitable moment, nothing is lost during set-up, and a second signal finds nobody.
@@ -356,7 +413,7 @@ def _signals_as_bytes() -> Iterator[int]:
         signal.signal(number, lambda _number, _frame: None)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     try:
-        yield reading
+        yield reading, partial(os.write, writing, b'\0')
     finally:
         # The interpreter is about to end: a signal must not get it a traceback now.
         for number in (signal.SIGINT, signal.SIGTERM):

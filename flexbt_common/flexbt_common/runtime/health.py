@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether the threads of a process answer, as a condition for calling it alive.
+
+What a process has to keep answering is registered: its executor, the thread of a run, the loop of a simulation. Every
+:data:`PERIOD` the clock's thread asks all of them, and when the last one has answered, that is a *beat*. Whoever tells
+others that the process is alive does so on beats, and so nobody does while any one of those threads hangs, or the
+clock's own; there is no state in which a part of a process is stuck and the whole is shown as alive.
+
+A hang is told once, with the stack of the thread that does not answer, and so is its end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from types import FrameType
+from typing import Final
+
+from flexbt_core.clock import Clock
+
+PERIOD: Final = 0.15
+"""From one question to the next, s of wall time."""
+
+LATE_SECONDS: Final = 0.3
+"""A thread that has not answered for so long is late, s. With :data:`PERIOD` that is less than the lease of the
+liveliness token, so that others are told the reason before they miss the process."""
+
+HANG_SECONDS: Final = 1.0
+"""A thread that has not answered for so long hangs: it is logged, with its stack, s."""
+
+Ping = Callable[[Callable[[], None]], object]
+"""Called on the clock's thread with ``answer``, which the thread that is watched has to call, soon. It must not block,
+and may drop an earlier ``answer``."""
+
+
+@dataclass(frozen=True)
+class Hang:
+    """A thread that does not answer, or did not: its name, for how long (s of wall time), where it is, as a line and,
+    for a log, as the text of its stack.
+    """
+
+    name: str
+    seconds: float
+    where: str = ''
+    stack: str = ''
+    is_over: bool = False
+
+    def __str__(self) -> str:
+        if self.is_over:
+            return f'{self.name} answers again, after {self.seconds:.1f} s'
+        return f'{self.name} has not answered for {self.seconds:.1f} s' + (f': {self.where}' if self.where else '')
+
+
+class Watched:
+    """One thread that has to answer; until :meth:`close`, from any thread."""
+
+    def __init__(
+        self, health: Health, name: str, ping: Ping, thread: threading.Thread | None, where: Callable[[], str] | None
+    ) -> None:
+        self.name = name
+        self.ping = ping
+        self.asked_at = 0.0
+        self.is_told = False
+        self._health = health
+        self._thread = thread
+        self._where = where
+
+    def close(self) -> None:
+        """It need not answer any more. May be called twice."""
+        self._health.forget(self)
+
+    def hang(self, now: float) -> Hang:
+        """What there is to say of it while it does not answer."""
+        thread = self._thread
+        frame = None if thread is None or thread.ident is None else sys._current_frames().get(thread.ident)
+        where = self._where() if self._where else '' if frame is None else _place(frame)
+        stack = '' if frame is None else ''.join(traceback.format_stack(frame)).rstrip()
+        return Hang(self.name, now - self.asked_at, where, stack)
+
+
+class Loop:
+    """A thread that works in a loop, from one rest to the next: it has to come to rest again soon.
+
+    In its ``with`` block the thread that entered it is watched; in that of :meth:`resting` it may take any time,
+    because it waits for somebody to wake it.
+    """
+
+    def __init__(self, health: Health, name: str, where: Callable[[], str] | None) -> None:
+        self._health = health
+        self._name = name
+        self._where = where
+        self._lock = threading.Lock()
+        self._is_resting = False
+        self._answer: Callable[[], None] | None = None
+        self._watched: Watched | None = None
+
+    def __enter__(self) -> Loop:
+        self._watched = self._health.register(self._name, self._ping, threading.current_thread(), self._where)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """The thread is not watched any more, wherever it is. From any thread; may be called twice."""
+        if self._watched is not None:
+            self._watched.close()
+
+    @contextlib.contextmanager
+    def resting(self) -> Iterator[None]:
+        """The block only waits; on the thread of the loop."""
+        with self._lock:
+            self._is_resting = True
+            answer, self._answer = self._answer, None
+        if answer is not None:
+            answer()
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._is_resting = False
+
+    def _ping(self, answer: Callable[[], None]) -> None:
+        with self._lock:
+            if not self._is_resting:
+                self._answer = answer
+                return
+        answer()
+
+
+class Health:
+    """What has to answer, and who is told. Everything from any thread.
+
+    Those who are told must not block: they are called on the clock's thread, or on that of an answer.
+    """
+
+    def __init__(self, steady: Clock) -> None:
+        self._steady = steady
+        self._lock = threading.Lock()
+        self._watched: list[Watched] = []
+        self._missing: set[Watched] = set()
+        self._on_beat: list[Callable[[], object]] = []
+        self._on_late: list[Callable[[str], object]] = []
+        self._on_hang: list[Callable[[Hang], object]] = []
+        self._asked_at: float | None = None
+        self._is_late = False
+        self._failure = ''
+
+    def register(
+        self,
+        name: str,
+        ping: Ping,
+        thread: threading.Thread | None = None,
+        where: Callable[[], str] | None = None,
+    ) -> Watched:
+        """Have something watched, until it is closed.
+
+        ``name`` is the subject of a sentence ('the executor'). ``where`` says what it is doing, for people; without it,
+        the innermost call of ``thread`` is told.
+        """
+        watched = Watched(self, name, ping, thread, where)
+        with self._lock:
+            self._watched.append(watched)
+        return watched
+
+    def loop(self, name: str, where: Callable[[], str] | None = None) -> Loop:
+        """For a thread that works in a loop; see :class:`Loop`."""
+        return Loop(self, name, where)
+
+    def forget(self, watched: Watched) -> None:
+        """See :meth:`Watched.close`."""
+        with self._lock:
+            if watched in self._watched:
+                self._watched.remove(watched)
+        self._answered(watched)
+
+    def on_beat(self, fn: Callable[[], object]) -> None:
+        """Have ``fn`` called whenever everything has answered."""
+        with self._lock:
+            self._on_beat.append(fn)
+            begins = self._asked_at is None
+            if begins:
+                self._asked_at = self._steady.now()
+        if begins:
+            self._ask()
+
+    def on_late(self, fn: Callable[[str], object]) -> None:
+        """Have ``fn`` told when something has not answered for :data:`LATE_SECONDS`: the problem, for people.
+
+        '' when all answer again.
+        """
+        self._on_late.append(fn)
+
+    def on_hang(self, fn: Callable[[Hang], object]) -> None:
+        """Have ``fn`` told of each hang, once after :data:`HANG_SECONDS`, and again when it is over."""
+        self._on_hang.append(fn)
+
+    def fail(self, problem: str) -> None:
+        """The process cannot do its work, and never will: there is no beat any more. The first problem counts."""
+        with self._lock:
+            if self._failure:
+                return
+            self._failure = problem
+        for fn in list(self._on_late):
+            fn(problem)
+
+    @property
+    def failure(self) -> str:
+        """Why the process cannot do its work; '' while it can."""
+        return self._failure
+
+    def _ask(self) -> None:
+        now = self._steady.now()
+        with self._lock:
+            if self._failure:
+                return
+            pause, self._asked_at = now - (self._asked_at or now), now
+            self._steady.call_at(now + PERIOD, self._ask)
+            missing = sorted(self._missing, key=lambda watched: watched.asked_at)
+            asked = [] if missing else list(self._watched)
+            for watched in asked:
+                watched.asked_at = now
+            self._missing.update(asked)
+        if pause > HANG_SECONDS:
+            self._tell(Hang('the whole process (it was stopped, or its computer is busy)', pause, is_over=True))
+        elif missing:
+            self._tell_missing(missing, now)
+        for watched in asked:
+            watched.ping(partial(self._answered, watched))
+        if not missing and not asked:
+            self._beat()
+
+    def _tell_missing(self, missing: list[Watched], now: float) -> None:
+        longest = missing[0].hang(now)
+        if longest.seconds >= LATE_SECONDS and not self._is_late:
+            self._is_late = True
+            for fn in list(self._on_late):
+                fn(str(longest))
+        for watched in missing:
+            if now - watched.asked_at >= HANG_SECONDS and not watched.is_told:
+                watched.is_told = True
+                self._tell(watched.hang(now))
+
+    def _answered(self, watched: Watched) -> None:
+        with self._lock:
+            if watched not in self._missing:
+                return
+            self._missing.remove(watched)
+            is_last = not self._missing
+        if watched.is_told:
+            watched.is_told = False
+            self._tell(Hang(watched.name, self._steady.now() - watched.asked_at, is_over=True))
+        if is_last:
+            self._beat()
+
+    def _beat(self) -> None:
+        if self._failure:
+            return
+        if self._is_late:
+            self._is_late = False
+            for fn in list(self._on_late):
+                fn('')
+        for beaten in list(self._on_beat):
+            beaten()
+
+    def _tell(self, hang: Hang) -> None:
+        for fn in list(self._on_hang):
+            fn(hang)
+
+
+def _place(frame: FrameType) -> str:
+    return f'in {frame.f_code.co_qualname} ({frame.f_code.co_filename}:{frame.f_lineno})'
