@@ -62,7 +62,7 @@ def test_what_fits_fits() -> None:
     check_limits(
         BtExecute.Goal(goals=[PoseStamped()] * 10_000, inputs=[to_entry('path', Path(poses=[PoseStamped()] * 1000))])
     )
-    check_limits(BtLoad.Goal(files=['x' * 4096] * LIST, xml='x' * 10_000_000))
+    check_limits(BtLoad.Goal(files=['x' * 4096] * LIST, xml='x' * 8_000_000))
     check_limits(flexbt_msgs.msg.ExecutiveLog())
 
 

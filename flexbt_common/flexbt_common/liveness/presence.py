@@ -17,7 +17,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
 from flexbt_common import names
+from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import check_limits
 from flexbt_core.clock import Timer
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import PeerStatus
@@ -27,6 +29,10 @@ WORD_SECONDS: Final = 1.0
 
 PRESENCE_LEASE_SECONDS: Final = 5.0
 """How long a watcher waits for a word. Of a link that loses 30 % of its packets, one in 400 silences is so long."""
+
+
+MOST_TOKENS: Final = 1000
+"""Tokens that a watcher remembers; of more, those that it has heard before count until they are silent."""
 
 
 class PresenceToken:
@@ -86,11 +92,18 @@ class PresenceWatch:
         self._listeners.append(on_change)
 
     def _hear(self, word: PeerStatus) -> None:
+        try:
+            check_limits(word)
+        except LimitExceededError as error:
+            self._runtime.node.get_logger().error(
+                f'{names.EXECUTIVE_PRESENCE}: left aside: {error}', throttle_duration_sec=PRESENCE_LEASE_SECONDS
+            )
+            return
         token = (word.name, word.since.sec, word.since.nanosec)
-        if word.alive:
-            self._heard[token] = self._runtime.steady.now()
-        else:
+        if not word.alive:
             self._heard.pop(token, None)
+        elif token in self._heard or len(self._heard) < MOST_TOKENS:
+            self._heard[token] = self._runtime.steady.now()
         self._review()
 
     def _matched(self, event: Any) -> None:

@@ -30,13 +30,13 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BlackboardEntry.data': 8_000_000,
     'flexbt_msgs/BehaviorArgument.value': 100_000,
     'flexbt_msgs/BtLoad_Goal.files[]': 4_096,  # PATH_MAX of Linux
-    'flexbt_msgs/BtLoad_Goal.xml': 10_000_000,  # the parameter max_file_size of the BT server counts as well
+    'flexbt_msgs/BtLoad_Goal.xml': 8_000_000,  # the parameter max_file_size of the BT server counts as well
     'flexbt_msgs/BtExecute_Goal.goals': 10_000,
     'flexbt_msgs/BtExecute_Goal.behavior_tree': 4_096,  # it may be a file
     'flexbt_msgs/OperatorInput_Goal.prompt': 10_000,
     'flexbt_msgs/OperatorInput_Goal.choices': 200,
     'nav2_msgs/ComputePathThroughPoses_Goal.goals': 10_000,
-    'nav_msgs/Path.poses': 100_000,
+    'nav_msgs/Path.poses': 20_000,  # 1 km of 5 cm
     'nav_msgs/OccupancyGrid.data': 10_000_000,  # as many cells as maps from files may have
 }
 """The bounds that differ, by type and field; of a list of texts, ``field[]`` is that of each text."""

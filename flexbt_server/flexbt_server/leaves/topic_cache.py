@@ -1,26 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Subscriptions that the leaves of all trees share: made once, kept, so that a new run has the last message at once."""
+"""Subscriptions that the leaves of all trees share; they are kept, so that a new run has the last message at once."""
 
 from __future__ import annotations
 
 import threading
 import weakref
-from typing import Any
+from typing import Any, Final
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from flexbt_common.runtime import LatestMessage, NodeRuntime
 from flexbt_core.behavior_tree import TreeContext
+from flexbt_server.trees import Kept
+
+MOST_TOPICS: Final = 100
+"""Topics that are heard although no tree needs them now."""
 
 
 class TopicCache:
-    """The last message of a topic. Made on the executor thread."""
+    """The last message of a topic. Made on the executor thread; the subscription goes with who holds the cache."""
 
-    def __init__(self, node: Node, message_type: type[Any], topic: str, qos: QoSProfile | int) -> None:
-        self._last = LatestMessage(node, message_type, topic, qos, self._wake)
+    def __init__(self, runtime: NodeRuntime, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
         self._trees: weakref.WeakSet[TreeContext] = weakref.WeakSet()
         self._lock = threading.Lock()
+        me = weakref.ref(self)
+        self._last = LatestMessage(runtime.node, message_type, topic, qos, lambda: _wake(me()))
+        weakref.finalize(self, runtime.post, self._last.close).atexit = False
 
     @property
     def latest(self) -> Any | None:
@@ -32,26 +37,32 @@ class TopicCache:
         with self._lock:
             self._trees.add(tree)
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
+        """Tick those trees."""
         with self._lock:
             trees = tuple(self._trees)
         for tree in trees:
             tree.wake()
 
 
+def _wake(cache: TopicCache | None) -> None:
+    if cache is not None:
+        cache.wake()
+
+
 class TopicCaches:
-    """The caches of a server, by topic and type."""
+    """The caches of a server, by topic, type and quality of service."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
-        self._caches: dict[tuple[str, type[Any]], TopicCache] = {}
+        self._caches: Kept[tuple[str, type[Any], str], TopicCache] = Kept(MOST_TOPICS)
 
     def cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
-        """The cache of a topic, subscribed to when it is asked for the first time. From any thread."""
+        """The cache of a topic, subscribed to when nobody has it yet. ``qos`` may be a depth, as in ROS. From any
+        thread."""
         return self._runtime.call(lambda: self._cache(message_type, topic, qos))
 
     def _cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
-        key = (self._runtime.node.resolve_topic_name(topic), message_type)
-        if key not in self._caches:
-            self._caches[key] = TopicCache(self._runtime.node, message_type, topic, qos)
-        return self._caches[key]
+        profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
+        key = (self._runtime.node.resolve_topic_name(topic), message_type, str(profile))
+        return self._caches.get(key, lambda: TopicCache(self._runtime, message_type, topic, profile))

@@ -2,6 +2,7 @@
 """The trees and blackboards that the server holds."""
 
 from .blackboards import NO_RECOVERIES, RECOVERIES_KEY, Blackboards, Value, entries_of, read_values, write_all
+from .kept import Kept
 from .ros_json import RosJsonTypes
 from .ros_ports import DURATION, PATH, POSE_STAMPED, POSES, message_type
 from .tree_store import FileReport, FoundTree, TreeStore
@@ -16,6 +17,7 @@ __all__ = [
     'Blackboards',
     'FileReport',
     'FoundTree',
+    'Kept',
     'RosJsonTypes',
     'TreeStore',
     'Value',

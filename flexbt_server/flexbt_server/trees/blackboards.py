@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
@@ -15,6 +14,8 @@ from flexbt_core.behavior_tree import Blackboard, BlackboardError, PortType
 from flexbt_core.behavior_tree.model import port_types
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BlackboardEntry
+
+from .kept import Kept
 
 SHARED: Final = ''
 """Name of the blackboard that trees run on when the goal names none."""
@@ -58,29 +59,18 @@ class Blackboards:
     """
 
     def __init__(self) -> None:
-        self._all: weakref.WeakValueDictionary[str, Blackboard] = weakref.WeakValueDictionary()
-        self._kept: OrderedDict[str, Blackboard] = OrderedDict()
+        self._shared = Blackboard()
+        self._named: Kept[str, Blackboard] = Kept(MOST_BLACKBOARDS)
         self._lengths: weakref.WeakKeyDictionary[Blackboard, dict[str, int]] = weakref.WeakKeyDictionary()
         self._lock = threading.Lock()
-        self._shared = self._all[SHARED] = Blackboard()
 
     def get(self, name: str) -> Blackboard:
         """The blackboard called ``name``, which is made if there is none. Whoever works on it has to hold it."""
-        with self._lock:
-            board = self._all.get(name)
-            if board is None:
-                board = self._all[name] = Blackboard()
-            if name != SHARED:
-                self._kept[name] = board
-                self._kept.move_to_end(name)
-                if len(self._kept) > MOST_BLACKBOARDS:
-                    self._kept.popitem(last=False)
-            return board
+        return self._shared if name == SHARED else self._named.get(name, Blackboard)
 
     def find(self, name: str) -> Blackboard:
         """The blackboard called ``name``; if there is none, an empty one, which is nobody's."""
-        board = self._all.get(name)
-        return Blackboard() if board is None else board
+        return self._shared if name == SHARED else self._named.find(name) or Blackboard()
 
     def receive(self, name: str, entries: Sequence[BlackboardEntry]) -> list[Value]:
         """Keys, values and types of entries that are to be written to the blackboard called ``name``.

@@ -18,6 +18,8 @@ from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_common.values import check_limits
+from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import DriveMotion, PathFollower, ProgressChecker, SpinMotion
 
@@ -136,9 +138,10 @@ class Navigation:
 
     def _is_path_valid(self, request: Any, response: Any) -> Any:
         try:
+            check_limits(request)
             poses = path_in_map(request.path, self._parameters.map_frame)
             costmap, here = self._robot.costmap, self._robot.pose
-        except NavigationError as error:
+        except FlexbtError as error:
             self._runtime.node.get_logger().warning(f'is_path_valid: {error}')
             return response
         if not poses:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from flexbt_common.values import shown
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose
 
@@ -48,7 +49,7 @@ def check_frame(frame: str, map_frame: str, name: str) -> None:
     """
     if frame not in ('', map_frame):
         raise NavigationError(
-            'TF_ERROR', f'{name} is in frame {frame!r}, from which no transform is known; give it in {map_frame!r}'
+            'TF_ERROR', f'{name} is in frame {shown(frame)}, from which no transform is known; give it in {map_frame!r}'
         )
 
 
@@ -70,4 +71,4 @@ def path_in_map(path: Any, map_frame: str) -> list[Pose]:
 def check_id(asked: str, known: Sequence[str], what: str, code: str) -> None:
     """An empty name means the only one there is. Raises NavigationError ``code`` for a name that is not known."""
     if asked and asked not in known:
-        raise NavigationError(code, f'there is no {what} {asked!r}; known: {", ".join(known)}')
+        raise NavigationError(code, f'there is no {what} {shown(asked)}; known: {", ".join(known)}')

@@ -12,7 +12,9 @@ from nav_msgs.msg import OccupancyGrid
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.errors import NavigationError, SimulationError
+from flexbt_common.values import check_limits
+from flexbt_core.errors import FlexbtError
+from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, Velocity
 from flexbt_sim.world import OccupancyMap, Pose
 
@@ -114,8 +116,9 @@ class RobotInterface:
 
     def _receive_pose(self, message: PoseStamped) -> None:
         try:
+            check_limits(message)
             self._pose = pose_in_map(message, self._parameters.map_frame, 'the pose of the robot', 'TF_ERROR')
-        except NavigationError as error:
+        except FlexbtError as error:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
@@ -125,9 +128,10 @@ class RobotInterface:
 
     def _receive_map(self, grid: OccupancyGrid) -> None:
         try:
+            check_limits(grid)
             check_frame(grid.header.frame_id, self._parameters.map_frame, 'the map')
             self._world = map_of(grid)
-        except SimulationError as error:
+        except FlexbtError as error:
             self._runtime.node.get_logger().error(f'ignored: {error}')
             return
         self.clear_costmap()

@@ -26,6 +26,8 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_common.values import check_limits
+from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import Lidar, Pacer, Pose, Robot, check_place, load_map
 
@@ -110,11 +112,12 @@ class Simulator:
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         frame = message.header.frame_id
         try:
+            check_limits(message)
             if frame not in ('', self._parameters.map_frame):
                 raise SimulationError(f'frame {frame!r} is not known; give the pose in {self._parameters.map_frame!r}')
             pose = pose_of(message.pose.pose)
             self._check_place(pose)
-        except SimulationError as error:
+        except FlexbtError as error:
             self._runtime.node.get_logger().error(f'{names.INITIAL_POSE} refused, the robot stays: {error}')
             return
         self._place(pose)

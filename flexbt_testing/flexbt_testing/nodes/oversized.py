@@ -16,6 +16,9 @@ from flexbt_common.values import resolve_type
 TOO_MUCH: Final = 10_000_000
 """Bytes in the one field."""
 
+MOST_ELEMENTS: Final = 25_000
+"""Of a list of messages: the process that makes them has to do more for it than the one that refuses them."""
+
 _ARRAY_CODES: Final = {
     'uint8': 'B',
     'int8': 'b',
@@ -51,7 +54,7 @@ def _values(slot: Any, most: int) -> Iterator[tuple[str, Any]]:
             yield '', ['x' * 95] * (most // 100)
         else:
             one = _class_of(element)()
-            yield '', [one] * math.ceil(most / len(serialize_message(one)))
+            yield '', [one] * min(MOST_ELEMENTS, math.ceil(most / len(serialize_message(one))))
         for path, value in _values(element, most):
             yield f'[0]{path}', [value]
 

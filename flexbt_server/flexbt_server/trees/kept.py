@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Things by name that are made when they are needed, and of which there must not be ever more."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Generic, TypeVar
+
+Key = TypeVar('Key', bound=Hashable)
+Thing = TypeVar('Thing')
+
+
+class Kept(Generic[Key, Thing]):
+    """Each stays while somebody holds it, and of the others the ``most`` that were asked for last. From any thread."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._all: weakref.WeakValueDictionary[Key, Thing] = weakref.WeakValueDictionary()
+        self._last: OrderedDict[Key, Thing] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def find(self, key: Key) -> Thing | None:
+        """The thing of this key, if there is one."""
+        return self._all.get(key)
+
+    def get(self, key: Key, make: Callable[[], Thing]) -> Thing:
+        """The thing of this key, made now if there is none. Whoever goes on to use it has to hold it."""
+        with self._lock:
+            thing = self._all.get(key)
+            if thing is None:
+                thing = self._all[key] = make()
+            self._last[key] = thing
+            self._last.move_to_end(key)
+            if len(self._last) > self._most:
+                self._last.popitem(last=False)
+            return thing
+
+    def __len__(self) -> int:
+        return len(self._all)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The subscriptions and services that trees share: apart by quality of service, and released when nobody needs them."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_server.leaves import TopicCaches, TriggerServices
+from flexbt_testing.waiting import wait_until
+
+
+@pytest.fixture
+def runtime() -> Iterator[NodeRuntime]:
+    with NodeRuntime.open('cacher') as opened:
+        yield opened
+
+
+def subscriptions(runtime: NodeRuntime) -> int:
+    return runtime.call(lambda: len(list(runtime.node.subscriptions)))
+
+
+def test_another_quality_of_service_is_another_subscription(runtime: NodeRuntime) -> None:
+    caches = TopicCaches(runtime)
+    publisher = runtime.call(lambda: runtime.node.create_publisher(String, 'selector', names.latched()))
+    publisher.publish(String(data='said before'))
+    volatile = caches.cache(String, 'selector', 1)
+    latched = caches.cache(String, 'selector', names.latched())
+    said = wait_until(lambda: latched.latest, 'what was said before')
+    assert said.data == 'said before'
+    assert volatile.latest is None
+    assert caches.cache(String, '/selector', QoSProfile(depth=1)) is volatile
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    assert caches.cache(String, 'selector', best_effort) is not volatile
+
+
+def test_topics_that_no_tree_needs_are_not_kept(runtime: NodeRuntime, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_server.leaves.topic_cache.MOST_TOPICS', 10)
+    before = subscriptions(runtime)
+    caches = TopicCaches(runtime)
+    held = caches.cache(String, 'held', 1)
+    for number in range(50):
+        caches.cache(String, f'topic{number}', 1)
+    gc.collect()
+    wait_until(lambda: subscriptions(runtime) == before + 11, lambda: f'{subscriptions(runtime)} subscriptions')
+    publisher = runtime.call(lambda: runtime.node.create_publisher(String, 'held', 1))
+    wait_until(publisher.get_subscription_count, 'the subscription in use')
+    publisher.publish(String(data='heard'))
+    wait_until(lambda: held.latest, 'a message')
+
+
+def test_a_pose_with_far_too_much_in_it_is_left_aside(runtime: NodeRuntime) -> None:
+    cache = TopicCaches(runtime).cache(PoseStamped, 'pose', 10)
+    publisher = runtime.call(lambda: runtime.node.create_publisher(PoseStamped, 'pose', 10))
+    wait_until(publisher.get_subscription_count, 'the subscription')
+    message = PoseStamped()
+    message.header.frame_id = 'map'
+    publisher.publish(message)
+    wait_until(lambda: cache.latest, 'a pose')
+    message.header.frame_id = 'x' * 3000
+    publisher.publish(message)
+    message.header.frame_id = 'odom'
+    publisher.publish(message)
+    wait_until(lambda: cache.latest == message, 'the last pose')
+
+
+class Taker:
+    def take(self) -> bool:
+        return True
+
+
+def test_services_that_no_tree_takes_are_not_kept(runtime: NodeRuntime, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_server.leaves.trigger_services.MOST_SERVICES', 10)
+    triggers = TriggerServices(runtime)
+    taker = Taker()
+    triggers.offer('in_use', taker.take)
+    for number in range(30):
+        triggers.offer(f'service{number}', Taker().take)
+    offered = [service.srv_name for service in runtime.node.services if '/service' in service.srv_name]
+    assert offered == [f'/service{number}' for number in range(21, 30)]
+    assert '/in_use' in [service.srv_name for service in runtime.node.services]

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Far too much in each field of everything that the processes of a robot receive: refused in words, and they go on."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.action import get_action_server_names_and_types_by_node
+from rclpy.duration import Duration
+
+from flexbt_common import names
+from flexbt_common.calls import (
+    ActionLinks,
+    GoalStatus,
+    SentGoal,
+    ServiceCall,
+    ServiceLink,
+    ServiceLinks,
+    ServiceOutcome,
+)
+from flexbt_common.runtime import NodeRuntime
+from flexbt_testing.nodes.oversized import oversized
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack
+from flexbt_testing.waiting import DEADLINE, wait_until
+
+
+MEMORY = 600
+"""MB of a process at most; at rest it has some 100."""
+
+OF_EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces', 'lifecycle_msgs')
+"""What rclpy serves by itself."""
+
+SERVERS = (names.NAVIGATION, names.BT_SERVER, names.ONBOARD_EXECUTIVE)
+
+
+@pytest.fixture(scope='module')
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+    with Stack(tmp_path_factory.mktemp('robot')) as stack:
+        stack.start_all()
+        yield stack
+
+
+@pytest.fixture(scope='module')
+def runtime() -> Iterator[NodeRuntime]:
+    with NodeRuntime.open('flooder') as runtime:
+        yield runtime
+
+
+@pytest.fixture(scope='module')
+def probe(stack: Stack, runtime: NodeRuntime) -> Probe:
+    probe = Probe(runtime)
+    probe.wait_ready()
+    return probe
+
+
+def _class_of(type_name: str) -> Any:
+    package, kind, name = type_name.split('/')
+    return getattr(importlib.import_module(f'{package}.{kind}'), name)
+
+
+def memory(stack: Stack, name: str) -> int:
+    """The most memory that a process has had, MB."""
+    status = Path(f'/proc/{stack._processes[name].pid}/status').read_text()
+    found = re.search(r'VmHWM:\s+(\d+) kB', status)
+    assert found is not None
+    return int(found[1]) // 1024
+
+
+def answer_of(link: ServiceLink, request: Any) -> ServiceOutcome:
+    outcomes: list[ServiceOutcome] = []
+    ServiceCall(link, request, on_done=outcomes.append, server_timeout=DEADLINE, response_timeout=DEADLINE)
+    wait_until(lambda: outcomes, f'the answer of {link}', DEADLINE)
+    return outcomes[0]
+
+
+@pytest.fixture(autouse=True)
+def bounded(stack: Stack, probe: Probe) -> Iterator[None]:
+    """Whatever a test does, all processes go on, and their memory is bounded."""
+    yield
+    for name in stack.running():
+        assert memory(stack, name) < MEMORY, name
+    assert stack.running() == {names.SIMULATOR, *SERVERS}
+    seen = len(probe.statuses)
+    probe.wait(lambda: len(probe.statuses) > seen, 'a status of the executive')
+
+
+@pytest.mark.parametrize('server', SERVERS)
+def test_goals_with_too_much_in_a_field_are_refused_by_its_name(runtime: NodeRuntime, server: str) -> None:
+    links = ActionLinks(runtime)
+    served = runtime.call(lambda: get_action_server_names_and_types_by_node(runtime.node, server, '/'))
+    assert served
+    for action, (type_name,) in served:
+        action_type = _class_of(type_name)
+        for path, goal in oversized(action_type.Goal):
+            sent = SentGoal(links.link(action_type, action), goal, DEADLINE)
+            text = getattr(sent.result, 'message', '') or sent.result.error_msg
+            assert sent.wait().status is GoalStatus.ABORTED, path
+            assert f'{path} has' in text and 'at most' in text, (path, text)
+            assert len(text) < 1000
+
+
+@pytest.mark.parametrize('server', (names.SIMULATOR, *SERVERS))
+def test_requests_with_too_much_in_a_field_are_answered(runtime: NodeRuntime, server: str) -> None:
+    links = ServiceLinks(runtime)
+    served = runtime.call(lambda: runtime.node.get_service_names_and_types_by_node(server, '/'))
+    for service, (type_name,) in served:
+        if type_name.partition('/')[0] in OF_EVERY_NODE or '/_action/' in service:
+            continue
+        service_type = _class_of(type_name)
+        for path, request in oversized(service_type.Request):
+            outcome = answer_of(links.link(service_type, service), request)
+            assert outcome.ok, (service, path, outcome.reason)
+
+
+@pytest.mark.parametrize('node', (names.SIMULATOR, *SERVERS))
+def test_messages_with_too_much_in_a_field_are_left_aside(runtime: NodeRuntime, node: str) -> None:
+    heard = runtime.call(lambda: runtime.node.get_subscriber_names_and_types_by_node(node, '/'))
+    for topic, (type_name,) in heard:
+        if '/_action/' in topic or topic == '/parameter_events':
+            continue
+        message_type = _class_of(type_name)
+        messages = [message for _, message in oversized(message_type)]
+        if not messages:
+            continue
+        publisher = runtime.call(partial(runtime.node.create_publisher, message_type, topic, names.latched()))
+        wait_until(publisher.get_subscription_count, f'{node} hears {topic}')
+        for message in messages:
+            publisher.publish(message)
+            assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+        runtime.call(partial(runtime.node.destroy_publisher, publisher))
