@@ -111,6 +111,31 @@ class RecordedRun(bt_scripted.Run):
         return step
 
 
+def test_a_node_is_running_at_its_completion_as_its_class_declares() -> None:
+    """Nodes of the engine without conditions, which complete a node without a tick; and not where a result stood."""
+    checked: set[bool] = set()
+    begun: dict[TreeNode, NodeStatus] = {}
+
+    def begin(node: TreeNode) -> NodeStatus:
+        begun[node] = node.status
+        return IDLE
+
+    def check(node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        of_engine = type(node).__module__.startswith('flexbt_core.') and node.conditions is None
+        declared = node.running_at_completion if of_engine else None
+        if declared is not None and before in (IDLE, RUNNING) and after in (SUCCESS, FAILURE):
+            assert before is (RUNNING if declared else begun[node]), node
+            checked.add(declared)
+
+    for seed in range(100):
+        tree = on_board(random_body(seed), observers=[check])
+        for node in tree.nodes:
+            tree.callbacks.set_pre_tick(node, begin)
+        for step in range(25):
+            run_some(tree, seed * 100 + step)
+    assert checked == {True, False}
+
+
 @pytest.mark.parametrize(
     'make_case', [bt_random_trees.make_case, bt_random_nodes.make_case, bt_random_scripts.make_case]
 )

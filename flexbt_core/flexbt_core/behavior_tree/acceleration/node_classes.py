@@ -39,7 +39,7 @@ def stores_directly(node: TreeNode) -> bool:
 def class_for(plain: Any, observers: Observers, conditions: Conditions | None) -> type[Any]:
     """The fastest class for a node of a tree with these observers."""
     halting = conditions is not None and conditions.halting
-    if conditions is not None and conditions.completing and (observers or plain.stores_running is None):
+    if conditions is not None and conditions.completing and (observers or plain.running_at_completion is None):
         return plain
     if not observers:
         return direct_class(plain, halting)

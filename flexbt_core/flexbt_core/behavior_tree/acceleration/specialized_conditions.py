@@ -103,7 +103,7 @@ class SpecializedConditions(Conditions):
         try:
             self._run(status)
         except NodeExecutionError:
-            self._node.status = RUNNING if self._node.stores_running else before
+            self._node.status = RUNNING if self._node.running_at_completion else before
             raise
         return status
 

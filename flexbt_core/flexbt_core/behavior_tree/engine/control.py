@@ -23,7 +23,7 @@ class ControlNode(TreeNode):
     __slots__ = ('_failed', '_ticks', 'children')
 
     kind = NodeKind.CONTROL
-    stores_running: ClassVar[bool | None] = True
+    running_at_completion: ClassVar[bool | None] = True
     children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
     """Least and greatest number of children."""
     tickable_with: ClassVar[tuple[int, int] | None] = None
@@ -100,7 +100,7 @@ class Control(ControlNode):
 
     __slots__ = ()
 
-    stores_running = None
+    running_at_completion = None
 
     @abstractmethod
     def tick(self) -> NodeStatus:

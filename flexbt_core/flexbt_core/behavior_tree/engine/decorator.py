@@ -24,7 +24,7 @@ class DecoratorNode(TreeNode):
 
     kind = NodeKind.DECORATOR
 
-    stores_running: ClassVar[bool | None] = True
+    running_at_completion: ClassVar[bool | None] = True
     child: TreeNode
     _tick: Tick
 
@@ -57,7 +57,7 @@ class Decorator(DecoratorNode):
 
     __slots__ = ('_child_failed',)
 
-    stores_running = None
+    running_at_completion = None
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -106,8 +106,9 @@ class TreeNode(ABC):
     outcomes: ClassVar[Outcomes | None] = None
     """What ticks of nodes of just this class may give, and which children they may tick. None: it is not known."""
 
-    stores_running: ClassVar[bool | None] = False
-    """Whether a tick that completes a node has stored RUNNING before: always, never, or None when it depends."""
+    running_at_completion: ClassVar[bool | None] = False
+    """Whether a node is RUNNING when a tick stores its result. False: its status is the one before the tick. None: it
+    depends."""
 
     conditions: NodeConditions | None
     """The pre- and post-conditions, if it has any."""

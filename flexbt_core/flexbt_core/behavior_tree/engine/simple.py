@@ -38,7 +38,7 @@ class SimpleAction(SyncAction):
 
     __slots__ = ()
 
-    stores_running = None
+    running_at_completion = None
 
     @abstractmethod
     def call(self) -> NodeStatus:

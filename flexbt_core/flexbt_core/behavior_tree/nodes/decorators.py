@@ -276,7 +276,7 @@ class RunOnce(DecoratorNode):
 
     __slots__ = ('_result', '_skip')
 
-    stores_running = None
+    running_at_completion = None
     ports = {
         'then_skip': input_port(BOOL, default='true', description='whether to be skipped, instead of the same result')
     }

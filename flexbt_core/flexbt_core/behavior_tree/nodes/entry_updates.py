@@ -53,7 +53,7 @@ class UpdateDecorator(DecoratorNode):
 
     __slots__ = ('_child_running', '_entry', '_key', '_seen')
 
-    stores_running = None
+    running_at_completion = None
     ports = _PORTS
 
     def __init__(self, config: NodeConfig) -> None:

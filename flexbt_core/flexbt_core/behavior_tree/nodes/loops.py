@@ -57,7 +57,7 @@ class Loop(DecoratorNode):
 
     __slots__ = ('_child_failed', '_child_running', '_constant', '_python_type', '_queue', '_rest', '_target')
 
-    stores_running = None
+    running_at_completion = None
     element: ClassVar[PortType]
     queue: ClassVar[PortType]
     """How a queue is written as text."""

@@ -131,7 +131,7 @@ class Precondition(DecoratorNode):
 
     __slots__ = ('_blocked', '_holds', '_script')
 
-    stores_running = False
+    running_at_completion = False
     ports = {
         'if': input_port(STRING, literal=CONDITION, description='the script'),
         'else': input_port(NODE_STATUS, default='FAILURE', description='result when the script is false'),

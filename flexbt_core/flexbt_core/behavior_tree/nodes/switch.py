@@ -38,7 +38,7 @@ class Switch(ControlNode):
 
     __slots__ = ('_choice', '_constant', '_incomplete', '_running', '_text', '_variable')
 
-    stores_running = False
+    running_at_completion = False
     cases: ClassVar[tuple[str, ...]]
     """The ports of the cases."""
 

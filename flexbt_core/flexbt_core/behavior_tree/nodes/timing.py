@@ -90,7 +90,7 @@ class Delay(DecoratorNode):
 
     __slots__ = ('_begun', '_delay')
 
-    stores_running = False
+    running_at_completion = False
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
     outcomes = Exchanged(waits=True)
     example = Example('<Delay delay_msec="100"><AlwaysSuccess/></Delay>', ticks=(RUNNING, SUCCESS))
