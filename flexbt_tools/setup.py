@@ -23,6 +23,7 @@ setup(
         'console_scripts': [
             'behavior_tool = flexbt_tools.cli.behavior_tool:main',
             'bt_tool = flexbt_tools.cli.bt_tool:main',
+            'security_policy = flexbt_tools.cli.security_policy:main',
         ],
     },
 )

@@ -12,11 +12,7 @@ from enum import Enum
 from typing import Final
 
 from . import names
-from .names import BT_SERVER, CONSOLE, NAVIGATION, ONBOARD_EXECUTIVE, SIMULATOR
-
-RECORDER: Final = 'recorder'
-OBSERVER: Final = 'observer'
-"""The node of ``console --observer``, which gives no commands."""
+from .names import BT_SERVER, CONSOLE, NAVIGATION, OBSERVER, ONBOARD_EXECUTIVE, RECORDER, SIMULATOR
 
 ROLES: Final[Mapping[str, tuple[str, ...]]] = {
     'robot': (BT_SERVER, ONBOARD_EXECUTIVE, NAVIGATION, SIMULATOR),
@@ -104,10 +100,10 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(*CONSOLES, RECORDER),
     ),
     *_topics(names.EXECUTIVE_COMMAND, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
-    *_topics(names.EXECUTIVE_PRESENCE, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE,)),
+    *_topics(names.EXECUTIVE_PRESENCE, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
     *_topics(names.EXECUTIVE_PING, by=CONSOLES, to=(ONBOARD_EXECUTIVE,)),
     *_topics(names.EXECUTIVE_PONG, by=(ONBOARD_EXECUTIVE,), to=CONSOLES),
-    *_actions(names.GET_USERDATA, by=ONBOARD_EXECUTIVE, to=(CONSOLE,)),
+    *_actions(names.GET_USERDATA, by=ONBOARD_EXECUTIVE, to=CONSOLES),
     *_actions(names.OPERATOR_INPUT, names.EXECUTE_BEHAVIOR, by=ONBOARD_EXECUTIVE, to=(ONBOARD_EXECUTIVE, BT_SERVER)),
     # The BT server
     *_actions(
@@ -136,6 +132,14 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(
         names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP, names.IS_PATH_VALID, by=(NAVIGATION,), to=(BT_SERVER,)
     ),
+    *_topics(
+        'controller_selector',
+        'goal_checker_selector',
+        'planner_selector',
+        'progress_checker_selector',
+        'smoother_selector',
+        to=(BT_SERVER,),
+    ),
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
     # The robot
     *_topics(names.CMD_VEL, by=(NAVIGATION,), to=(SIMULATOR, RECORDER)),
@@ -146,7 +150,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.SCAN, names.ODOM, by=(SIMULATOR,)),
     *_topics(names.TF, names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
-    *(Interface(Kind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in ROBOT),
+    *(Interface(Kind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, RECORDER)),
 )
 """What the nodes of a robot and its operators have between them."""
 

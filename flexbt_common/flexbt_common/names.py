@@ -15,6 +15,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 BT_SERVER: Final = 'bt_server'
 ONBOARD_EXECUTIVE: Final = 'onboard_executive'
 CONSOLE: Final = 'console'
+OBSERVER: Final = 'observer'
+RECORDER: Final = 'recorder'
 SIMULATOR: Final = 'simulator'
 NAVIGATION: Final = 'navigation'
 

@@ -31,14 +31,23 @@ from .operator_values import answer
 
 
 class CommandBuilder:
-    """Makes the commands of one operator. ``places`` are the named places that may be written for poses."""
+    """Makes the commands of one operator. ``places`` are the named places that may be written for poses.
 
-    def __init__(self, operator: str, places: Mapping[str, Pose]) -> None:
+    Without an operator (None) whoever sits here is an observer, and every command is refused.
+    """
+
+    def __init__(self, operator: str | None, places: Mapping[str, Pose]) -> None:
         self.operator = operator
         self.places = places
 
     def command(self, view: View, kind: CommandKind) -> Command:
-        """A new command for the run that is shown, with nothing filled in that only some kinds have."""
+        """A new command for the run that is shown, with nothing filled in that only some kinds have.
+
+        Raises:
+            RefusedError: an observer gives no commands.
+        """
+        if self.operator is None:
+            raise RefusedError('an observer gives no commands; leave --observer out')
         snapshot = view.snapshot
         return Command(
             id=os.urandom(16).hex(),

@@ -45,8 +45,11 @@ class OperatorLink:
     executive's subscription is discovered, and again with the same identifier until there is an answer.
     """
 
-    def __init__(self, runtime: NodeRuntime, mirror: Mirror, operator: str = '') -> None:
-        """Join the topics; ``mirror`` has to live on the runtime's steady clock, ``operator`` is who sits here."""
+    def __init__(self, runtime: NodeRuntime, mirror: Mirror, operator: str | None = '') -> None:
+        """Join the topics; ``mirror`` has to live on the runtime's steady clock, ``operator`` is who sits here.
+
+        None is an observer: nobody is present by it, and it cannot give commands, as if it were not allowed to.
+        """
         self._runtime = runtime
         self._mirror = mirror
         self._changed = threading.Condition()
@@ -56,9 +59,10 @@ class OperatorLink:
         self._reachable = False
         self._id = uuid.uuid4().hex
         mirror.add_listener(self._note_change)
-        runtime.call(self._join)
+        runtime.call(lambda: self._join(gives_commands=operator is not None))
         # The executive sees by this whether anybody watches, and whether the holder of the authority does.
-        PresenceToken(runtime, operator)
+        if operator is not None:
+            PresenceToken(runtime, operator)
 
     def send(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
         """Give a command, called ``label``, to the executive; its fate is followed by the mirror. From any thread."""
@@ -117,7 +121,7 @@ class OperatorLink:
 
         return userdata(self._runtime, path, keys, timeout)
 
-    def _join(self) -> None:
+    def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node
         matched = SubscriptionEventCallbacks(matched=self._on_status_matched)
         node.create_subscription(
@@ -131,10 +135,14 @@ class OperatorLink:
             node.create_subscription(type, topic, _forward(convert, receive), names.latched(depth))
         self._pings = node.create_publisher(Header, names.EXECUTIVE_PING, names.unacknowledged())
         node.create_subscription(Header, names.EXECUTIVE_PONG, self._on_pong, names.unacknowledged())
+        if gives_commands:
+            self._open_commands()
+
+    def _open_commands(self) -> None:
         commands = names.command()
         # The middleware must not deliver after an interruption what the operator was told to be without an answer.
         commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
-        self._commands = node.create_publisher(
+        self._commands = self._runtime.node.create_publisher(
             ExecutiveCommand,
             names.EXECUTIVE_COMMAND,
             commands,

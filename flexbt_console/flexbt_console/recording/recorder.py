@@ -23,8 +23,6 @@ from .definitions import full_definition
 from .run_file import RunWriter
 from .topics import TOPICS
 
-NODE_NAME: Final = 'recorder'
-
 DISCOVERY_SECONDS: Final = 1.0
 """How long is listened for who is there before the recorder says that it hears all of them."""
 
@@ -117,7 +115,7 @@ def _close(writer: RunWriter, runtime: NodeRuntime) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
-    return run_node(NODE_NAME, setup, args, about=__doc__)
+    return run_node(names.RECORDER, setup, args, about=__doc__)
 
 
 if __name__ == '__main__':

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from flexbt_common.runtime import NodeRuntime
     from flexbt_console.link import OperatorLink
 
-NODE_NAME = 'console'
 PLACES_PARAMETER = 'places'
 DEFAULT_TIMEOUT = 5.0
 """Seconds to wait for the executive, and for its answer, when no --timeout is given."""
@@ -115,12 +114,13 @@ def _run_prompt(line: CommandLine) -> ExitCode:
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:
     from flexbt_console.link import OperatorLink
 
-    mirror, operator = Mirror(runtime.steady), operator_name(line)
+    mirror, operator = Mirror(runtime.steady), None if line.has('--observer') else operator_name(line)
     return mirror, OperatorLink(runtime, mirror, operator), CommandBuilder(operator, _places(line, runtime))
 
 
 @contextlib.contextmanager
 def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
+    from flexbt_common import names
     from flexbt_common.runtime import NodeRuntime
 
     arguments = list(line.ros_arguments)
@@ -130,7 +130,8 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
     # A signal must not come between the start of the executor thread and our knowing of it.
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:
-        runtime = NodeRuntime(NODE_NAME, args=[NODE_NAME, *arguments])
+        name = names.OBSERVER if line.has('--observer') else names.CONSOLE
+        runtime = NodeRuntime(name, args=[name, *arguments])
     except Exception as error:  # whatever rcl finds wrong with the arguments or the middleware
         raise UsageError(f'cannot join ROS: {error}') from error
     finally:
