@@ -201,6 +201,33 @@ def test_a_cancel_that_is_refused_ends_at_its_deadline(link: ActionServerLink, s
     assert '0.2 s of the cancel' in outcome.reason
 
 
+def test_a_cancel_without_a_limit_is_asked_for_until_the_server_answers(
+    link: ActionServerLink, server: ScriptedActionServer
+) -> None:
+    server.on_cancel = lambda _handle: CancelResponse.REJECT
+    done = Done()
+    one = call(link, done)
+    wait_until(lambda: server.goals, 'the goal')
+    one.cancel(None)
+    wait_until(lambda: server.cancels >= 3, 'three cancels')
+    assert not one.done
+    server.on_cancel = None
+    assert done.wait().status is GoalStatus.CANCELED
+    assert len(done.outcomes) == 1
+
+
+def test_a_cancel_without_a_limit_waits_for_a_late_acceptance(
+    link: ActionServerLink, server: ScriptedActionServer
+) -> None:
+    wait_until(lambda: link.runtime.call(link.is_ready), 'the server')
+    server.delay_accept = 1.0
+    done = Done()
+    one = call(link, done, accept_timeout=0.2)
+    one.cancel(None)
+    assert done.wait().status is GoalStatus.CANCELED
+    wait_until(lambda: not server.running, 'no goal is left')
+
+
 class OvertakingServer(ActionServer):
     """Answers each cancel with ``cancel_code``, and requests for results only when :meth:`release` is called."""
 

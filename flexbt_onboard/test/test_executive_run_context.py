@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from flexbt_core.state_machine import Severity
 from flexbt_onboard.behaviors import RunContext, current_run
 from flexbt_onboard.errors import OnboardError
 
@@ -50,3 +51,24 @@ def test_what_is_shared_is_made_once_for_each_run_and_closed_in_reverse_order() 
         assert first.shared(make) is not second.shared(make)
         assert closed == []
     assert closed == ['made', 'before']
+
+
+def test_what_one_raises_on_closing_is_told_and_keeps_no_other_from_being_closed() -> None:
+    closed: list[str] = []
+    lines: list[tuple[Severity, str]] = []
+
+    def boom() -> None:
+        raise SystemExit('boom')
+
+    run = context()
+    run.log = lambda severity, _path, text: lines.append((severity, text))
+    with run.entered():
+        run.at_end(lambda: closed.append('first'))
+        run.at_end(boom)
+        run.at_end(lambda: closed.append('last'))
+    assert closed == ['last', 'first']
+    ((severity, text),) = lines
+    assert severity is Severity.ERROR
+    assert 'boom' in text
+    with pytest.raises(OnboardError):
+        current_run()

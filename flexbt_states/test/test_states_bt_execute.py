@@ -229,12 +229,16 @@ def test_a_tree_that_takes_too_long_is_canceled_and_failed(bench: StateBench) ->
     assert (len(server.running), server.cancels) == (0, 1)
 
 
-def test_a_server_that_refuses_to_cancel_does_not_hold_the_run_for_ever(bench: StateBench) -> None:
+def test_a_server_that_refuses_to_cancel_holds_the_run_until_that_is_given_up(bench: StateBench) -> None:
     server = hanging(bench, on_cancel=lambda _goal_handle: CancelResponse.REJECT)
     run = bench.run_state(execute)
     wait_until(lambda: server.running, 'goal active')
-    assert run.stop() == 'preempted'
-    assert 'bt_executor' in run.errors() + run.message
+    run.behavior_run.stop('test')
+    wait_until(lambda: 'goal of bt_executor not confirmed canceled' in run.errors(), 'the reason')
+    assert run.outcome is None
+    run.behavior_run.give_up('enough')
+    assert run.wait() == 'error'
+    assert run.message == 'test; enough, while /State: goal of bt_executor not confirmed canceled'
 
 
 def test_the_running_nodes_are_the_activity_of_the_state(bench: StateBench) -> None:

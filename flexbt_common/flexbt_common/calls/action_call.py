@@ -44,7 +44,8 @@ _RESULT_LATE: Final = 0.4
 _RESULT_REPEAT: Final = (5.0, 60.0)
 """Seconds after which it is asked for again in any case, since the server may have been replaced unnoticed: at first,
 and in the end, doubling in between. A server keeps every request until the goal has ended."""
-_CANCEL_REPEAT: Final = 0.5
+_CANCEL_REPEAT: Final = (0.5, 8.0)
+"""Seconds after which a cancel is sent again: at first, and in the end, doubling in between."""
 _CANCEL_TOO_LATE: Final = frozenset(
     (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, CancelGoal.Response.ERROR_GOAL_TERMINATED)
 )
@@ -114,8 +115,10 @@ class ActionCall:
         self._status = RosGoalStatus.STATUS_UNKNOWN
         self._sent = False
         self._timers: dict[str, Timer] = {}
+        self._cancel_requested = False
         self._cancel_timeout: float | None = None
         self._cancel_waits = False
+        self._cancel_repeat = _CANCEL_REPEAT[0]
         self._result_futures: list[Any] = []
         self._result_asked = 0.0
         self._result_repeat = _RESULT_REPEAT[0]
@@ -146,16 +149,18 @@ class ActionCall:
     @property
     def cancel_requested(self) -> bool:
         """Whether :meth:`cancel` was called."""
-        return self._cancel_timeout is not None
+        return self._cancel_requested
 
-    def cancel(self, timeout: float = 2.0) -> None:
+    def cancel(self, timeout: float | None = 2.0) -> None:
         """Ask the server to cancel the goal, at any time, from any thread; harmless when done or asked already.
 
         The outcome is what the server makes of it, or TIMEOUT when it has not ended the goal within ``timeout``
-        seconds. A goal that was not sent yet is not sent any more.
+        seconds. With None the server is asked until it has ended the goal, or is gone. A goal that was not sent yet is
+        not sent any more.
         """
-        if self._cancel_timeout is None:
+        if not self._cancel_requested:
             self._cancel_timeout = timeout
+            self._cancel_requested = True
             self._runtime.post(self._cancel)
 
     # -------------------------------------------------- everything below runs on the executor thread
@@ -166,7 +171,7 @@ class ActionCall:
     def _wait_for_server(self, deadline: float) -> None:
         if self.done:
             return
-        if self._cancel_timeout is not None:
+        if self._cancel_requested:
             self._finish(GoalStatus.CANCELED, 'canceled before it was sent')
         elif self._link.is_ready():
             self._send()
@@ -196,11 +201,21 @@ class ActionCall:
             return
         # The server may have the goal all the same: its answer may be late or lost.
         self._send_cancel(self._own_handle())
+        if self._cancel_requested and self._cancel_timeout is None:
+            self._await_late_acceptance()
+            return
         self._finish(
             GoalStatus.TIMEOUT,
             f'action server {self._link} did not answer the goal within {self._accept_timeout:g} s; '
             'is it overloaded, or built from other interface definitions?',
         )
+
+    def _await_late_acceptance(self) -> None:
+        """Until the server says what became of the goal, it may begin to work on it at any time."""
+        if not self._link.is_ready():
+            self._finish(GoalStatus.LOST, f'action server {self._link} went away without an answer to the goal')
+        else:
+            self._after('accept', self._next_cancel(), self._not_accepted)
 
     def _goal_answered(self, future: Any) -> None:
         handle = future.result()
@@ -231,7 +246,7 @@ class ActionCall:
         self._drop('answer')
         self._handle = handle
         self._ask_for_result()
-        if self._cancel_timeout is not None:
+        if self._cancel_requested:
             self._cancel()
         self._after('watch', _WATCH_PERIOD, self._watch)
         if self._on_accepted is not None:
@@ -252,7 +267,7 @@ class ActionCall:
         if response.status == RosGoalStatus.STATUS_SUCCEEDED:
             self._finish(GoalStatus.SUCCEEDED, '', response.result)
         elif response.status == RosGoalStatus.STATUS_CANCELED:
-            by_us = 'as asked' if self._cancel_timeout is not None else 'by somebody else'
+            by_us = 'as asked' if self._cancel_requested else 'by somebody else'
             self._finish(GoalStatus.CANCELED, f'the goal was canceled {by_us} at {self._link}', response.result)
         elif response.status == RosGoalStatus.STATUS_ABORTED:
             told = getattr(response.result, 'error_msg', '') or getattr(response.result, 'message', '')
@@ -299,14 +314,20 @@ class ActionCall:
             return
         if not self._cancel_waits:
             self._cancel_waits = True
-            self._after('cancel', self._cancel_timeout or 0.0, self._not_canceled)
+            if self._cancel_timeout is not None:
+                self._after('cancel', self._cancel_timeout, self._not_canceled)
         if self.accepted:
             self._repeat_cancel()
 
     def _repeat_cancel(self) -> None:
         if not self.done:
             self._send_cancel(self._handle).add_done_callback(self._cancel_answered)
-            self._after('repeat', _CANCEL_REPEAT, self._repeat_cancel)
+            self._after('repeat', self._next_cancel(), self._repeat_cancel)
+
+    def _next_cancel(self) -> float:
+        seconds = self._cancel_repeat
+        self._cancel_repeat = min(2.0 * seconds, _CANCEL_REPEAT[1])
+        return seconds
 
     def _cancel_answered(self, future: Any) -> None:
         response = future.result()

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexbt_core import state_machine
 from flexbt_core.state_machine import StateError
-from flexbt_flexbe.proxy import ProxyPublisher, ProxySubscriberCached, RunGoals
+from flexbt_flexbe.proxy import ProxyPublisher, ProxySubscriberCached
 from flexbt_onboard.behaviors import current_run
 
 from .ros_access import RosAccess
@@ -59,4 +59,7 @@ class EventState(RosAccess, state_machine.EventState):
 
     def halting(self) -> str | None:
         """Goals that the state has canceled are waited for; when the run ends, none is left behind."""
-        return current_run().shared(RunGoals).halting(self)
+        goals = current_run().services.goals
+        if self.exit_reason is not None and self.exit_reason.is_of_the_run:
+            goals.stop()
+        return goals.halting(self)

@@ -10,7 +10,6 @@ from typing import Any
 from .action_client import ProxyActionClient
 from .publisher import ProxyPublisher
 from .qos import QOS_DEFAULT, QOS_LATCH, QOS_LOSSY
-from .run_goals import RunGoals
 from .service_caller import ProxyServiceCaller
 from .subscriber_cached import ProxySubscriberCached
 from .transform_listener import ProxyTransformListener
@@ -24,7 +23,6 @@ __all__ = [
     'ProxyServiceCaller',
     'ProxySubscriberCached',
     'ProxyTransformListener',
-    'RunGoals',
     'initialize_proxies',
     'shutdown_proxies',
 ]

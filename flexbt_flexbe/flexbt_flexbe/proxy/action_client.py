@@ -12,7 +12,6 @@ from action_msgs.msg import GoalStatus as RosGoalStatus
 from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_flexbe.errors import NoResultError, ProxyError
 
-from .run_goals import RunGoals
 from .run_proxy import Listeners, RunProxy, calling_state
 
 SERVER_SECONDS: Final = 2.0
@@ -99,7 +98,7 @@ class ProxyActionClient(RunProxy):
             on_feedback=keep_feedback,
             server_timeout=max(patience, 0.0),
         )
-        self._run.shared(RunGoals).add(calling_state(), topic, client.call)
+        self._run.services.goals.add(calling_state(), topic, client.call)
 
     def is_available(self, topic: str) -> bool:
         """Whether the action was set up and its server is there."""
@@ -176,7 +175,7 @@ class ProxyActionClient(RunProxy):
         """Cancel the goal, at any time; the state that sent it is not at rest before the goal has ended."""
         client = self._clients.get(topic)
         if client is not None and client.call is not None:
-            client.call.cancel()
+            client.call.cancel(None)
 
     def remove_client(self, topic: str) -> None:
         """Cancel the goal and forget the action."""

@@ -14,6 +14,7 @@ from .run_building import (
     structure_message,
 )
 from .run_context import RunContext, current_run
+from .run_goals import RunGoals
 from .run_services import READY_SECONDS, StateServices, state_services
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     'OperatorGone',
     'ParameterValue',
     'RunContext',
+    'RunGoals',
     'RunRequest',
     'StateServices',
     'build',

@@ -7,6 +7,7 @@ no other run. FlexBE's interfaces need it: they find their node by themselves.
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -57,9 +58,18 @@ class RunContext:
         try:
             yield
         finally:
-            while self._at_end:
-                self._at_end.pop()()
-            _current.reset(token)
+            try:
+                while self._at_end:
+                    self._close(self._at_end.pop())
+            finally:
+                _current.reset(token)
+
+    def _close(self, close: Callable[[], object]) -> None:
+        """What one raises is told, and keeps no other from being closed."""
+        try:
+            close()
+        except BaseException:  # code of the behavior; the run has ended
+            self.log(Severity.ERROR, '', f'closing what the run had raised:\n{traceback.format_exc()}')
 
 
 _current: ContextVar[RunContext | None] = ContextVar('run', default=None)

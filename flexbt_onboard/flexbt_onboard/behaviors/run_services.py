@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Final
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 
+from .run_goals import RunGoals
+
 if TYPE_CHECKING:
     from flexbt_core.state_machine import EventState
 
@@ -30,7 +32,8 @@ class StateServices:
     the shared clients, and ``node_name`` is the fully qualified name of the node that runs the states: what
     happens on its behalf elsewhere ends when it dies. ``changed`` tells the host, from any thread, that something
     that the operator is shown has changed: the state's activity. ``unready`` names the nodes that are alive but not
-    ready yet: the servers that a state wants may be among them.
+    ready yet: the servers that a state wants may be among them. ``goals`` are those that the states of the run have
+    sent.
     """
 
     runtime: NodeRuntime
@@ -39,6 +42,7 @@ class StateServices:
     node_name: str
     changed: Callable[[], None] = field(default=_nothing)
     unready: Callable[[], Sequence[str]] = field(default=tuple)
+    goals: RunGoals = field(default_factory=RunGoals)
 
 
 def state_services(state: EventState) -> StateServices:

@@ -33,8 +33,11 @@ def _request(given: Given, inputs: Sequence[BlackboardEntry], autonomy: int) -> 
 
 
 def _stop(given: Given) -> None:
-    reason = given.command.reason
-    given.run.stop(f'stopped by {_operator(given)}' + (f': {reason}' if reason else ''))
+    reason = f'by {_operator(given)}' + (f': {given.command.reason}' if given.command.reason else '')
+    if given.run.snapshot.is_stopping:
+        given.run.give_up(f'given up {reason}')
+    else:
+        given.run.stop(f'stopped {reason}')
 
 
 def _autonomy(given: Given) -> Effect | None:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What operators and programs see of the executive."""
+"""What operators and programs see of the executive, and its own way to stop the robot."""
 
 from .executive_status import status_of
+from .motion_stop import MOTION_ACTIONS, MotionStop
 from .operator_link import OperatorLink
 from .peers import PeersWatch
 from .robot_pose import RobotPose
@@ -12,6 +13,8 @@ from .userdata_server import UserdataServer
 __all__ = [
     'BURST',
     'MAXIMUM_RATE',
+    'MOTION_ACTIONS',
+    'MotionStop',
     'OperatorLink',
     'PeersWatch',
     'RobotPose',

@@ -56,7 +56,7 @@ def status_of(
             status.message = 'the executive ended while this ran; resume it, or abort it'
             status.active_states = [ActiveState(path=path) for path in run.active]
         case RunSnapshot():
-            status.state = _STATE_OF_PHASE[run.phase]
+            status.state, status.message = _STATE_OF_PHASE[run.phase], run.not_stopped
             status.active_states = [_active_state(leaf) for leaf in run.active]
             decisions = [*map(_decision, run.decisions), *input_requests]
             status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))

@@ -48,6 +48,8 @@ class Diagnostics:
             level, message = DiagnosticStatus.ERROR, f'{message}: {status.message}'
         elif status.state == ExecutiveStatus.INTERRUPTED:
             level = DiagnosticStatus.WARN
+        elif status.state == ExecutiveStatus.STOPPING and status.message:
+            level, message = DiagnosticStatus.ERROR, f'{message}: {status.message}'
         elif status.decisions:
             level = DiagnosticStatus.WARN
             message += f'; waits for the operator: {", ".join(one.path for one in status.decisions)}'

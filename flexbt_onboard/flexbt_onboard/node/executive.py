@@ -24,6 +24,7 @@ from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
 from flexbt_onboard.link import (
+    MotionStop,
     OperatorLink,
     PeersWatch,
     RobotPose,
@@ -32,7 +33,7 @@ from flexbt_onboard.link import (
     UserdataServer,
     status_of,
 )
-from flexbt_onboard.runs import BehaviorRun, OperatorWatch, RunDisplay, RunSupervisor
+from flexbt_onboard.runs import BehaviorRun, OperatorWatch, RunDisplay, RunSupervisor, StopWatch
 
 from .behavior_action import BehaviorActionServer
 from .diagnostics import Diagnostics
@@ -88,12 +89,22 @@ class Executive:
         self._input_requests = InputRequests(runtime, self._admission, self._input_request_changed)
 
         # Runs and commands.
+        services = ServiceLinks(runtime)
+        motion_stop = MotionStop(
+            runtime,
+            services,
+            self._pose.latest,
+            parameters.motion_actions,
+            parameters.cmd_vel_topic,
+            stamped=parameters.stamped_cmd_vel,
+        )
+        runtime.on_close(lambda: runtime.call(motion_stop.release))
         self.runs = RunSupervisor(
             runtime,
             StateServices(
                 runtime=runtime,
                 actions=ActionLinks(runtime),
-                services=ServiceLinks(runtime),
+                services=services,
                 node_name=node_name,
                 unready=self._peers.unready,
             ),
@@ -101,6 +112,7 @@ class Executive:
             journal,
             report,
             OperatorWatch(runtime, presence, report.operators),
+            StopWatch(runtime, motion_stop, parameters.stop_timeout),
             RunDisplay(self._link.publish_structure, self._status.changed, self._status.flush),
             parameters.autonomy,
         )

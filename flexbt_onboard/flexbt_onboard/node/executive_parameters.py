@@ -12,8 +12,10 @@ from rclpy.validate_topic_name import validate_topic_name
 from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.runtime import ParameterDeclarer
+from flexbt_core.state_machine import STOP_TIMEOUT
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EVENT_LOG_FILES, EVENT_LOG_SIZE
+from flexbt_onboard.link import MOTION_ACTIONS
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,10 @@ class ExecutiveParameters:
     heartbeat_period: float = 0.5
     autonomy: int = 1
     authority_timeout: float = 30.0
+    stop_timeout: float = STOP_TIMEOUT
+    motion_actions: tuple[str, ...] = MOTION_ACTIONS
+    cmd_vel_topic: str = names.CMD_VEL
+    stamped_cmd_vel: bool = False
     journal_directory: str = ''
     event_log_directory: str = ''
     event_log_size: int = EVENT_LOG_SIZE
@@ -56,6 +62,22 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
+    motion_actions = declare.texts(
+        'motion_actions',
+        defaults.motion_actions,
+        'actions that move the robot: all of their goals are canceled when a stop is not confirmed in time',
+    )
+    cmd_vel_topic = declare.text(
+        'cmd_vel_topic',
+        defaults.cmd_vel_topic,
+        'topic of the velocity commands, for zero velocity when a stop is not confirmed in time',
+    )
+    for parameter, values in (('motion_actions', motion_actions), ('cmd_vel_topic', (cmd_vel_topic,))):
+        for name in values:
+            try:
+                validate_topic_name(name)
+            except InvalidTopicNameException as error:
+                raise OnboardError(f'parameter {parameter}: {name!r} is not a name: {error}') from None
     return ExecutiveParameters(
         peers=tuple(dict.fromkeys(peers)),
         pose_topic=pose_topic,
@@ -80,6 +102,19 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             3600.0,
             'seconds of wall time without a console or a command of the operator who has the authority, '
             'after which it is lost',
+        ),
+        stop_timeout=declare.real(
+            'stop_timeout',
+            defaults.stop_timeout,
+            3.0,
+            3600.0,
+            'seconds of wall time after a stop in which everything has to be confirmed at rest; '
+            'a behavior that is not ends as an error then',
+        ),
+        motion_actions=tuple(dict.fromkeys(motion_actions)),
+        cmd_vel_topic=cmd_vel_topic,
+        stamped_cmd_vel=declare.flag(
+            'enable_stamped_cmd_vel', defaults.stamped_cmd_vel, 'velocity commands are TwistStamped instead of Twist'
         ),
         journal_directory=declare.text(
             'journal_directory',

@@ -6,6 +6,7 @@ from .callback_watch import LIMIT, CallbackWatch, HeldUp
 from .operator_watch import OperatorWatch
 from .run_snapshot import ActiveLeaf, RunDecision, RunEnd, RunPhase, RunSnapshot
 from .run_supervisor import LastRun, RunDisplay, RunSupervisor, ShownRun
+from .stop_watch import StopWatch
 
 __all__ = [
     'LIMIT',
@@ -23,4 +24,5 @@ __all__ = [
     'RunSnapshot',
     'RunSupervisor',
     'ShownRun',
+    'StopWatch',
 ]

@@ -2,7 +2,8 @@
 """One run of a behavior on a thread of its own, so that a state that blocks holds up nobody else.
 
 The thread builds the behavior, then steps its state machine whenever something has happened or is due, and sleeps in
-between. What others see of it is a :class:`RunSnapshot`, which is published when it is journaled.
+between. What others see of it is a :class:`RunSnapshot`, which is published when it is journaled. A stop needs nothing
+of the thread: it cancels the goals of the run at once, and a run whose thread does not return is left behind.
 """
 
 from __future__ import annotations
@@ -18,9 +19,13 @@ from flexbt_core.clock import WakeEvent
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import (
     ERROR,
+    EXIT_TIMEOUT,
     ROOT_PATH,
+    STOP_TIMEOUT,
     Answer,
+    Calling,
     ExitReason,
+    MachineDefinition,
     MachineError,
     MachineRun,
     Position,
@@ -35,6 +40,7 @@ from flexbt_onboard.behaviors import (
     READY_SECONDS,
     Behavior,
     RunContext,
+    RunGoals,
     RunRequest,
     StateServices,
     build,
@@ -85,11 +91,20 @@ class RunObserver(Protocol):
 class BehaviorRun:
     """A run from the request to the end. Thread-safe, except where it says otherwise."""
 
-    def __init__(self, request: RunRequest, run_id: str, services: StateServices, observer: RunObserver) -> None:
+    def __init__(
+        self,
+        request: RunRequest,
+        run_id: str,
+        services: StateServices,
+        observer: RunObserver,
+        stop_timeout: float = STOP_TIMEOUT,
+    ) -> None:
+        """``stop_timeout``: seconds of wall time after a stop in which everything has to be confirmed at rest."""
         self.run_id = run_id
         self._request = request
-        self._services = replace(services, changed=self._activity_changed)
+        self._services = replace(services, changed=self._activity_changed, goals=RunGoals())
         self._observer = observer
+        self._stop_timeout = stop_timeout
         self._wake_event = WakeEvent()
         self._lock = threading.Lock()
         self._snapshot = RunSnapshot(run_id, request.entry.name, {ROOT_PATH: request.autonomy})
@@ -101,6 +116,10 @@ class BehaviorRun:
         self._decided: list[Decided] = []  # to be told when it is journaled
         self._switches: deque[tuple[RunRequest, Answer]] = deque()
         self._is_over = False
+        self._has_ended = False
+        self._stopped_at = 0.0
+        self._building: Calling | None = None
+        self._watch = CallbackWatch(services.runtime.steady, self._calling, self._held_up, self._no_longer_held_up)
         self._machine: MachineRun | None = None
         self._source: SnapshotSource | None = None
         self._thread = threading.Thread(target=self._main, name=f'run_{request.entry.name}', daemon=True)
@@ -134,11 +153,47 @@ class BehaviorRun:
             if self._stop_reason is not None:
                 return
             self._stop_reason = reason
+            self._stopped_at = self._services.runtime.steady.now()
             machine = self._machine
+        self._services.goals.stop()  # at once, whatever the thread of the run is doing
         self._observer.stopping(reason)
         if machine is not None:
             machine.preempt(reason)
         self._publish(is_stopping=True)
+
+    def give_up(self, reason: str) -> None:
+        """End a run as an error that was stopped and is not at rest in its time; before that nothing happens.
+
+        When a state does not return from a callback, the thread of the run is left behind: it ends when the callback
+        returns, and has no effect on anything but its own goals and states any more.
+        """
+        if self._stop_reason is None or self._services.runtime.steady.now() - self._stopped_at < EXIT_TIMEOUT:
+            return
+        if self._machine is not None:
+            self._machine.give_up(reason)
+        held = self._watch.held
+        if held is not None:
+            text = 'its thread is left behind, and ends when that returns'
+            self._observer.log(ExecutiveLog.ERROR, held.path, f'{held}: {text}')
+            self._end(ERROR, f'{self._stop_reason}; {reason}, while {held}')
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether its end was told."""
+        return self._has_ended
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether a goal of it is not known to have ended."""
+        return bool(self._services.goals)
+
+    def show_not_stopped(self, seconds: float) -> None:
+        """Show what has not stopped so many seconds after the stop."""
+        held, machine = self._watch.held, self._machine
+        halting = machine.not_halted if machine is not None else ''
+        shown = [str(held) if held is not None else '', f'{halting} for {seconds:.1f} s' if halting else '']
+        if not self._has_ended:
+            self._publish(not_stopped='; '.join(filter(None, shown)) or f'not at rest for {seconds:.1f} s')
 
     def nodes_changed(self) -> None:
         """A node that behaviors need has come or gone, or has become ready."""
@@ -224,36 +279,53 @@ class BehaviorRun:
     # -- the thread of the run ---------------------------------------------------------------------------------------
 
     def _main(self) -> None:
-        with RunContext(lambda: self._services, self.log).entered():
-            self._build_and_drive()
+        with self._watch, RunContext(lambda: self._services, self.log).entered():
+            try:
+                self._build_and_drive()
+            finally:
+                self._services.goals.stop()  # nobody is left to wait for their results
 
     def _build_and_drive(self) -> None:
         clock = self._services.runtime.clock
         try:
             machine = self._build()
         except BaseException as error:
-            self._observer.refused(self._reason_of(error))
+            self._refuse(self._reason_of(error))
             return
         self._source = SnapshotSource(machine, clock, self.run_id)
         with self._lock:
             is_stopped = self._stop_reason is not None
             self._machine = machine
         if is_stopped:
-            self._observer.refused(f'stopped before it began: {self._stop_reason}')
+            self._refuse(f'stopped before it began: {self._stop_reason}')
             return
         self._observer.built(
             self._request, structure_message(machine.definition, self.run_id, self._request.entry.name)
         )
         self._await_nodes()
-        watch = CallbackWatch(
-            self._services.runtime.steady, lambda: machine.calling, self._held_up, self._no_longer_held_up
-        )
-        with watch:
-            outcome, message = self._drive(machine)
+        self._end(*self._drive(machine))
+
+    def _refuse(self, reason: str) -> None:
+        if self._ends():
+            self._observer.refused(reason)
+
+    def _end(self, outcome: str, message: str) -> None:
+        machine = self._machine
+        if not self._ends():
+            return
+        if machine is None:
+            self._observer.refused(message)
+            return
         self._close(machine)
         values = machine.userdata()
         outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
         self._observer.ended(RunEnd(outcome, message, outputs))
+
+    def _ends(self) -> bool:
+        """Whether the end is still to be told; it is told once."""
+        with self._lock:
+            has_ended, self._has_ended = self._has_ended, True
+        return not has_ended
 
     def _close(self, machine: MachineRun) -> None:
         """Refuse what was commanded and is not decided, and whatever will be."""
@@ -264,7 +336,7 @@ class BehaviorRun:
             answer('the run has ended')
 
     def _build(self) -> MachineRun:
-        behavior, definition = build(self._request)
+        behavior, definition = self._define(self._request)
         self._publish(**_when_gone(behavior))
         at = self._request.at
         if at is not None and (reasons := reasons_against(definition, at)):
@@ -277,6 +349,7 @@ class BehaviorRun:
             userdata=checked_inputs(definition, self._request.inputs) if at is None else None,
             services=self._services,
             steady=self._services.runtime.steady,
+            stop_timeout=self._stop_timeout,
             on_wake=self._wake_event.set,
         )
 
@@ -296,10 +369,17 @@ class BehaviorRun:
             self._wake_event.wait(steady, deadline)
         self._publish(has_begun=True)
 
+    def _define(self, request: RunRequest) -> tuple[Behavior, MachineDefinition]:
+        self._building = Calling('', 'create')
+        try:
+            return build(request)
+        finally:
+            self._building = None
+
     def _switch(self, machine: MachineRun, wanted: RunRequest, answer: Answer) -> None:
         request = replace(wanted, autonomy=self._request.autonomy, is_durable=self._request.is_durable)
         try:
-            behavior, definition = build(request)
+            behavior, definition = self._define(request)
             structure = structure_message(definition, self.run_id, request.entry.name)
         except BaseException as error:  # code of the behavior
             self._decide(answer, self._reason_of(error))
@@ -336,6 +416,8 @@ class BehaviorRun:
         for _ in range(_ESCAPES):
             try:
                 while machine.step():
+                    if machine.is_ending:
+                        self.stop('it ends by a fault')
                     if self._has_changed:
                         self._commit()
                     if self._has_activity_changed or self._is_activity_shown:
@@ -348,11 +430,19 @@ class BehaviorRun:
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
 
+    def _calling(self) -> Calling | None:
+        machine = self._machine
+        return self._building or (machine.calling if machine is not None else None)
+
     def _held_up(self, held: HeldUp) -> None:
+        if self._machine is None:
+            return  # it is being built, and the status says so
         text = f'has been in {held.callback}() for {held.seconds:.1f} s and holds up the behavior'
         self._observer.log(ExecutiveLog.WARN, held.path, f'{text}: no command has an effect until it returns')
 
     def _no_longer_held_up(self, held: HeldUp) -> None:
+        if self._machine is None:
+            return
         text = f'has returned from {held.callback}() after {held.seconds:.1f} s'
         self._observer.log(ExecutiveLog.WARN, held.path, text)
 

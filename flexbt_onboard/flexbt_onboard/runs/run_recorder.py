@@ -33,6 +33,9 @@ class RunOwner(Protocol):
     def run_switched(self, structure: BehaviorStructure) -> None:
         """The run goes on with another behavior."""
 
+    def run_stopping(self) -> None:
+        """The run was told to stop."""
+
     def run_ended(self, end: RunEnd) -> None:
         """A run that was built has ended."""
 
@@ -90,6 +93,7 @@ class RunRecorder:
         """The run is told to stop: it does not go on after a crash."""
         self._journal.end(self._run_id, why)
         self._report.event('stopping', run=self._run_id, why=why)
+        self._owner.run_stopping()
 
     def ended(self, end: RunEnd) -> None:
         """The run has ended, and everything is at rest."""

@@ -78,6 +78,8 @@ class RunSnapshot:
     """The nodes that it needs are ready, or were waited for long enough."""
     is_paused: bool = False
     is_stopping: bool = False
+    not_stopped: str = ''
+    """While it is stopping: what has not stopped yet, and for how long."""
     active: tuple[ActiveLeaf, ...] = ()
     decisions: tuple[RunDecision, ...] = ()
     locked: tuple[str, ...] = ()

@@ -21,6 +21,7 @@ from .behavior_run import BehaviorRun
 from .operator_watch import OperatorWatch
 from .run_recorder import RunRecorder
 from .run_snapshot import RunEnd, RunSnapshot
+from .stop_watch import StopWatch
 
 Ended = Callable[[RunEnd], None]
 
@@ -71,6 +72,7 @@ class RunSupervisor:
         journal: RunJournal,
         report: Reporter,
         operators: OperatorWatch,
+        stops: StopWatch,
         display: RunDisplay,
         autonomy: int,
     ) -> None:
@@ -82,6 +84,7 @@ class RunSupervisor:
         self._journal = journal
         self._report = report
         self._operators = operators
+        self._stops = stops
         self._display = display
         self._last = LastRun(autonomy)
 
@@ -132,7 +135,8 @@ class RunSupervisor:
         run_id = run_id or uuid.uuid4().hex
         owner = _Owner(self, self._runtime, self._display, answer, ended)
         recorder = RunRecorder(run_id, request.entry.name, answer, self._journal, self._report, owner)
-        owner.run = self.run = BehaviorRun(request, run_id, self._services, recorder)
+        self._stops.begins()
+        owner.run = self.run = BehaviorRun(request, run_id, self._services, recorder, self._stops.timeout)
         self.run.start()
         self._display.changed()
         return self.run
@@ -164,9 +168,15 @@ class RunSupervisor:
         if run is self.run:
             self._operators.watch_over(run)
 
+    def stopping(self, run: BehaviorRun) -> None:
+        """A run was told to stop."""
+        if run is self.run:
+            self._stops.stopping(run)
+
     def ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         """A run has ended, or could not begin."""
         self.run = None
+        self._stops.ended()
         self._operators.watch_over(None)
         last = run.snapshot
         self._last = replace(self._last, autonomy=last.autonomy)
@@ -208,6 +218,10 @@ class _Owner:
     def run_switched(self, structure: BehaviorStructure) -> None:
         """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
         self._post(lambda: self._supervisor.switched(self.run, structure))
+
+    def run_stopping(self) -> None:
+        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        self._post(lambda: self._supervisor.stopping(self.run))
 
     def run_ended(self, end: RunEnd) -> None:
         """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""

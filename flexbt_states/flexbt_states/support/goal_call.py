@@ -24,13 +24,21 @@ class GoalCall:
     """One goal at a time on one action server, on behalf of a state.
 
     The state is woken when the goal is done or its time is up. A goal that is still active when the state is left is
-    canceled, and the state has not halted before that is confirmed.
+    canceled, and the state has not halted before that is confirmed, or the server is gone. ``not_paused`` says why the
+    goal goes on while the state is paused, '' if it does not.
     """
 
-    def __init__(self, state: EventState, action_type: type[Any], topic: str) -> None:
+    def __init__(
+        self,
+        state: EventState,
+        action_type: type[Any],
+        topic: str,
+        not_paused: Callable[[], str] = lambda: 'its action has no pause',
+    ) -> None:
         self._state = state
         self._action_type = action_type
         self._topic = topic
+        self._not_paused = not_paused
         self._link: ActionServerLink | None = None
         self._call: ActionCall | None = None
         self._outcome: GoalOutcome | None = None
@@ -67,11 +75,13 @@ class GoalCall:
             self._clock = clock or state_services(self._state).runtime.steady
             self._deadline = self._clock.now() + timeout
             self._timer = self._clock.call_at(self._deadline, self._state.wake)
+        services = state_services(self._state)
         # A server of a node that is about to be ready will be there.
-        patience = READY_SECONDS if state_services(self._state).unready() else SERVER_SECONDS
+        patience = READY_SECONDS if services.unready() else SERVER_SECONDS
         self._call = ActionCall(
             self._link, goal, on_done=self._on_done, on_feedback=on_feedback, server_timeout=patience
         )
+        services.goals.add(self._state, self._topic, self._call, self._not_paused)
 
     def poll(self) -> GoalOutcome | None:
         """The outcome, or None while the goal is worked on. When its time is up the goal is canceled."""
@@ -99,7 +109,7 @@ class GoalCall:
         call, self._call = self._call, None
         if call is not None and not call.done:
             self._unfinished.append(call)
-            call.cancel()
+            call.cancel(None)
 
     def halting(self) -> str | None:
         """What is not at rest yet: a goal whose end nobody has confirmed. None when there is none."""
@@ -107,7 +117,7 @@ class GoalCall:
             self._unfinished.remove(call)
             if call.outcome is not None and call.outcome.status not in _ENDED:
                 self._state.log_warn(f'it is not known whether the goal has ended: {call.outcome.reason}')
-        return f'canceling the goal of {self._topic}' if self._unfinished else None
+        return f'goal of {self._topic} not confirmed canceled' if self._unfinished else None
 
     def _on_done(self, outcome: GoalOutcome) -> None:
         self._state.wake()

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stops the robot without those who drive it: for a stop whose cancel nobody confirms.
+
+The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
+nor a time means all of them), and zero velocity is commanded until the robot stands still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import Pose, PoseStamped, Twist, TwistStamped
+
+from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import Timer
+
+MOTION_ACTIONS: Final = (
+    'navigate_to_pose',
+    'navigate_through_poses',
+    'follow_path',
+    'follow_waypoints',
+    'spin',
+    'backup',
+    'drive_on_heading',
+    'assisted_teleop',
+    'dock_robot',
+    'undock_robot',
+)
+"""Actions of Nav2 that move the robot, by their default names."""
+
+_PERIOD: Final = 0.05
+"""From one command of zero velocity to the next, s; Nav2's controller server sends its own as often."""
+
+_CANCEL_PERIODS: Final = 10
+"""From one cancel of all goals to the next, in these periods."""
+
+_LEAST_SECONDS: Final = 1.0
+"""Zero velocity is commanded for so long at least, and again when the robot moves."""
+
+_REST_SECONDS: Final = 0.3
+_REST_METRES: Final = 0.01
+_REST_RADIANS: Final = 0.02
+"""A robot stands still whose pose has changed by less in this time; poses of a localization are noisy."""
+
+
+class MotionStop:
+    """Used on the executor thread only.
+
+    ``pose`` gives the robot's last known pose, with an empty frame while there is none; ``actions`` are the names of
+    the servers' actions, of which those count that exist.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        services: ServiceLinks,
+        pose: Callable[[], PoseStamped],
+        actions: Sequence[str],
+        cmd_vel_topic: str,
+        *,
+        stamped: bool,
+    ) -> None:
+        self._runtime = runtime
+        self._services = services
+        self._pose = pose
+        self._actions = actions
+        self._stamped = stamped
+        message_type: Any = TwistStamped if stamped else Twist
+        self._commands = runtime.node.create_publisher(message_type, cmd_vel_topic, 1)
+        self._asked: dict[str, ServiceCall] = {}
+        self._timer: Timer | None = None
+        self._round = 0
+        self._zero_until = 0.0
+        self._seen = Pose()
+        self._seen_at = -math.inf
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether it stops the robot now."""
+        return self._timer is not None
+
+    def prepare(self) -> None:
+        """Know the servers already, so that a cancel need not wait for their discovery."""
+        for name in self._servers():
+            self._services.link(CancelGoal, f'{name}/_action/cancel_goal')
+
+    def hold(self) -> None:
+        """Begin to keep the robot at rest, until :meth:`release`."""
+        if self._timer is None:
+            self._round = 0
+            self._zero_until = self._runtime.steady.now() + _LEAST_SECONDS
+            self._act()
+
+    def release(self) -> None:
+        """The robot may move again."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _act(self) -> None:
+        steady = self._runtime.steady
+        self._timer = steady.call_at(steady.now() + _PERIOD, lambda: self._runtime.post(self._act_again))
+        if self._round % _CANCEL_PERIODS == 0:
+            for name in self._servers():
+                self._cancel_all(name)
+        self._round += 1
+        if self._moves() or steady.now() < self._zero_until:
+            self._command_zero()
+
+    def _act_again(self) -> None:
+        if self._timer is not None:
+            self._act()
+
+    def _servers(self) -> list[str]:
+        node = self._runtime.node
+        there = {name for name, _ in node.get_service_names_and_types()}
+        return [name for name in self._actions if node.resolve_service_name(f'{name}/_action/cancel_goal') in there]
+
+    def _cancel_all(self, name: str) -> None:
+        if name in self._asked:
+            return  # it has not answered yet
+        service = f'{name}/_action/cancel_goal'
+
+        def answered(_outcome: ServiceOutcome) -> None:
+            self._asked.pop(name, None)
+
+        self._asked[name] = ServiceCall(
+            self._services.link(CancelGoal, service), CancelGoal.Request(), on_done=answered
+        )
+
+    def _moves(self) -> bool:
+        pose, now = self._pose().pose, self._runtime.steady.now()
+        if _differ(self._seen, pose):
+            self._seen, self._seen_at = pose, now
+        return now - self._seen_at < _REST_SECONDS
+
+    def _command_zero(self) -> None:
+        if self._stamped:
+            message = TwistStamped()
+            message.header.stamp = self._runtime.clock.stamp()
+            self._commands.publish(message)
+        else:
+            self._commands.publish(Twist())
+
+
+def _differ(one: Pose, other: Pose) -> bool:
+    a, b = one.position, other.position
+    turned = abs(math.remainder(_yaw(one) - _yaw(other), math.tau))
+    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) > _REST_METRES or turned > _REST_RADIANS
+
+
+def _yaw(pose: Pose) -> float:
+    q = pose.orientation
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is done about a run that was told to stop, until all of it is at rest.
+
+The run cancels what it has begun. When that is not confirmed within a moment, the robot is stopped by another way; the
+operator sees what has not stopped; and after a while the run is given up.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import Timer
+
+from .behavior_run import BehaviorRun
+
+MOTION_SECONDS: Final = 0.3
+"""A stop that is not confirmed within this time stops the robot by another way. A cancel that travels through a BT
+server and a navigation server takes a tenth of a second; and the robot has to be at rest within a second."""
+
+_PERIOD: Final = 0.5
+
+
+class RobotStop(Protocol):
+    """Stops the robot without those who drive it."""
+
+    def prepare(self) -> None:
+        """A run begins."""
+
+    def hold(self) -> None:
+        """Begin to keep the robot at rest."""
+
+    def release(self) -> None:
+        """The robot may move again."""
+
+
+class StopWatch:
+    """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on."""
+
+    def __init__(self, runtime: NodeRuntime, robot: RobotStop, timeout: float) -> None:
+        self.timeout = timeout
+        self._runtime = runtime
+        self._robot = robot
+        self._run: BehaviorRun | None = None
+        self._since = 0.0
+        self._timer: Timer | None = None
+
+    def begins(self) -> None:
+        """A run begins."""
+        self._leave()
+        self._robot.prepare()
+
+    def stopping(self, run: BehaviorRun) -> None:
+        """A run was told to stop."""
+        self._run = run
+        self._since = self._runtime.steady.now()
+        self._look_in(MOTION_SECONDS)
+
+    def ended(self) -> None:
+        """The run has ended. The robot is kept at rest until the goals of the run have ended, or the next one
+        begins."""
+        run = self._run
+        if run is not None and not run.has_goals:
+            self._leave()
+
+    def _leave(self) -> None:
+        self._run = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._robot.release()
+
+    def _look_in(self, seconds: float) -> None:
+        steady = self._runtime.steady
+        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(self._look))
+
+    def _look(self) -> None:
+        run = self._run
+        if run is None:
+            return
+        if run.has_ended and not run.has_goals:
+            self._leave()
+            return
+        self._robot.hold()
+        seconds = self._runtime.steady.now() - self._since
+        if seconds >= self.timeout:
+            run.give_up(f'given up {self.timeout:g} s after the stop')
+        run.show_not_stopped(seconds)
+        self._look_in(_PERIOD)
