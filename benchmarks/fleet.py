@@ -60,7 +60,7 @@ class Station:
 
         self.mirror = Mirror(runtime.steady)
         self.link = OperatorLink(runtime, self.mirror)
-        self.make = CommandBuilder('benchmark', {})
+        self.make = CommandBuilder('benchmark')
         self.bytes = 0
 
         def count(message: Any) -> None:

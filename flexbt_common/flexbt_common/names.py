@@ -47,6 +47,7 @@ EXECUTIVE_LOG: Final = 'executive/log'
 EXECUTIVE_PRESENCE: Final = 'executive/presence'
 EXECUTIVE_PING: Final = 'executive/ping'
 EXECUTIVE_PONG: Final = 'executive/pong'
+PLACES: Final = 'places'
 COMMAND_DEPTH: Final = 100
 LOG_DEPTH: Final = 50
 

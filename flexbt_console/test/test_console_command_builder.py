@@ -61,12 +61,13 @@ def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',), autonom
     snapshot = Snapshot(
         'e', 1, state=ExecutiveState.RUNNING, run_id='r1', active_states=states, decisions=decisions, autonomy=autonomy
     )
-    return View(LinkState.LIVE, 0.1, '', snapshot, STRUCTURE, BEHAVIORS)
+    places = {'kitchen': Pose(1.0, 2.0, 0.5), 'hall': Pose(3.0, 4.0)}
+    return View(LinkState.LIVE, 0.1, '', snapshot, STRUCTURE, BEHAVIORS, places=places)
 
 
 @pytest.fixture
 def make() -> CommandBuilder:
-    return CommandBuilder('ann', {'kitchen': Pose(1.0, 2.0, 0.5), 'hall': Pose(3.0, 4.0)})
+    return CommandBuilder('ann')
 
 
 def test_every_command_names_operator_run_and_a_new_id(make: CommandBuilder) -> None:

@@ -21,13 +21,14 @@ from flexbt_console.mirror import (
     LogLine,
     Peer,
     Pose,
+    Severity,
     Snapshot,
     StateStructure,
     Structure,
     View,
 )
 from flexbt_console.present import behaviors_lines, encode_json, log_lines, status_json, status_lines, structure_lines
-from flexbt_console.ui.prompt import cut, toolbar
+from flexbt_console.ui.prompt import cut, cut_middle, fold, toolbar
 from flexbt_core.values import lines, one_line
 
 HOSTILE = st.one_of(
@@ -84,16 +85,17 @@ def hostile_view(text: str) -> View:
         behavior=text,
         outcome=text,
         message=text,
-        active_states=(ActiveState(text, 0.0, (text, text)),),
+        active_states=(ActiveState(text, 0.0, (text, text), True, (text,)),),
         decisions=decisions,
-        peers=(Peer(text, False),),
+        peers=(Peer(text, False, problem=text), Peer(text, True, late=True, age=float('nan'), problem=text)),
         robot_pose=Pose(float('nan'), float('inf'), 0.0, text),
         authority=text,
     )
     structure = Structure(
         text, text, (StateStructure(text, type=text, outcomes=(text,), targets=(text,), autonomy=(1,)),)
     )
-    return View(LinkState.LIVE, 0.1, text, snapshot, structure)
+    reasons = {text: LogLine('e', 1, Severity.ERROR, text, text)}
+    return View(LinkState.LIVE, 0.1, text, snapshot, structure, reasons=reasons)
 
 
 @given(HOSTILE)
@@ -109,6 +111,17 @@ def test_every_view_is_harmless(text: str) -> None:
     for line in shown:
         assert harmless(line), line
     json.loads(shown[-1])
+
+
+@given(HOSTILE, st.integers(1, 60), st.integers(1, 8))
+def test_what_is_folded_or_cut_fits_and_keeps_its_ends(text: str, cells: int, rows: int) -> None:
+    folded = fold(text, cells, rows)
+    assert 1 <= len(folded) <= rows
+    for part in (*folded, cut_middle(text, cells)):
+        assert cut(part, cells) == part
+    assert cut_middle('/Mission/Area 51/Search/Drive', 16) == '/Miss…arch/Drive'
+    assert fold('one two three four', 10, 9, ' ') == ['one two', ' three', ' four']
+    assert fold('one two three four', 10, 2, ' ') == ['one two', ' three fo…']
 
 
 @given(st.text(), st.integers(1, 200), st.integers(1, 30))

@@ -26,7 +26,7 @@ class Station:
     def __init__(self, runtime: NodeRuntime) -> None:
         self.mirror = Mirror(runtime.steady)
         self.link = OperatorLink(runtime, self.mirror)
-        self.requests = CommandBuilder('ann', {})
+        self.requests = CommandBuilder('ann')
 
     def state_of(self, command: Command) -> CommandState:
         """Send a command, and wait for what becomes of it."""

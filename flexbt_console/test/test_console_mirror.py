@@ -91,10 +91,15 @@ def test_the_age_is_told_and_nothing_old_is_called_live() -> None:
     assert (mirror.view().link, mirror.view().age) == (LinkState.LOST, None)
     mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.01))
     assert mirror.view().link is LinkState.LIVE
-    for advance, state in ((1.4, LinkState.LIVE), (0.2, LinkState.STALE), (1.0, LinkState.LOST)):
+    for advance, state in (
+        (1.4, LinkState.LIVE),
+        (0.2, LinkState.STALE),
+        (3.3, LinkState.STALE),
+        (0.2, LinkState.LOST),
+    ):
         clock.advance(advance)
         assert mirror.view().link is state
-    mirror.receive_snapshot(snapshot('e', 2), Transit(2.6, 2.61))
+    mirror.receive_snapshot(snapshot('e', 2), Transit(5.1, 5.11))
     assert mirror.view().link is LinkState.LIVE
 
 

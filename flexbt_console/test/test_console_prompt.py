@@ -45,7 +45,8 @@ ANOTHER = dataclasses.replace(TRANSITION, id='t2', path='/Other')
 INPUT = Decision('i1', DecisionKind.INPUT, '/Ask', input_type='geometry_msgs/msg/PoseStamped', prompt='Where to?')
 TEXT = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string')
 NUMBERS = Decision('i3', DecisionKind.INPUT, '/Ask', input_type='int32', input_choices=('20', '10', '1'))
-MAKE = CommandBuilder('ann', {'kitchen': Pose(1.0, 2.0)})
+PLACES = {'kitchen': Pose(1.0, 2.0)}
+MAKE = CommandBuilder('ann')
 
 
 def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
@@ -61,7 +62,7 @@ def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
         decisions=decisions,
         robot_pose=Pose(1.0, 2.0, 0.5),
     )
-    return View(link, 0.4, '', snapshot)
+    return View(link, 0.4, '', snapshot, places=PLACES)
 
 
 def command(text: str, now: View, bound: str | None) -> Command:
@@ -202,9 +203,7 @@ def test_the_decision_stays_in_a_small_terminal() -> None:
 
 
 def test_completion() -> None:
-    def complete(text: str, now: View) -> list[str]:
-        return candidates(text, now, MAKE.places)
-
+    complete = candidates
     assert complete('k', view(INPUT)) == ['kitchen']
     assert complete('f', view(TRANSITION)) == ['failed', 'force']
     assert complete('autonomy h', view()) == ['high']
@@ -244,7 +243,7 @@ class Loopback:
 
 def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
     clock = ManualClock()
-    mirror = Mirror(clock)
+    mirror = Mirror(clock, PLACES)
     sequence = 1
 
     def snapshot(*decisions: Decision, results: tuple[CommandResult, ...] = ()) -> Snapshot:

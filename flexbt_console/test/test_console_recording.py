@@ -44,7 +44,7 @@ class Station:
         self.runtime = runtime
         self.mirror = Mirror(runtime.steady)
         self.link = OperatorLink(runtime, self.mirror)
-        self.requests = CommandBuilder('ann', {})
+        self.requests = CommandBuilder('ann')
 
     def wait(self, condition: Any) -> Any:
         view = self.link.wait_for(lambda view: view if condition(view) else None, DEADLINE)

@@ -11,7 +11,14 @@ from typing import Any, Final
 import pytest
 
 from flexbt_console import mirror
-from flexbt_console.link import behaviors_record, command_message, log_record, snapshot_record, structure_record
+from flexbt_console.link import (
+    behaviors_record,
+    command_message,
+    log_record,
+    places_record,
+    snapshot_record,
+    structure_record,
+)
 from flexbt_msgs import msg
 
 NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
@@ -138,3 +145,14 @@ def test_what_a_command_says_reaches_the_message() -> None:
     sent = command_message(mirror.Command(**fields), 12.5)
     for name in sent.get_fields_and_field_types():
         assert getattr(sent, name) != getattr(msg.ExecutiveCommand(), name), name
+
+
+def test_the_places_of_the_robot_are_known_by_name() -> None:
+    kitchen = msg.Place(name='kitchen')
+    kitchen.pose.header.frame_id = 'map'
+    kitchen.pose.pose.position.x = 1.5
+    kitchen.pose.pose.orientation.z = kitchen.pose.pose.orientation.w = 0.5**0.5
+    nowhere = msg.Place(name='nowhere')
+    places = places_record(msg.PlaceList(places=[kitchen, nowhere]))
+    assert places.keys() == {'kitchen'}
+    assert places['kitchen'].yaw == pytest.approx(1.5707963)

@@ -10,13 +10,15 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from flexbt_demo_behaviors.demonstration import DemoSettings, demo_processes
+from flexbt_demo_behaviors.demonstration import DemoSettings, built_in_places, demo_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """The nodes of the process table, for the arguments of this launch."""
+    map, places = (LaunchConfiguration(name).perform(context) for name in ('map', 'places'))
     settings = DemoSettings(
-        map=LaunchConfiguration('map').perform(context),
+        map=map,
+        places=places or ('' if map else built_in_places()),
         speed=float(LaunchConfiguration('speed').perform(context)),
     )
     autostart = {'autostart': LaunchConfiguration('autostart').perform(context).lower() == 'true'}
@@ -38,6 +40,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument('map', default_value='', description='ROS map YAML file; empty for the built-in map'),
+            DeclareLaunchArgument('places', default_value='', description='YAML file of the places of the map'),
             DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
             DeclareLaunchArgument('autostart', default_value='true', description='false: wait for a lifecycle manager'),
             DeclareLaunchArgument('namespace', default_value='', description='namespace of all nodes'),

@@ -69,8 +69,8 @@ def track() -> RobotTrack:
 
 @pytest.fixture
 def operator(link: Link, track: RobotTrack) -> ScriptedOperator:
-    make = CommandBuilder('script', {'kitchen': Place(3.0, 4.0), 'office': Place(1.0, 0.0)})
-    operator = ScriptedOperator(link.mirror, track, link.send, make, Timeline(io.StringIO()))
+    link.mirror.receive_places({'kitchen': Place(3.0, 4.0), 'office': Place(1.0, 0.0)})
+    operator = ScriptedOperator(link.mirror, track, link.send, CommandBuilder('script'), Timeline(io.StringIO()))
     track.on_change = operator.notify
     return operator
 

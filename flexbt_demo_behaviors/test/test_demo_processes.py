@@ -45,9 +45,13 @@ def test_a_map_of_ones_own_has_the_robot_start_at_its_first_place(tmp_path: Path
     simulator = parameters(demo_processes(settings)[0].command())
     assert simulator['map'] == '/maps/mine.yaml'
     assert simulator['initial_pose'] == [1.0, 2.0, 0.5]
-    console, mode, *words = console_command(settings)
-    assert mode == 'prompt'
-    assert parameters([console, *words[2:]]) == {'places': str(places)}
+    assert parameters(demo_processes(settings)[3].command())['places'] == str(places)
+
+
+def test_leaving_the_console_is_told_to_end_the_demonstration() -> None:
+    file, *words = console_command()
+    assert Path(file).is_file()
+    assert words[:3] == ['prompt', '--leaving', 'the demonstration ends']
 
 
 def test_a_places_file_without_places_is_refused(tmp_path: Path) -> None:

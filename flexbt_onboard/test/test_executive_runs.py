@@ -234,7 +234,7 @@ def test_a_behavior_that_cannot_be_built_is_refused_with_everything_that_is_wron
     bench = make_bench(make, behavior_of(two_steps, 'Other'))
     reason = bench.refused(START, behavior='Test')
     assert all(word in reason for word in words), reason
-    assert (bench.status.state, bench.status.outcome) == (IDLE, 'error')
+    assert (bench.status.state, bench.status.outcome) == (IDLE, ''), 'it is no run that has failed'
     assert bench.status.message == reason
     bench.start('Other')
 
@@ -255,7 +255,7 @@ def test_a_behavior_that_is_built_slowly_blocks_nobody_and_can_be_stopped(make_b
     assert bench.status.state == STOPPING
     go.set()
     assert 'stopped before it began' in bench.result(started).reason
-    bench.wait_idle()
+    bench.wait_for(lambda status: status.state == IDLE and not status.outcome, 'idle; nothing has run')
 
 
 def test_one_run_at_a_time(make_bench: Make) -> None:

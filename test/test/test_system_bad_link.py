@@ -23,6 +23,7 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import (
     LIVE_PERIODS,
+    LOST_SECONDS,
     AutonomyLevel,
     Command,
     CommandState,
@@ -111,7 +112,7 @@ class Scene:
         self.nemesis = nemesis
         self.mirror = Mirror(console.steady)
         self.link = BadLink(console, self.mirror, nemesis)
-        self.make = CommandBuilder('ann', {})
+        self.make = CommandBuilder('ann')
         self.commands: list[Command] = []
         self.wrong: list[str] = []
         self.mirror.add_listener(lambda _: self.check())
@@ -178,7 +179,7 @@ def test_each_command_has_one_effect_or_is_refused(loss: float, delay: float, co
             at.send(at.make.confirm(view, view.decision.id))
             if doubled < 5:  # a second operator of the same opinion: one of the two is too late
                 doubled += 1
-                at.send(CommandBuilder('bob', {}).confirm(view, view.decision.id))
+                at.send(CommandBuilder('bob').confirm(view, view.decision.id))
             at.wait(lambda view, seen=view.decision.id: view.decision is None or view.decision.id != seen, 5.0)  # type: ignore[misc]
         states = at.settle()
         assert states[CommandState.TIMEOUT] == states[CommandState.PENDING] == 0
@@ -194,7 +195,7 @@ def test_a_partition_is_shown_and_heals() -> None:
         at.send(at.make.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
         at.wait(lambda view: view.decision)
         at.nemesis.cut = True
-        at.wait(lambda view: view.link is LinkState.LOST, 5.0)
+        at.wait(lambda view: view.link is LinkState.LOST, LOST_SECONDS + 5.0)
         assert not at.wrong
         at.nemesis.heal()
         healed = time.monotonic()

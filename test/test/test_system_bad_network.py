@@ -18,6 +18,7 @@ from ament_index_python.packages import get_package_share_directory
 
 from flexbt_console.mirror import (
     LIVE_PERIODS,
+    LOST_SECONDS,
     AutonomyLevel,
     CommandState,
     ExecutiveState,
@@ -200,7 +201,7 @@ def test_operators_at_a_bad_link_are_told_the_truth_and_command_once(at: Scene) 
     decision = at.decision(ann, other_than=decision)
     at.send(ann, 'confirm', decision)  # which may arrive or not
     is_over = at.cut(PARTITION_S)
-    at.wait(lambda: ann.view().link is LinkState.LOST, 'link shown as lost', LIVE_S + 2 * HEARTBEAT_S)
+    at.wait(lambda: ann.view().link is LinkState.LOST, 'link shown as lost', LOST_SECONDS + HEARTBEAT_S)
     at.send(ann, 'autonomy', 'off')
     at.wait(is_over, 'end of the partition')
     at.wait(lambda: (now := at.observer.latest()) is not None and not now.authority, 'authority lost', 1.0)

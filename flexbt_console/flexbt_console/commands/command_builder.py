@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from flexbt_console.errors import RefusedError
@@ -22,7 +22,6 @@ from flexbt_console.mirror import (
     DecisionKind,
     ExecutiveState,
     InputValue,
-    Pose,
     StateKind,
     View,
 )
@@ -31,14 +30,13 @@ from .operator_values import answer
 
 
 class CommandBuilder:
-    """Makes the commands of one operator. ``places`` are the named places that may be written for poses.
+    """Makes the commands of one operator.
 
     Without an operator (None) whoever sits here is an observer, and every command is refused.
     """
 
-    def __init__(self, operator: str | None, places: Mapping[str, Pose]) -> None:
+    def __init__(self, operator: str | None) -> None:
         self.operator = operator
-        self.places = places
 
     def command(self, view: View, kind: CommandKind) -> Command:
         """A new command for the run that is shown, with nothing filled in that only some kinds have.
@@ -194,7 +192,7 @@ class CommandBuilder:
         return replace(
             self.command(view, CommandKind.ANSWER),
             decision_id=decision.id,
-            inputs=(answer(decision, text, self.places),),
+            inputs=(answer(decision, text, view.places),),
         )
 
     def decline(self, view: View, decision_id: str = '') -> Command:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from flexbt_console.errors import UsageError
+from flexbt_console.mirror import LOST_SECONDS
 
 from .registry import COMMANDS, find
 from .spec import CommandLine, CommandSpec, Option, Read, seconds
@@ -22,8 +23,14 @@ COMMON_OPTIONS: Final = (
     Option('--namespace', 'namespace of the robot, as --ros-args -r __ns:=NAME', 'NAME'),
     Option(
         '--places',
-        'YAML file of named places (default: FLEXBT_PLACES, or the parameter "places" of the node)',
+        'YAML file of places beside those of the robot (default: FLEXBT_PLACES, or the parameter "places")',
         'FILE',
+    ),
+    Option(
+        '--lost-after',
+        f'age from which a picture counts as lost, not as late (default {LOST_SECONDS:g})',
+        'SECONDS',
+        read=seconds,
     ),
     Option('--help', 'show this help'),
 )

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
-from flexbt_console.mirror import Pose, View
+from flexbt_console.mirror import View
 
 from .registry import COMMANDS, find, short_answers
 from .spec import CommandSpec, Typed
@@ -14,28 +14,28 @@ BUILT_IN = ('help', 'quit')
 """Commands of the prompt itself."""
 
 
-def candidates(text: str, view: View, places: Mapping[str, Pose]) -> list[str]:
+def candidates(text: str, view: View) -> list[str]:
     """Words that complete the last word of ``text`` (the line up to the cursor), the likely ones first.
 
     Only plain printable words: what the robot sends must not be typed for the operator otherwise.
     """
     *before, last = text.split(' ')
     before = [word for word in before if word]
-    fitting = [word for word in dict.fromkeys(_words(before, last, view, places)) if word.startswith(last)]
+    fitting = [word for word in dict.fromkeys(_words(before, last, view)) if word.startswith(last)]
     return [word for word in fitting if word.isprintable()]
 
 
-def _words(before: list[str], last: str, view: View, places: Mapping[str, Pose]) -> Iterable[str]:
+def _words(before: list[str], last: str, view: View) -> Iterable[str]:
     names = [spec.name for spec in COMMANDS if spec.in_prompt]
     if not before:
-        return [*_single(short_answers(Typed((), view, places))), *names, *BUILT_IN]
+        return [*_single(short_answers(Typed((), view))), *names, *BUILT_IN]
     if before[0] == 'help':
         return names
     spec = find(before[0])
-    return _after(spec, before[1:], last, view, places) if spec is not None and spec.in_prompt else ()
+    return _after(spec, before[1:], last, view) if spec is not None and spec.in_prompt else ()
 
 
-def _after(spec: CommandSpec, given: list[str], last: str, view: View, places: Mapping[str, Pose]) -> Iterable[str]:
+def _after(spec: CommandSpec, given: list[str], last: str, view: View) -> Iterable[str]:
     options = {option.name: option for option in spec.options if option.in_prompt}
     words: list[str] = []
     expecting = None
@@ -46,7 +46,7 @@ def _after(spec: CommandSpec, given: list[str], last: str, view: View, places: M
             expecting = options[word] if options[word].value is not None else None
         else:
             words.append(word)
-    typed = Typed(spec.joined(words), view, places)
+    typed = Typed(spec.joined(words), view)
     if expecting is not None:
         return _single(expecting.values(typed)) if expecting.values is not None else ()
     found: list[str] = []

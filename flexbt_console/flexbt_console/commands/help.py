@@ -59,9 +59,13 @@ def prompt_help(leaving: str) -> list[str]:
     return [
         'While a decision is shown, in short: a number or name chooses an outcome;',
         'a place, "x y yaw" or a value answers an input request.',
-        *_table([(usage, spec.summary) for usage, spec in rows if spec.in_prompt]),
-        *_table([('help COMMAND', 'show the options of a command, and more about it')]),
-        *_table([('quit', f'leave the prompt, as Ctrl-D does: {leaving}')]),
+        *_table(
+            [
+                *((usage, spec.summary) for usage, spec in rows if spec.in_prompt),
+                ('help [COMMAND]', 'show this, or the options of a command and more about it'),
+                ('quit', f'leave the prompt, as Ctrl-D does: {leaving}'),
+            ]
+        ),
         'Tab completes a word; Ctrl-C clears the line.',
     ]
 

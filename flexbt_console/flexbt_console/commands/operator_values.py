@@ -8,15 +8,14 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import AutonomyLevel, Decision, InputValue, Pose, plain_type
+from flexbt_core import values
 
 _NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
-_NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
 
 
 def autonomy_level(text: str) -> AutonomyLevel:
@@ -71,39 +70,16 @@ def full_namespace(text: str) -> str:
 
 
 def load_places(file: Path) -> dict[str, Pose]:
-    """Read a YAML file ``{name: {x: 1.0, y: 2.0, yaw: 0.0}}``; yaw (radians) and frame may be left out.
+    """Read a YAML file of named places, see :func:`flexbt_core.values.load_places`.
 
     Raises:
         UsageError: the file cannot be read, or an entry is not a place; names file and entry.
     """
-    # Imported here because a console that is given no places starts faster without YAML.
-    from flexbt_core.values import load_yaml
-
     try:
-        content = load_yaml(file.read_text(encoding='utf-8'))
-    except (OSError, ValueError) as error:
-        raise UsageError(f'places file {file}: {error}') from error
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise UsageError(f'places file {file}: expected "name: {{x: 1.0, y: 2.0, yaw: 0.0}}", one a line')
-    return {str(name): _place(file, str(name), entry) for name, entry in content.items()}
-
-
-def _place(file: Path, name: str, entry: Any) -> Pose:
-    where = f'places file {file}, place {name!r}'
-    if _NO_WORD.search(name) or not name:
-        raise UsageError(f'{where}: a name is one word that begins with a letter')
-    if not isinstance(entry, dict) or not {'x', 'y'} <= entry.keys() <= {'x', 'y', 'yaw', 'frame'}:
-        raise UsageError(f'{where}: expected {{x: 1.0, y: 2.0, yaw: 0.0}} with metres and radians')
-    numbers = {}
-    for key in ('x', 'y', 'yaw'):
-        value = entry.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise UsageError(f'{where}: {key} is {value!r}, not a number')
-        numbers[key] = float(value)
-    pose = Pose(numbers['x'], numbers['y'], numbers['yaw'])
-    return replace(pose, frame=str(entry['frame'])) if 'frame' in entry else pose
+        known = values.load_places(file)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    return {name: Pose(place.x, place.y, place.yaw, place.frame) for name, place in known.items()}
 
 
 def value_text(text: str, type: str, places: Mapping[str, Pose]) -> str:

@@ -107,7 +107,7 @@ def short_answers(typed: Typed) -> Iterable[str]:
     decision = typed.view.decision
     if decision is None:
         return ()
-    return decision.choices or (sorted(typed.places) if decision.wants_pose else ())
+    return decision.choices or (sorted(typed.view.places) if decision.wants_pose else ())
 
 
 # What has to have arrived
@@ -115,6 +115,14 @@ def short_answers(typed: Typed) -> Iterable[str]:
 
 def _behaviors_known(view: View) -> bool:
     return view.behaviors is not None
+
+
+def _places_known(view: View) -> bool:
+    return view.has_places
+
+
+def _all_for_a_start_known(view: View) -> bool:
+    return _behaviors_known(view) and _places_known(view)
 
 
 def _structure_known(view: View) -> bool:
@@ -134,7 +142,7 @@ def _at_path(kind: CommandKind) -> Send:
 
 
 def _build_start(line: CommandLine, view: View, make: CommandBuilder) -> Command:
-    inputs = [start_input(text, make.places) for text in line.values('--input')]
+    inputs = [start_input(text, view.places) for text in line.values('--input')]
     level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
     return make.start(view, line.words[0], _assignments(line), level, inputs)
 
@@ -217,12 +225,12 @@ def _show_structure(line: CommandLine, view: View, known: Known) -> Shown:
 
 def _show_log(line: CommandLine, view: View, known: Known) -> Shown:
     entries = known.log(line_count(line.words[0]) if line.words else LOG_COUNT)
-    text = [text for entry in entries for text in log_lines(entry)]
+    text = [text for entry in entries for text in log_lines(entry, with_time=True)]
     return Shown(entries, text or ['the log is empty'])
 
 
 def _show_places(line: CommandLine, view: View, known: Known) -> Shown:
-    return Shown(known.places, places_lines(known.places))
+    return Shown(view.places, places_lines(view.places))
 
 
 def _ask_userdata(line: CommandLine, source: UserdataSource, timeout: float) -> Shown:
@@ -320,7 +328,7 @@ COMMANDS: Final = (
             'With --wait the exit code is 0 when the run ended by an outcome of its own, and 3 when it was stopped '
             'or ended by a fault.',
         ),
-        has_arrived=_behaviors_known,
+        has_arrived=_all_for_a_start_known,
     ),
     CommandSpec(
         'stop',
@@ -375,6 +383,7 @@ COMMANDS: Final = (
         ),
         (_DECISION, Option('--decline', 'decline to answer'), _REASON),
         details=('Without ID: the only pending input request.', *_VALUE_DETAILS),
+        has_arrived=_places_known,
         check=_check_input,
     ),
     CommandSpec(
@@ -511,7 +520,13 @@ COMMANDS: Final = (
         ),
         check=_check_note,
     ),
-    CommandSpec('places', 'list the named places', Show(_show_places), link=LinkNeed.NONE),
+    CommandSpec(
+        'places',
+        'list the named places: those of the robot, and those of --places',
+        Show(_show_places),
+        link=LinkNeed.NONE,
+        has_arrived=_places_known,
+    ),
     CommandSpec(
         'prompt',
         'the interactive console, also without any command in a terminal',

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol
 
 from flexbt_console.errors import UsageError
-from flexbt_console.mirror import Command, CommandKind, DecisionKind, LogLine, Pose, UserdataScope, View
+from flexbt_console.mirror import Command, CommandKind, DecisionKind, LogLine, UserdataScope, View
 
 from .command_builder import CommandBuilder
 
@@ -20,7 +20,6 @@ class Typed(NamedTuple):
 
     words: tuple[str, ...]
     view: View
-    places: Mapping[str, Pose]
 
 
 Values = Callable[[Typed], Iterable[str]]
@@ -111,11 +110,6 @@ class Shown(NamedTuple):
 
 class Known(Protocol):
     """What the console knows beside the view."""
-
-    @property
-    def places(self) -> Mapping[str, Pose]:
-        """The named places."""
-        ...
 
     def log(self, count: int) -> tuple[LogLine, ...]:
         """The latest lines of the log."""

@@ -5,7 +5,14 @@ A room of four files, as it is the one place of the console where ROS is spoken.
 """
 
 from .interface_check import interface_problem
-from .messages import behaviors_record, command_message, log_record, snapshot_record, structure_record
+from .messages import (
+    behaviors_record,
+    command_message,
+    log_record,
+    places_record,
+    snapshot_record,
+    structure_record,
+)
 from .operator_link import OperatorLink
 
 __all__ = [
@@ -14,6 +21,7 @@ __all__ = [
     'command_message',
     'interface_problem',
     'log_record',
+    'places_record',
     'snapshot_record',
     'structure_record',
 ]

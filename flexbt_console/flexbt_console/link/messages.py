@@ -19,6 +19,7 @@ from flexbt_msgs.msg import (
     ExecutiveCommand,
     ExecutiveLog,
     ExecutiveStatus,
+    PlaceList,
 )
 
 E = TypeVar('E', bound=IntEnum)
@@ -106,6 +107,12 @@ def behaviors_record(message: BehaviorList) -> records.BehaviorList:
             for behavior in message.behaviors
         ),
     )
+
+
+def places_record(message: PlaceList) -> dict[str, records.Pose]:
+    """The places that a robot knows, by name."""
+    poses = ((place.name, _pose(place.pose)) for place in message.places)
+    return {name: pose for name, pose in poses if name and pose is not None}
 
 
 def log_record(message: ExecutiveLog) -> records.LogLine:

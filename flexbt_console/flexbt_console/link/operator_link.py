@@ -30,10 +30,17 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_core.clock import Timer
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, PlaceList
 
 from .interface_check import interface_problem, senders_problem
-from .messages import behaviors_record, command_message, log_record, snapshot_record, structure_record
+from .messages import (
+    behaviors_record,
+    command_message,
+    log_record,
+    places_record,
+    snapshot_record,
+    structure_record,
+)
 
 T = TypeVar('T')
 
@@ -124,15 +131,17 @@ class OperatorLink:
     def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node
         matched = SubscriptionEventCallbacks(matched=self._on_status_matched)
-        node.create_subscription(
-            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(), event_callbacks=matched
-        )
+        # What wakes the executor together is handled in this order: a state tells something, and then wants something.
         for type, topic, convert, receive, depth in (
             (BehaviorStructure, names.EXECUTIVE_STRUCTURE, structure_record, self._mirror.receive_structure, 1),
             (BehaviorList, names.EXECUTIVE_BEHAVIORS, behaviors_record, self._mirror.receive_behaviors, 1),
+            (PlaceList, names.PLACES, places_record, self._mirror.receive_places, 1),
             (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
         ):
             node.create_subscription(type, topic, _forward(convert, receive), names.latched(depth))
+        node.create_subscription(
+            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(), event_callbacks=matched
+        )
         self._pings = node.create_publisher(Header, names.EXECUTIVE_PING, names.unacknowledged())
         node.create_subscription(Header, names.EXECUTIVE_PONG, self._on_pong, names.unacknowledged())
         if gives_commands:

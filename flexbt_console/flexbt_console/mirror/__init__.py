@@ -2,7 +2,7 @@
 """The mirror of an executive: a plain model without ROS and without a user interface, which serves them all."""
 
 from .command_tracker import LONGEST_RESEND, CommandState, CommandTracker, TrackedCommand
-from .freshness import LIVE_PERIODS, LOST_PERIODS, Freshness, LinkState
+from .freshness import LIVE_PERIODS, LOST_PERIODS, LOST_SECONDS, Freshness, LinkState
 from .mirror import Change, Mirror, Transit
 from .records import (
     NOTE_LENGTH,
@@ -37,6 +37,7 @@ __all__ = [
     'LIVE_PERIODS',
     'LONGEST_RESEND',
     'LOST_PERIODS',
+    'LOST_SECONDS',
     'NOTE_LENGTH',
     'POSE_TYPES',
     'ActiveState',

@@ -12,7 +12,10 @@ LIVE_PERIODS: Final = 1.5
 """Heartbeat periods after which a picture is no longer shown as live."""
 
 LOST_PERIODS: Final = 2.5
-"""Heartbeat periods after which the link counts as lost."""
+"""Heartbeat periods after which the link counts as lost, but see :data:`LOST_SECONDS`."""
+
+LOST_SECONDS: Final = 5.0
+"""A picture has to be that old for the link to count as lost: on a busy computer, what is late is not gone."""
 
 PERIOD_BOUNDS: Final = (0.05, 10.0)
 """Seconds to which a received heartbeat period is limited: a faulty one must not keep an old picture alive."""
@@ -52,7 +55,9 @@ class Freshness:
     until a transit alone shows that it is young; the first one may have been kept for late subscribers.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lost_after: float = LOST_SECONDS) -> None:
+        """``lost_after`` is the age in seconds, and at least LOST_PERIODS, from which on the link counts as lost."""
+        self._lost_after = lost_after
         self._arrived: float | None = None
         self._transit: float | None = None
         self._period = 1.0
@@ -109,7 +114,7 @@ class Freshness:
     def state(self, now: float) -> LinkState:
         """What may be claimed at ``now``."""
         age = self.age(now)
-        if age is None or self._gone or age > LOST_PERIODS * self._period:
+        if age is None or self._gone or age > self._lost_age:
             return LinkState.LOST
         if not self._confirmed or age > LIVE_PERIODS * self._period:
             return LinkState.STALE
@@ -121,8 +126,12 @@ class Freshness:
         state = self.state(now)
         if age is None or state is LinkState.LOST:
             return None
-        limit = LIVE_PERIODS if state is LinkState.LIVE else LOST_PERIODS
-        return now + limit * self._period - age + 1e-3
+        limit = LIVE_PERIODS * self._period if state is LinkState.LIVE else self._lost_age
+        return now + limit - age + 1e-3
+
+    @property
+    def _lost_age(self) -> float:
+        return max(LOST_PERIODS * self._period, self._lost_after)
 
     def _lateness(self) -> float:
         """Age of the newest message on its arrival, as far as one can know."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
@@ -14,14 +14,17 @@ from typing import Final
 from flexbt_core.clock import Clock
 
 from .command_tracker import CommandTracker, TrackedCommand
-from .freshness import Freshness
-from .records import Behavior, BehaviorList, Command, LogLine, Snapshot, Structure
+from .freshness import LOST_SECONDS, Freshness
+from .records import Behavior, BehaviorList, Command, DecisionKind, LogLine, Pose, Snapshot, Structure
 from .view import View
 
 LOG_LENGTH: Final = 500
 REMEMBERED_EXECUTIVES: Final = 16
 REMEMBERED_STRUCTURES: Final = 4
 REMEMBERED_LOGS: Final = 3
+
+REASON_SECONDS: Final = 1.0
+"""What a container says about its outcome may be so much older than its decision."""
 
 
 class Change(Enum):
@@ -30,6 +33,7 @@ class Change(Enum):
     STATUS = 'status'
     STRUCTURE = 'structure'
     BEHAVIORS = 'behaviors'
+    PLACES = 'places'
     LOG = 'log'
     LINK = 'link'
     COMMAND = 'command'
@@ -56,11 +60,16 @@ class Mirror:
     message was sent before the picture that we have.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(
+        self, clock: Clock, own_places: Mapping[str, Pose] | None = None, lost_after: float = LOST_SECONDS
+    ) -> None:
+        """``own_places`` are known beside those of the robot; ``lost_after`` seconds a late link counts as lost."""
         self._clock = clock
+        self._own_places = dict(own_places or {})
+        self._places: Mapping[str, Pose] | None = None
         self._lock = threading.Lock()
         self._listeners: list[Callable[[Change], None]] = []
-        self._freshness = Freshness()
+        self._freshness = Freshness(lost_after)
         self._commands = CommandTracker()
         self._snapshot: Snapshot | None = None
         self._sent: float | None = None
@@ -113,6 +122,12 @@ class Mirror:
         with self._lock:
             self._behaviors = behaviors
         self._tell(Change.BEHAVIORS)
+
+    def receive_places(self, places: Mapping[str, Pose]) -> None:
+        """Take the places that the robot knows by name."""
+        with self._lock:
+            self._places = places
+        self._tell(Change.PLACES)
 
     def receive_log(self, line: LogLine) -> bool:
         """Take a line of the log; False for one that is there already or too old."""
@@ -198,6 +213,9 @@ class Mirror:
                 structure=self._structures.get(snapshot.run_id) if snapshot else None,
                 behaviors=self._current_behaviors(snapshot),
                 last_command=self._commands.latest(),
+                reasons=self._reasons(snapshot),
+                places={**self._own_places, **(self._places or {})},
+                has_places=self._places is not None,
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:
@@ -216,6 +234,22 @@ class Mirror:
         if known is None or (snapshot is not None and snapshot.executive_id != known.executive_id):
             return None
         return known.behaviors
+
+    def _reasons(self, snapshot: Snapshot | None) -> dict[str, LogLine]:
+        """By decision, the gravest of what its state has told since it was entered, the newest of these."""
+        reasons: dict[str, LogLine] = {}
+        asked = [one for one in snapshot.decisions if one.kind is not DecisionKind.INPUT] if snapshot else []
+        if snapshot is None or not asked:
+            return reasons
+        entered = {state.path: state.entered for state in snapshot.active_states}
+        told = [line for line in self._logs.get(snapshot.executive_id, ()) if line.run_id == snapshot.run_id]
+        for decision in asked:
+            since = entered.get(decision.path, decision.since - REASON_SECONDS)
+            inside = decision.path.rstrip('/') + '/'
+            lines = [line for line in told if f'{line.path}/'.startswith(inside) and line.stamp >= since]
+            if lines:
+                reasons[decision.id] = max(lines, key=lambda line: (line.severity, line.sequence))
+        return reasons
 
     def _is_newer(self, snapshot: Snapshot, transit: Transit | None, now: float) -> bool:
         newest = self._newest.get(snapshot.executive_id)

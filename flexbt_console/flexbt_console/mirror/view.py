@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from .command_tracker import TrackedCommand
 from .freshness import LinkState
@@ -11,6 +12,8 @@ from .records import (
     Behavior,
     Decision,
     ExecutiveState,
+    LogLine,
+    Pose,
     Snapshot,
     StateStructure,
     Structure,
@@ -22,7 +25,9 @@ class View:
     """An immutable picture; ``age`` in seconds, None before the first snapshot.
 
     ``structure`` belongs to the run of the snapshot, ``behaviors`` to its executive; each is None while it has
-    not arrived. ``problem`` says what is wrong with the link.
+    not arrived. ``problem`` says what is wrong with the link. ``reasons`` is why a state wants what it wants, by the
+    identifier of the decision, as far as it has said so. ``places`` are those of the robot (of which it has told if
+    ``has_places``) and our own; where both have one of the same name, that of the robot counts.
     """
 
     link: LinkState
@@ -32,6 +37,9 @@ class View:
     structure: Structure | None = None
     behaviors: tuple[Behavior, ...] | None = None
     last_command: TrackedCommand | None = None
+    reasons: Mapping[str, LogLine] = field(default_factory=dict)
+    places: Mapping[str, Pose] = field(default_factory=dict)
+    has_places: bool = False
 
     @property
     def live(self) -> bool:

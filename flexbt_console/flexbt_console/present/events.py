@@ -4,13 +4,35 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from flexbt_console.mirror import LogLine, Mirror, Snapshot, Structure, View
+from flexbt_console.mirror import (
+    ExecutiveState,
+    LinkState,
+    LogLine,
+    Mirror,
+    Peer,
+    Snapshot,
+    Structure,
+    View,
+)
 from flexbt_core.values import one_line
 
 from .json_form import status_json, structure_json
-from .rendering import authority_text, autonomy_text, behavior_line, choice_line, decision_line, link_word, log_lines
+from .rendering import (
+    authority_text,
+    autonomy_text,
+    behavior_line,
+    choice_line,
+    decision_line,
+    link_word,
+    log_lines,
+    peer_line,
+)
+from .tone import Line, Tone, tone_of
+
+LATE_SECONDS: Final = 2.0
+"""A node that is late is told of when it is so for so long, and once; on a busy computer all are late for a moment."""
 
 
 class Event(NamedTuple):
@@ -22,11 +44,16 @@ class Event(NamedTuple):
 
 
 class Follower:
-    """Finds what has changed in a view, compared to the one before."""
+    """Finds what has changed in a view, compared to the one before.
+
+    To programs, all of it is told. To people, what is late for a moment is no event: a view shows it.
+    """
 
     def __init__(self, mirror: Mirror) -> None:
         self._mirror = mirror
         self._before: View | None = None
+        self._told_link: tuple[LinkState, str] | None = None
+        self._late: set[str] = set()
         self._structure: Structure | None = None
         self._lines: tuple[LogLine, ...] = ()
 
@@ -35,25 +62,46 @@ class Follower:
         events: list[Event] = []
         before, self._before = self._before, view
         if before is None or (before.link, before.problem) != (view.link, view.problem):
-            problem = [one_line(view.problem)] if view.problem else []
             value = {'link': view.link.value, 'age': view.age, 'problem': view.problem}
-            events.append(Event('link', value, [f'link: {link_word(view)}', *problem]))
+            events.append(Event('link', value, self._link_text(view)))
         if view.structure is not None and view.structure != self._structure:
             self._structure = view.structure
             events.append(Event('structure', structure_json(view.structure), []))
         if view.behaviors is not None and (before is None or before.behaviors != view.behaviors):
             events.append(Event('behaviors', {'behaviors': view.behaviors}, []))
-        if view.snapshot is not None:
-            text = _changes(before, view)
-            if before is None or _essence(before) != _essence(view):
-                events.append(Event('status', status_json(view), text))
+        # A state tells something, and then wants something: what came together is told in this order.
         lines = self._mirror.log()
         known = {(line.executive_id, line.sequence) for line in self._lines}
         for line in lines:
             if (line.executive_id, line.sequence) not in known:
-                events.append(Event('log', {'line': line}, [f'log: {text}' for text in log_lines(line)]))
+                told: list[str] = [Line(f'log: {text}', tone_of(text)) for text in log_lines(line)]
+                events.append(Event('log', {'line': line}, told))
         self._lines = lines
+        if view.snapshot is not None and (before is None or _essence(before) != _essence(view)):
+            text = _changes(before, view)
+            for peer in view.snapshot.peers:
+                text += self._peer_text(peer)
+            events.append(Event('status', status_json(view), text))
         return events
+
+    def _link_text(self, view: View) -> list[str]:
+        """A link that is late is LIVE or LOST soon."""
+        if self._told_link is not None and view.link is LinkState.STALE and view.problem == self._told_link[1]:
+            return []
+        if self._told_link == (view.link, view.problem):
+            return []
+        self._told_link = view.link, view.problem
+        word = link_word(view)
+        problem = [Line(one_line(view.problem), Tone.ERROR)] if view.problem else []
+        return [Line(f'link: {word}', tone_of(word)), *problem]
+
+    def _peer_text(self, peer: Peer) -> list[str]:
+        if not peer.late:
+            self._late.discard(peer.name)
+        elif peer.alive and peer.age >= LATE_SECONDS and peer.name not in self._late:
+            self._late.add(peer.name)
+            return [Line(f'node {peer_line(peer)}', Tone.WARNING)]
+        return []
 
 
 def _essence(view: View) -> Snapshot | None:
@@ -61,21 +109,24 @@ def _essence(view: View) -> Snapshot | None:
     return view.snapshot and replace(view.snapshot, sequence=0, stamp=0.0, heartbeat_period=0.0, results=())
 
 
+def _run_essence(snapshot: Snapshot) -> tuple[Any, ...]:
+    """What is told of a run; what has not stopped yet is told once."""
+    is_stopping = snapshot.state is ExecutiveState.STOPPING
+    message = bool(snapshot.message) if is_stopping else snapshot.message
+    return snapshot.state, snapshot.run_id, snapshot.outcome, message
+
+
 def _changes(before: View | None, view: View) -> list[str]:
     old = before.snapshot if before else None
     new = view.snapshot
     if new is None:
         return []
-    text = []
+    text: list[str] = []
     if old is not None and old.executive_id != new.executive_id:
-        text.append('the executive was restarted')
-    if old is None or (old.state, old.run_id, old.outcome, old.message) != (
-        new.state,
-        new.run_id,
-        new.outcome,
-        new.message,
-    ):
-        text.append(f'behavior: {behavior_line(view)}')
+        text.append(Line('the executive was restarted', Tone.WARNING))
+    if old is None or _run_essence(old) != _run_essence(new):
+        what = behavior_line(view)
+        text.append(Line(f'behavior: {what}', tone_of(what)))
     if old is None or old.autonomy != new.autonomy:
         text.append(f'autonomy: {autonomy_text(new.autonomy)}')
     for word, before_, now in (
@@ -93,12 +144,13 @@ def _changes(before: View | None, view: View) -> list[str]:
     pending = {decision.id for decision in old.decisions} if old else set()
     for decision in new.decisions:
         if decision.id not in pending:
-            text.append(f'waiting: {decision_line(decision, new)}')
+            text.append(Line(f'waiting: {decision_line(decision, new)}', Tone.DECISION))
             text += [f'    {choice_line(decision)}'] if decision.choices else []
     settled = pending - {decision.id for decision in new.decisions}
     text += [f'no longer waiting: {one_line(id)}' for id in sorted(settled)]
     alive = {peer.name: peer.alive for peer in old.peers} if old else {}
     for peer in new.peers:
         if alive.get(peer.name, True) != peer.alive:
-            text.append(f'node {one_line(peer.name)} is {"there again" if peer.alive else "GONE"}')
+            again = Line(f'node {one_line(peer.name)} is there again', Tone.GOOD)
+            text.append(again if peer.alive else Line(f'node {peer_line(peer)}', Tone.ERROR))
     return text

@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 from flexbt_console.mirror import (
+    ActiveState,
     AutonomyLevel,
     Behavior,
     CommandState,
     Decision,
     DecisionKind,
     ExecutiveState,
+    LinkState,
     LogLine,
     Peer,
     Pose,
@@ -26,25 +30,39 @@ from flexbt_console.mirror import (
 )
 from flexbt_core.values import lines, one_line
 
+from .tone import Line, Tone, tone_of
+
 LABEL_LENGTH: Final = 40
 """How many characters are shown of what a command is called."""
 
 VALUE_LENGTH: Final = 200
 """How many characters of a value of userdata are shown."""
 
+FIRST_WALL_TIME: Final = 1e9
+"""Seconds since 1970: what is before 2001 is no time of day, but simulated time."""
+
+_LINK_TONES: Final = {LinkState.LIVE: Tone.GOOD, LinkState.STALE: Tone.WARNING, LinkState.LOST: Tone.ERROR}
+_SEVERITY_TONES: Final = {Severity.WARN: Tone.WARNING, Severity.ERROR: Tone.ERROR}
+_COMMAND_TONES: Final = {
+    CommandState.APPLIED: Tone.PLAIN,
+    CommandState.PENDING: Tone.WARNING,
+    CommandState.REFUSED: Tone.WARNING,
+    CommandState.TIMEOUT: Tone.ERROR,
+}
+
 
 def link_word(view: View) -> str:
     """State of the link and age of the picture in short: LIVE 0.4 s. No view leaves it out."""
-    if view.age is None:
-        return 'NO EXECUTIVE'
-    return f'{view.link.name} {age_text(view.age)}'
+    text = 'NO EXECUTIVE' if view.age is None else f'{view.link.name} {age_text(view.age)}'
+    return Line(text, _LINK_TONES[view.link])
 
 
 def link_line(view: View) -> str:
     """State of the link and age of the picture, and what that means for the rest."""
+    word = link_word(view)
     if view.age is None:
-        return 'NO EXECUTIVE was heard'
-    return link_word(view) + (' ago' if view.live else ' ago: what follows may not be so any more')
+        return Line(f'{word} was heard', Tone.ERROR)
+    return Line(f'{word} ago' + ('' if view.live else ': what follows may not be so any more'), _LINK_TONES[view.link])
 
 
 def age_text(seconds: float) -> str:
@@ -69,25 +87,49 @@ def pose_text(value: Pose | None) -> str:
     return f'x {value.x:.2f} m  y {value.y:.2f} m  yaw {value.yaw:.2f} rad  ({one_line(value.frame)})'
 
 
-def peers_text(known: Sequence[Peer]) -> str:
-    """The nodes that the executive depends on, those that are not there in capitals."""
-    return '  '.join(
-        f'{one_line(peer.name)} {"GONE" if not peer.alive else "ok" if peer.ready else "not ready"}' for peer in known
-    )
+def peer_line(peer: Peer) -> str:
+    """A node that the executive depends on; in capitals when it is gone, and what is wrong with it."""
+    word, tone = 'ok', Tone.PLAIN
+    if not peer.alive:
+        word, tone = 'GONE', Tone.ERROR
+    elif peer.late:
+        word, tone = f'late {age_text(peer.age)}', Tone.WARNING
+    elif not peer.ready:
+        word, tone = 'not ready', Tone.WARNING
+    problem = f': {one_line(peer.problem)}' if peer.problem and tone is not Tone.PLAIN else ''
+    return Line(f'{one_line(peer.name)} {word}{problem}', tone)
 
 
-def behavior_line(view: View) -> str:
-    """What runs, or how the last run ended."""
+def missed_peers(snapshot: Snapshot) -> list[Peer]:
+    """The nodes that are gone, late, or not ready."""
+    return [peer for peer in snapshot.peers if not peer.alive or peer.late or not peer.ready]
+
+
+def what_runs(view: View) -> str:
+    """What runs, or how the last run ended, without the reason."""
     snapshot = view.snapshot
     if snapshot is None:
         return ''
     name = one_line(snapshot.behavior) or 'no behavior'
-    why = f' ({one_line(snapshot.message)})' if snapshot.message else ''
+    state = snapshot.state.name
+    if snapshot.state is ExecutiveState.INTERRUPTED:
+        return Line(f'{state}  {name}: "resume" goes on with it, "abort" gives it up', Tone.WARNING)
     if view.running:
-        hint = ': "resume" goes on with it, "abort" gives it up'
-        return f'{snapshot.state.name}  {name}{hint if snapshot.state is ExecutiveState.INTERRUPTED else ""}{why}'
-    last = f'{name} ended: {one_line(snapshot.outcome) or "?"}' if snapshot.run_id else 'nothing has run yet'
-    return f'{snapshot.state.name}  {last}{why}'
+        return f'{state}  {name}'
+    if not snapshot.run_id:
+        return f'{state}  nothing has run yet'
+    if not snapshot.outcome:
+        return Line(f'{state}  {name} did not start', Tone.WARNING)
+    is_error = snapshot.outcome == 'error'
+    return Line(f'{state}  {name} ended: {one_line(snapshot.outcome)}', Tone.ERROR if is_error else Tone.PLAIN)
+
+
+def behavior_line(view: View) -> str:
+    """What runs, or how the last run ended, and why."""
+    what, snapshot = what_runs(view), view.snapshot
+    why = f' ({one_line(snapshot.message)})' if snapshot is not None and snapshot.message else ''
+    tone = Tone.WARNING if why and view.running else tone_of(what)
+    return Line(f'{what}{why}', tone)
 
 
 def authority_text(snapshot: Snapshot) -> str:
@@ -118,6 +160,14 @@ def _required(level: int) -> str:
     return f'requires more than {autonomy_text(level)}' if level >= 0 else 'your decision'
 
 
+def reason_lines(pending: Decision, view: View) -> list[str]:
+    """What the state has said about why it wants that; nothing when it has said nothing."""
+    reason = view.reasons.get(pending.id)
+    if reason is None:
+        return []
+    return log_lines(replace(reason, path='') if reason.path == pending.path else reason)
+
+
 def choice_line(pending: Decision) -> str:
     """What may be chosen, numbered; the outcome that is wanted is marked."""
     return '  '.join(
@@ -128,13 +178,13 @@ def choice_line(pending: Decision) -> str:
 
 def status_lines(view: View) -> list[str]:
     """The whole picture."""
-    shown = [f'link      {link_line(view)}']
+    shown = [_labelled('link', link_line(view))]
     if view.problem:
-        shown.append(f'problem   {one_line(view.problem)}')
+        shown.append(_labelled('problem', Line(one_line(view.problem), Tone.ERROR)))
     snapshot = view.snapshot
     if snapshot is None:
         return shown
-    shown.append(f'behavior  {behavior_line(view)}')
+    shown.append(_labelled('behavior', behavior_line(view)))
     shown.append(f'autonomy  {autonomy_text(snapshot.autonomy)}')
     shown += [f'autonomy  {one_line(path)}: {autonomy_text(level)}' for path, level in snapshot.autonomy_levels]
     shown.append(f'authority {authority_text(snapshot)}')
@@ -145,14 +195,31 @@ def status_lines(view: View) -> list[str]:
     for state in snapshot.active_states:
         shown.append(f'active    {one_line(state.path)}{" (paused)" if state.paused else ""}')
         shown += [f'            {one_line(line)}' for line in state.activity]
+        shown += [f'            {line}' for line in not_paused_lines(state)]
     for pending in snapshot.decisions:
-        shown.append(f'waiting   {decision_line(pending, snapshot)}')
+        shown.append(_labelled('waiting', Line(decision_line(pending, snapshot), Tone.DECISION)))
+        shown += [
+            _labelled('  because' if number == 0 else '', line)
+            for number, line in enumerate(reason_lines(pending, view))
+        ]
         if pending.choices:
             shown.append(f'            {choice_line(pending)}')
     shown.append(f'robot     {pose_text(snapshot.robot_pose)}')
-    if snapshot.peers:
-        shown.append(f'nodes     {peers_text(snapshot.peers)}')
+    missed = missed_peers(snapshot)
+    well = [peer_line(peer) for peer in snapshot.peers if peer not in missed]
+    if well:
+        shown.append(_labelled('nodes', '  '.join(well)))
+    shown += [_labelled('node', peer_line(peer)) for peer in missed]
     return shown
+
+
+def _labelled(label: str, line: str) -> str:
+    return Line(f'{label:<9} {line}', tone_of(line))
+
+
+def not_paused_lines(state: ActiveState) -> list[str]:
+    """What of a paused state goes on all the same."""
+    return [Line(f'goes on: {one_line(text)}', Tone.WARNING) for text in state.not_paused]
 
 
 def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
@@ -187,24 +254,35 @@ def structure_lines(known: Structure, view: View) -> list[str]:
     return shown
 
 
-def log_lines(line: LogLine) -> list[str]:
+def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
     """A line of the log with severity and state; continuation lines are indented."""
     severity = '' if line.severity in (Severity.INFO, Severity.UNKNOWN) else f'{line.severity.name}: '
     where = f'{one_line(line.path)}: ' if line.path else ''
+    stamp = f'{stamp_text(line.stamp)}  ' if with_time else ''
     first, *more = lines(line.text)
-    return [f'{severity}{where}{first}', *(f'    {text}' for text in more)]
+    tone = _SEVERITY_TONES.get(line.severity, Tone.PLAIN)
+    return [Line(text, tone) for text in (f'{stamp}{severity}{where}{first}', *(f'    {text}' for text in more))]
+
+
+def stamp_text(stamp: float) -> str:
+    """A time on the executive's clock: the time of day here, or the seconds of simulated time."""
+    if stamp >= FIRST_WALL_TIME:
+        return time.strftime('%H:%M:%S', time.localtime(stamp))
+    return f'{stamp:.1f} s'.rjust(8)
 
 
 def command_result_lines(tracked: TrackedCommand) -> list[str]:
     """What became of a command; continuation lines of the reason are indented."""
     name, duration = one_line(tracked.label, LABEL_LENGTH), tracked.duration
     if tracked.state is CommandState.APPLIED:
-        return [f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)']
-    if tracked.state is CommandState.PENDING:
-        return [f'{name}: sent, no answer yet']
-    first, *more = lines(tracked.reason)
-    end = 'refused' if tracked.state is CommandState.REFUSED else 'NO ANSWER'
-    return [f'{name}: {end}: {first}', *(f'    {text}' for text in more)]
+        text = [f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)']
+    elif tracked.state is CommandState.PENDING:
+        text = [f'{name}: sent, no answer yet']
+    else:
+        first, *more = lines(tracked.reason)
+        end = 'refused' if tracked.state is CommandState.REFUSED else 'NO ANSWER'
+        text = [f'{name}: {end}: {first}', *(f'    {line}' for line in more)]
+    return [Line(line, _COMMAND_TONES[tracked.state]) for line in text]
 
 
 def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
@@ -226,4 +304,4 @@ def places_lines(known: Mapping[str, Pose]) -> list[str]:
         f'{one_line(name)}  x {place.x:.2f}  y {place.y:.2f}  yaw {place.yaw:.2f}  ({one_line(place.frame)})'
         for name, place in sorted(known.items())
     ]
-    return shown or ['no named places; give a file with --places']
+    return shown or ['no named places; the executive has a parameter "places", and the console an option --places']

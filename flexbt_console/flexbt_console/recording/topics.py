@@ -22,6 +22,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.EXECUTIVE_STATUS: Topic('flexbt_msgs/msg/ExecutiveStatus', names.latched()),
     names.EXECUTIVE_STRUCTURE: Topic('flexbt_msgs/msg/BehaviorStructure', names.latched()),
     names.EXECUTIVE_BEHAVIORS: Topic('flexbt_msgs/msg/BehaviorList', names.latched()),
+    names.PLACES: Topic('flexbt_msgs/msg/PlaceList', names.latched()),
     names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.latched(names.LOG_DEPTH)),
     names.EXECUTIVE_COMMAND: Topic('flexbt_msgs/msg/ExecutiveCommand', names.command()),
     names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.latched(16)),

@@ -31,8 +31,8 @@ from flexbt_console.commands import (
     parse,
 )
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.mirror import Mirror, Pose
-from flexbt_console.present import encode_json, failure_json
+from flexbt_console.mirror import LOST_SECONDS, Mirror, Pose
+from flexbt_console.present import Line, Tone, coloured, encode_json, failure_json, has_colours
 from flexbt_core.values import lines
 
 if TYPE_CHECKING:
@@ -114,8 +114,9 @@ def _run_prompt(line: CommandLine) -> ExitCode:
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:
     from flexbt_console.link import OperatorLink
 
-    mirror, operator = Mirror(runtime.steady), None if line.has('--observer') else operator_name(line)
-    return mirror, OperatorLink(runtime, mirror, operator), CommandBuilder(operator, _places(line, runtime))
+    operator = None if line.has('--observer') else operator_name(line)
+    mirror = Mirror(runtime.steady, _places(line, runtime), line.seconds('--lost-after') or LOST_SECONDS)
+    return mirror, OperatorLink(runtime, mirror, operator), CommandBuilder(operator)
 
 
 @contextlib.contextmanager
@@ -147,7 +148,7 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
 
 
 def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Pose]:
-    """The named places, from the first that is given: option, environment, parameter of the node."""
+    """The places beside those of the robot, from the first file given: option, environment, parameter of the node."""
     file = line.value('--places') or os.environ.get('FLEXBT_PLACES', '')
     if not file:
         node = runtime.node
@@ -177,7 +178,9 @@ def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, rea
     else:
         word = 'refused: ' if exit_code is ExitCode.REFUSED else ''
         prefix = f'{name}: ' if name else 'console: '
-        print(prefix + word + '\n'.join(lines(reason)), file=sys.stderr)
+        colours = has_colours(sys.stderr)
+        for text in lines(prefix + word + reason):
+            print(coloured(Line(text, Tone.ERROR), colours), file=sys.stderr)
     return exit_code
 
 

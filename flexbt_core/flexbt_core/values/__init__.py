@@ -1,21 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text and data from others, with bounds: JSON, YAML, terminal-safe and message-safe text."""
+"""Text and data from others, with bounds: JSON, YAML, terminal-safe and message-safe text, files of places."""
 
 from typing import TYPE_CHECKING, Any
 
 from .escaping import lines, one_line
 from .message_text import sendable
 from .nested_json import load_json
+from .places import Place, load_places
 
 if TYPE_CHECKING:
     from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
 
 __all__ = [
+    'Place',
     'YamlError',
     'compose_yaml',
     'construct_yaml',
     'lines',
     'load_json',
+    'load_places',
     'load_yaml',
     'one_line',
     'sendable',

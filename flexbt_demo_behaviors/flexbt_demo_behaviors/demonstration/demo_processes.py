@@ -20,7 +20,7 @@ class DemoSettings:
     """What can be set about the processes.
 
     `map` is a ROS map YAML file, empty for the one that comes along; `start` the pose (m, m, rad) at which the robot
-    begins on it, None for that of the map that comes along; `places` the YAML file of the places that the console knows
+    begins on it, None for that of the map that comes along; `places` the YAML file of the places that the robot knows
     by name; `speed` how many seconds of the simulated world pass in one second.
     """
 
@@ -71,15 +71,15 @@ def first_place(places: str) -> tuple[float, float, float]:
     return known[0].x, known[0].y, known[0].yaw
 
 
-def console_command(settings: DemoSettings) -> list[str]:
+def console_command() -> list[str]:
     """The command line of the operator's console, which runs in the terminal."""
-    executable, *parameters = Process('flexbt_console', 'console', {'places': settings.places}).command()
+    executable, *parameters = Process('flexbt_console', 'console').command()
     return [executable, 'prompt', '--leaving', 'the demonstration ends', *parameters]
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
     """The processes behind the operator's console, in the order in which they are started."""
-    simulated = {'use_sim_time': True}
+    simulated: dict[str, ParameterValue] = {'use_sim_time': True}
     world: dict[str, ParameterValue] = {'speed_factor': settings.speed}
     if settings.map:
         world['map'] = settings.map
@@ -89,7 +89,7 @@ def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
         Process('flexbt_sim', 'simulator', world),
         Process('flexbt_sim', 'navigation', simulated),
         Process('flexbt_server', 'bt_server', simulated),
-        Process('flexbt_onboard', 'onboard_executive', simulated),
+        Process('flexbt_onboard', 'onboard_executive', {**simulated, 'places': settings.places}),
     )
 
 

@@ -48,7 +48,7 @@ def run_interactive(
     if demonstration.number == 2:
         print(SPLIT_INTRODUCTION, end='')
     print(flush=True)
-    with _restored_terminal(), _start_console(settings) as console:
+    with _restored_terminal(), _start_console() as console:
         try:
             exit_code = console.wait()
         finally:
@@ -58,8 +58,8 @@ def run_interactive(
     return exit_code
 
 
-def _start_console(settings: DemoSettings) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(console_command(settings))  # noqa: S603 - the command comes from the process table
+def _start_console() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(console_command())  # noqa: S603 - the command comes from the process table
 
 
 @contextlib.contextmanager

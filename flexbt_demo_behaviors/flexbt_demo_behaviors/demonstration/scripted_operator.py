@@ -84,7 +84,7 @@ class ScriptedOperator:
 
         Raises DemoError when the places file has too few of them.
         """
-        known = self._make.places
+        known = self._mirror.view().places
         if all(label in known for label in preferred):
             return preferred
         here = self.track.pose
@@ -123,7 +123,7 @@ class ScriptedOperator:
         def ready(view: View) -> bool:
             known = view.snapshot.peers if view.snapshot else ()
             all_ready = len(known) >= peers and all(peer.alive and peer.ready for peer in known)
-            listed = view.behaviors is not None
+            listed = view.behaviors is not None and view.has_places
             return view.live and all_ready and listed and self.track.ready
 
         self.wait(ready, 'executive, its peers, the map and the robot', timeout)
@@ -261,7 +261,7 @@ class ScriptedOperator:
             raise DemoError(f'the command {name} was not applied ({tracked.state.value}): {tracked.reason}')
 
     def _place(self, label: str) -> Pose:
-        place = self._make.places[label]
+        place = self._mirror.view().places[label]
         return Pose(place.x, place.y, place.yaw)
 
     def _on_change(self, _change: Change) -> None:

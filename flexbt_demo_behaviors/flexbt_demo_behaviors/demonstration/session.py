@@ -12,7 +12,7 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands import CommandBuilder, load_places
+from flexbt_console.commands import CommandBuilder
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import Change, ExecutiveState, LogLine, Mirror, Severity, Snapshot
 
@@ -57,7 +57,7 @@ def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, tim
         track = RobotTrack()
         mirror = Mirror(runtime.steady)
         link = OperatorLink(runtime, mirror)
-        make = CommandBuilder(operator, load_places(Path(settings.places)))
+        make = CommandBuilder(operator)
         scripted = ScriptedOperator(mirror, track, link.send, make, timeline)
         track.on_change = scripted.notify
         group.watch(lambda ended: scripted.abandon(ended.report()))

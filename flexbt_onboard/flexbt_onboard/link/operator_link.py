@@ -7,18 +7,21 @@ behaviors are complete and latched.
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
+from geometry_msgs.msg import PoseStamped
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.values import lines, sendable
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_core.values import Place, lines, sendable
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, PlaceList
+from flexbt_msgs.msg import Place as PlaceMessage
 
 _MOST_LINES: Final = 200
 """Of a text, in the log of the node: a trace may be long."""
@@ -38,6 +41,7 @@ class OperatorLink:
         self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched())
         self._structure = node.create_publisher(BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.latched())
         self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched())
+        self._places = node.create_publisher(PlaceList, names.PLACES, names.latched())
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.latched(names.LOG_DEPTH))
         # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.unacknowledged())
@@ -67,6 +71,12 @@ class OperatorLink:
         behaviors.executive_id = self._executive_id
         self._behaviors.publish(behaviors)
 
+    def publish_places(self, places: Mapping[str, Place]) -> None:
+        """Send the places that the robot knows by name."""
+        self._places.publish(
+            PlaceList(places=[PlaceMessage(name=name, pose=_pose(place)) for name, place in sorted(places.items())])
+        )
+
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """Tell the operator a line, and the node's own log as well; from any thread."""
         text = sendable(text)
@@ -88,6 +98,14 @@ class OperatorLink:
             return  # the executive has ended; a run was left behind
         line = '\n'.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
         _log_to_node(self._runtime.node.get_logger(), severity, line)
+
+
+def _pose(place: Place) -> PoseStamped:
+    pose = PoseStamped()
+    pose.header.frame_id = place.frame
+    pose.pose.position.x, pose.pose.position.y = place.x, place.y
+    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(place.yaw / 2.0), math.cos(place.yaw / 2.0)
+    return pose
 
 
 def _log_to_node(logger: RcutilsLogger, severity: int, line: str) -> None:

@@ -64,6 +64,7 @@ class Executive:
 
         # What is told, and what is kept.
         self._link = OperatorLink(runtime, self._id, parameters.heartbeat_period)
+        self._places = parameters.places
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         problems = StorageProblems(self._link.log)
         event_log = EventLog(
@@ -171,6 +172,7 @@ class Executive:
             self._report.log(ExecutiveLog.WARN, self._journal.torn)
         entries = self.library.entries.values()
         self._link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
+        self._link.publish_places(self._places)
         for entry in entries:
             if entry.error:
                 self._report.broken(entry)

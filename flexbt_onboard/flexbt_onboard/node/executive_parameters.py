@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
@@ -13,6 +15,7 @@ from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.state_machine import STOP_TIMEOUT
+from flexbt_core.values import Place, load_places
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EVENT_LOG_FILES, EVENT_LOG_SIZE
 from flexbt_onboard.link import MOTION_ACTIONS
@@ -24,6 +27,7 @@ class ExecutiveParameters:
 
     peers: tuple[str, ...] = (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR)
     pose_topic: str = names.POSE
+    places: Mapping[str, Place] = field(default_factory=dict)
     heartbeat_period: float = 0.5
     autonomy: int = 1
     authority_timeout: float = 30.0
@@ -81,6 +85,13 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
     return ExecutiveParameters(
         peers=tuple(dict.fromkeys(peers)),
         pose_topic=pose_topic,
+        places=_places(
+            declare.text(
+                'places',
+                '',
+                'YAML file of the places that the robot knows by name, {name: {x: 1.0, y: 2.0, yaw: 0.0}} in m and rad',
+            )
+        ),
         heartbeat_period=declare.real(
             'heartbeat_period',
             defaults.heartbeat_period,
@@ -137,3 +148,10 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             'event_log_files', defaults.event_log_files, 1, 1000, 'files of the event log that are kept'
         ),
     )
+
+
+def _places(file: str) -> dict[str, Place]:
+    try:
+        return load_places(Path(file)) if file else {}
+    except ValueError as error:
+        raise OnboardError(f'parameter places: {error}') from None

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from flexbt_common.calls import GoalAdmission
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import ERROR, PREEMPTED, Answer
+from flexbt_core.state_machine import PREEMPTED, Answer
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import BehaviorStructure
 from flexbt_onboard.behaviors import RunRequest, StateServices
@@ -210,7 +210,7 @@ class _Owner:
         """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
 
         def tell() -> None:
-            self._supervisor.ended(self.run, ERROR, reason)
+            self._supervisor.ended(self.run, '', reason)  # no outcome: it has not run
             self._answer(reason)
 
         self._post(tell)

@@ -28,6 +28,7 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
     PeerStatus,
     PendingDecision,
+    PlaceList,
     StateStructure,
 )
 
@@ -143,6 +144,8 @@ class ScriptedExecutive:
         self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched())
         self._structure = node.create_publisher(BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.latched())
         self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched())
+        self._places = node.create_publisher(PlaceList, names.PLACES, names.latched())
+        self._places.publish(PlaceList())
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.latched(names.LOG_DEPTH))
         node.create_subscription(ExecutiveCommand, names.EXECUTIVE_COMMAND, self._on_command, names.command())
         self.status.peers = [

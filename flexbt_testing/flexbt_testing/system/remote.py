@@ -44,7 +44,7 @@ class Console:
         self._runtime = NodeRuntime('console', args=())
         self._mirror = Mirror(self._runtime.steady)
         self._link = OperatorLink(self._runtime, self._mirror, operator)
-        self._make = CommandBuilder(operator, {})
+        self._make = CommandBuilder(operator)
         self._shown: list[Shown] = []
         self._end = threading.Event()
         self._eye = threading.Thread(target=self._watch, daemon=True)

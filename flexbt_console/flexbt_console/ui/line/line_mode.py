@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,12 +16,18 @@ from flexbt_console.mirror import (
     LinkState,
     LogLine,
     Mirror,
-    Pose,
     Snapshot,
     TrackedCommand,
     View,
 )
-from flexbt_console.present import behavior_line, command_result_lines, encode_json, result_json
+from flexbt_console.present import (
+    behavior_line,
+    coloured,
+    command_result_lines,
+    encode_json,
+    has_colours,
+    result_json,
+)
 
 from .watch import watch
 
@@ -54,11 +59,6 @@ class Session:
     def json(self) -> bool:
         """Whether the answer is for a program."""
         return self.line.has('--json')
-
-    @property
-    def places(self) -> Mapping[str, Pose]:
-        """The named places."""
-        return self.make.places
 
     def log(self, count: int) -> tuple[LogLine, ...]:
         """The latest lines of the log, as soon as those that are latched have arrived."""
@@ -168,7 +168,9 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
 
 
 def _print(session: Session, shown: Shown) -> None:
-    print(encode_json(shown.value) if session.json else '\n'.join(shown.text), file=sys.stdout, flush=True)
+    colours = has_colours(sys.stdout)
+    text = '\n'.join(coloured(line, colours) for line in shown.text)
+    print(encode_json(shown.value) if session.json else text, file=sys.stdout, flush=True)
 
 
 def _other(now: tuple[Any, ...], before: tuple[Any, ...]) -> tuple[Any, ...] | None:

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import sys
 import time
 
 from flexbt_console.errors import ExitCode, NoLinkError
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import LinkState, Mirror
-from flexbt_console.present import Follower, encode_json
+from flexbt_console.present import Follower, coloured, encode_json, has_colours
 
 
 def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float | None) -> ExitCode:
@@ -17,7 +18,7 @@ def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float |
     Raises:
         NoLinkError: the time is over, and no executive was heard.
     """
-    follower = Follower(mirror)
+    follower, colours = Follower(mirror), has_colours(sys.stdout)
     end = None if seconds is None else time.monotonic() + seconds
     while True:
         left = None if end is None else max(0.0, end - time.monotonic())
@@ -29,7 +30,7 @@ def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float |
                 print(encode_json({'event': name, 'time': time.time(), **value}), flush=True)
             elif text:
                 stamp = time.strftime('%H:%M:%S')
-                print('\n'.join(f'{stamp} {line}' for line in text), flush=True)
+                print('\n'.join(f'{stamp} {coloured(line, colours)}' for line in text), flush=True)
     view = mirror.view()
     if view.snapshot is None:
         raise NoLinkError(f'no executive was heard in {seconds:g} s')

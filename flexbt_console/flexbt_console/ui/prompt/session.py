@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import signal
+import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
@@ -26,11 +26,12 @@ from prompt_toolkit.styles import Style
 
 from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, Pose, UserdataScope, View
-from flexbt_console.present import Follower, command_result_lines
+from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, UserdataScope, View
+from flexbt_console.present import Follower, Line, Tone, coloured, command_result_lines, has_colours, tone_of
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
+from .cells import fold
 from .short_form import Bound, Local, Meaning, NoLiveLinkError, interpret
 from .shown_decision import ShownDecision
 from .terminal import RawInput, is_gone
@@ -58,9 +59,9 @@ TOOLBAR_ROWS: Final = 12
 STYLE: Final = Style.from_dict(
     {
         'bottom-toolbar': 'noreverse',
-        'live': 'bold ansigreen',
-        'stale': 'bold ansiyellow',
-        'lost': 'bold ansired',
+        'good': 'bold ansigreen',
+        'warning': 'bold ansiyellow',
+        'error': 'bold ansired',
         'decision': 'bold ansicyan',
         'dim': 'ansibrightblack',
     }
@@ -118,15 +119,16 @@ class Prompt:
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
         self._refresh_planned = False
         self._ended = False
+        self._has_colours = has_colours(sys.stdout)
         self._session: PromptSession[str] = PromptSession(
             '> ',
-            completer=_PromptCompleter(mirror, make.places),
+            completer=_PromptCompleter(mirror),
             complete_while_typing=False,
             complete_style=CompleteStyle.READLINE_LIKE,
             reserve_space_for_menu=0,
             bottom_toolbar=self._toolbar,
             style=STYLE,
-            color_depth=ColorDepth.DEPTH_1_BIT if os.environ.get('NO_COLOR') else None,
+            color_depth=None if self._has_colours else ColorDepth.DEPTH_1_BIT,
             input=input,
             output=output,
         )
@@ -185,7 +187,7 @@ class Prompt:
     def _clear(self, text: str) -> None:
         """Ctrl-C, as in a shell: it gives up what was typed."""
         for held in self._held:
-            self._print([f'{one_line(held.text)}: given up; nothing was sent'])
+            self._print(_warned([f'{one_line(held.text)}: given up; nothing was sent']))
         if not text.strip() and not self._held:
             self._print([f'Ctrl-C clears the line. "quit" leaves: {self._leaving}. "stop" stops the robot.'])
         self._held.clear()
@@ -200,14 +202,15 @@ class Prompt:
             if meaning.local is Local.HELP:
                 self._print(self._help(meaning))
             elif meaning.local is Local.SHOW:
-                self._print(_show(meaning, view, _Known(self._mirror, self._make.places)))
+                self._print(_show(meaning, view, _Known(self._mirror)))
             elif meaning.local is Local.ASK:
                 threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
         except NoLiveLinkError:
             self._held.append(_Held(text, bound, self._clock.now() + self._timeout))
-            self._print([f'{one_line(text)}: waits for a live link, {self._timeout:g} s at most; Ctrl-C gives it up'])
+            told = f'{one_line(text)}: waits for a live link, {self._timeout:g} s at most; Ctrl-C gives it up'
+            self._print(_warned([told]))
         except ConsoleError as error:
-            self._print(lines(str(error)))
+            self._print(_warned(lines(str(error))))
         else:
             if meaning.command is not None:
                 self._pending.append(meaning.command.id)
@@ -222,7 +225,7 @@ class Prompt:
                 self._do(held.text, held.bound)
             else:
                 text = f'{one_line(held.text)}: there was no live link within {self._timeout:g} s; nothing was sent'
-                self._print([text])
+                self._print(_warned([text]))
 
     def _ask(self, meaning: Meaning) -> None:
         """Ask the executive, on a thread of its own: the answer may be long in coming."""
@@ -232,7 +235,7 @@ class Prompt:
         try:
             text = action.ask(meaning.line, self._link, self._timeout).text
         except ConsoleError as error:
-            text = [f'{meaning.line.spec.name}: {line}' for line in lines(str(error))]
+            text = _warned([f'{meaning.line.spec.name}: {line}' for line in lines(str(error))])
         except Exception as error:
             text = _fault_lines(error)
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
@@ -293,32 +296,40 @@ class Prompt:
                 more, decision_id = self._print_queue.get_nowait()
                 text = text + more
             async with in_terminal():
+                columns = output.get_size().columns
                 for line in text:
-                    # write() shows an escape character as "?", should one have slipped through.
-                    output.write(line + '\n')
+                    for part in fold(line, columns, rows=len(line)):
+                        self._write(Line(part, tone_of(line)))
                 output.flush()
             # On a terminal that does not tell where its cursor is, there is no toolbar: this was the drawing.
             self._shown.drawn(decision_id)
+
+    def _write(self, line: Line) -> None:
+        output = self._session.app.output
+        before, after = coloured(Line('\n', line.tone), self._has_colours).split('\n')
+        output.write_raw(before)
+        # write() shows an escape character as "?", should one have slipped through.
+        output.write(line)
+        output.write_raw(after)
+        output.write('\n')
 
 
 @dataclass(frozen=True)
 class _Known:
     _mirror: Mirror
-    places: Mapping[str, Pose]
 
     def log(self, count: int) -> tuple[LogLine, ...]:
         return self._mirror.log(count)
 
 
 class _PromptCompleter(Completer):
-    def __init__(self, mirror: Mirror, places: Mapping[str, Pose]) -> None:
+    def __init__(self, mirror: Mirror) -> None:
         self._mirror = mirror
-        self._places = places
 
     def get_completions(self, document: Document, complete_event: CompleteEvent) -> Iterable[Completion]:
         text = document.text_before_cursor
         last = text.rpartition(' ')[2]
-        for word in candidates(text, self._mirror.view(), self._places):
+        for word in candidates(text, self._mirror.view()):
             yield Completion(word, start_position=-len(last))
 
 
@@ -330,4 +341,9 @@ def _show(meaning: Meaning, view: View, known: _Known) -> list[str]:
 
 
 def _fault_lines(error: BaseException) -> list[str]:
-    return ['fault in the console, which goes on:', *lines(''.join(traceback.format_exception(error)))]
+    text = ['fault in the console, which goes on:', *lines(''.join(traceback.format_exception(error)))]
+    return _warned(text, Tone.ERROR)
+
+
+def _warned(text: list[str], tone: Tone = Tone.WARNING) -> list[str]:
+    return [Line(line, tone) for line in text]

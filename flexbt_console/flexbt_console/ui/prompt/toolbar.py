@@ -3,117 +3,127 @@
 
 from __future__ import annotations
 
-import unicodedata
 from typing import Final
 
-from flexbt_console.mirror import CommandState, DecisionKind, LinkState, View
+from flexbt_console.mirror import ActiveState, CommandState, DecisionKind, View
 from flexbt_console.present import (
+    Line,
+    Tone,
     authority_text,
     autonomy_text,
-    behavior_line,
     choice_line,
     command_result_lines,
     decision_line,
     link_word,
-    peers_text,
+    missed_peers,
+    not_paused_lines,
+    peer_line,
     pose_text,
+    reason_lines,
+    tone_of,
+    what_runs,
 )
 from flexbt_core.values import one_line
 
-Line = tuple[str, str]
-"""Style class and text of one line."""
+from .cells import cut, cut_middle, fold
 
 MOST_STATES: Final = 3
 MOST_ACTIVITIES: Final = 3
 
-LINK_STYLES: Final = {
-    LinkState.LIVE: 'class:live',
-    LinkState.STALE: 'class:stale',
-    LinkState.LOST: 'class:lost',
+MOST_ROWS: Final = 2
+"""Rows of a text from the robot."""
+
+REASON_ROWS: Final = 3
+"""Rows of why the state wants what it wants."""
+
+STYLES: Final = {
+    Tone.PLAIN: '',
+    Tone.GOOD: 'class:good',
+    Tone.WARNING: 'class:warning',
+    Tone.ERROR: 'class:error',
+    Tone.DECISION: 'class:decision',
+    Tone.DIM: 'class:dim',
 }
 
 
-def toolbar(view: View, width: int, height: int) -> list[Line]:
-    """The lines, at most ``height`` of at most ``width`` cells. The decision to make is always among them.
+def toolbar(view: View, width: int, height: int) -> list[tuple[str, str]]:
+    """Style class and text of each line, at most ``height`` of at most ``width`` cells.
 
-    What matters most stays when there is little room: link and behavior, then the decision, then the rest.
+    What matters most stays when there is little room: link and behavior, the decision, what is wrong, then the rest.
     """
-    head = _head(view)
-    decision = _decision(view)
-    rest = _rest(view)
-    room = max(0, height - len(head) - len(decision))
-    shown = [*head, *rest[:room], *decision]
-    return [(style, cut(text, width)) for style, text in shown[: max(1, height)]]
+    first, *head = _head(view, width)
+    decision = _decision(view, width)[: max(0, height - 1)]
+    head = head[: max(0, height - 1 - len(decision))]
+    rest = _rest(view, width, height - 1 - len(head) - len(decision))
+    return [(STYLES[tone_of(line)], cut(line, width)) for line in (first, *head, *rest, *decision)]
 
 
-def cut(text: str, cells: int) -> str:
-    """``text`` cut to so many cells of a terminal; wide characters take two."""
-    used = 0
-    for index, character in enumerate(text):
-        used += _cells(character)
-        if used > cells:
-            return _ending(text[:index], cells)
-    return text
-
-
-def _ending(text: str, cells: int) -> str:
-    while text and sum(map(_cells, text)) > cells - 1:
-        text = text[:-1]
-    return text + '…' if cells > 0 else ''
-
-
-def _cells(character: str) -> int:
-    if unicodedata.category(character) in ('Mn', 'Me'):
-        return 0
-    return 2 if unicodedata.east_asian_width(character) in ('W', 'F') else 1
-
-
-def _head(view: View) -> list[Line]:
-    parts = [link_word(view)]
-    if view.snapshot is not None:
-        parts += [behavior_line(view), f'autonomy {autonomy_text(view.snapshot.autonomy)}']
-    head = [(LINK_STYLES[view.link], ' | '.join(parts))]
+def _head(view: View, width: int) -> list[str]:
+    word, snapshot = link_word(view), view.snapshot
+    if snapshot is None:
+        head: list[str] = [word]
+    else:
+        text = ' | '.join([word, what_runs(view), f'autonomy {autonomy_text(snapshot.autonomy)}'])
+        head = [Line(text, tone_of(word))]
     if view.problem:
-        head.append(('class:lost', one_line(view.problem)))
-    elif not view.live and view.snapshot is not None:
-        head.append((LINK_STYLES[view.link], 'NOT LIVE: this is how it was then'))
+        head += _folded(Line(one_line(view.problem), Tone.ERROR), width)
+    elif not view.live and snapshot is not None:
+        head.append(Line('NOT LIVE: this is how it was then', tone_of(word)))
+    if snapshot is not None:
+        head += [line for peer in missed_peers(snapshot) for line in _folded(peer_line(peer), width)]
+        head += _folded(Line(one_line(snapshot.message), Tone.WARNING), width) if snapshot.message else []
     return head
 
 
-def _decision(view: View) -> list[Line]:
+def _decision(view: View, width: int) -> list[str]:
     decision, snapshot = view.decision, view.snapshot
     if decision is None or snapshot is None:
         return []
     others = len(view.decisions) - 1
     more = f'  (+{others} more: status)' if others else ''
-    lines = [('class:decision', f'? {decision_line(decision, snapshot)}{more}')]
+    lines = _folded(Line(f'? {decision_line(decision, snapshot)}{more}', Tone.DECISION), width)
+    reason = reason_lines(decision, view)[:1]
+    lines += [part for line in reason for part in _folded(Line(f'  because {line}', tone_of(line)), width, REASON_ROWS)]
     if decision.choices:
-        lines.append(('class:decision', f'  {choice_line(decision)}'))
+        lines += _folded(Line(f'  {choice_line(decision)}', Tone.DECISION), width)
     if decision.kind is DecisionKind.TRANSITION:
-        lines.append(('', '  number or name chooses; "confirm" takes the one marked *'))
+        lines.append('  number or name chooses; "confirm" takes the one marked *')
     return lines
 
 
-def _rest(view: View) -> list[Line]:
+def _rest(view: View, width: int, room: int) -> list[str]:
     snapshot = view.snapshot
-    if snapshot is None:
+    if snapshot is None or room <= 0:
         return []
-    style = '' if view.live else 'class:dim'
-    lines: list[Line] = []
-    for state in snapshot.active_states[:MOST_STATES]:
-        lines.append((style, f'> {one_line(state.path)}'))
-        lines += [(style, f'    {one_line(text)}') for text in state.activity[:MOST_ACTIVITIES]]
-        if len(state.activity) > MOST_ACTIVITIES:
-            lines.append((style, f'    … {len(state.activity) - MOST_ACTIVITIES} more'))
-    if len(snapshot.active_states) > MOST_STATES:
-        lines.append((style, f'  … {len(snapshot.active_states) - MOST_STATES} more active states'))
-    lines.append((style, f'robot  {pose_text(snapshot.robot_pose)}'))
-    if snapshot.authority:
-        lines.insert(0, (style, f'authority  {authority_text(snapshot)}'))
-    missed = [peer for peer in snapshot.peers if not (peer.alive and peer.ready)]
-    if missed:
-        lines.insert(0, ('class:lost', f'nodes  {peers_text(missed)}'))
+    above: list[str] = []
     command = view.last_command
     if command is not None and command.state is CommandState.PENDING:
-        lines.insert(0, ('class:stale', command_result_lines(command)[0]))
-    return lines
+        above += command_result_lines(command)[:1]
+    if snapshot.authority:
+        above.append(f'authority  {authority_text(snapshot)}')
+    states = snapshot.active_states[:MOST_STATES]
+    more = len(snapshot.active_states) - len(states)
+    below = [f'  … {more} more active states'] if more else []
+    below.append(f'robot  {pose_text(snapshot.robot_pose)}')
+    left = room - len(above) - len(below)
+    shown = [line for state in states for line in _state(state, width, max(1, left // len(states)))]
+    tone = Tone.PLAIN if view.live else Tone.DIM
+    lines = [*above, *shown[: max(0, left)], *below][:room]
+    return [line if tone_of(line) is not Tone.PLAIN else Line(line, tone) for line in lines]
+
+
+def _state(state: ActiveState, width: int, rows: int) -> list[str]:
+    """A state and what it does: of the nodes of its tree, which begin with the root, the leaves are what counts."""
+    path = cut_middle(f'> {one_line(state.path)}{" (paused)" if state.paused else ""}', width)
+    notes = not_paused_lines(state)[: max(0, rows - 1)]
+    room = min(MOST_ACTIVITIES + 1, rows - 1 - len(notes))
+    activity = [cut_middle(f'    {one_line(text)}', width) for text in state.activity]
+    if len(activity) > room:
+        kept = activity[-(room - 1) :] if room > 1 else activity[-1:]
+        above = [f'    … {len(activity) - len(kept)} above'] if room > 1 else []
+        activity = [*above, *kept][: max(0, room)]
+    return [path, *[Line(f'    {note}', tone_of(note)) for note in notes], *activity]
+
+
+def _folded(line: str, width: int, rows: int = MOST_ROWS) -> list[str]:
+    return [Line(part, tone_of(line)) for part in fold(line, width, rows)]

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of named places: where a robot can be sent by a word."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+_NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A pose in the plane: metres and radians in ``frame``."""
+
+    x: float
+    y: float
+    yaw: float = 0.0
+    frame: str = 'map'
+
+
+def load_places(file: Path) -> dict[str, Place]:
+    """Read a YAML file ``{name: {x: 1.0, y: 2.0, yaw: 0.0}}``; yaw (radians) and frame may be left out.
+
+    Raises:
+        ValueError: the file cannot be read, or an entry is not a place; names file and entry.
+    """
+    from .nested_yaml import load_yaml  # takes a while
+
+    try:
+        content = load_yaml(file.read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
+        raise ValueError(f'places file {file}: {error}') from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ValueError(f'places file {file}: expected "name: {{x: 1.0, y: 2.0, yaw: 0.0}}", one a line')
+    return {str(name): _place(file, str(name), entry) for name, entry in content.items()}
+
+
+def _place(file: Path, name: str, entry: Any) -> Place:
+    where = f'places file {file}, place {name!r}'
+    if _NO_WORD.search(name) or not name:
+        raise ValueError(f'{where}: a name is one word that begins with a letter')
+    if not isinstance(entry, dict) or not {'x', 'y'} <= entry.keys() <= {'x', 'y', 'yaw', 'frame'}:
+        raise ValueError(f'{where}: expected {{x: 1.0, y: 2.0, yaw: 0.0}} with metres and radians')
+    numbers = {}
+    for key in ('x', 'y', 'yaw'):
+        value = entry.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(f'{where}: {key} is {value!r}, not a number')
+        numbers[key] = float(value)
+    place = Place(numbers['x'], numbers['y'], numbers['yaw'])
+    return replace(place, frame=str(entry['frame'])) if 'frame' in entry else place
