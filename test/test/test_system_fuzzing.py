@@ -3,20 +3,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
 import pytest
 
-from flexbt_testing.fuzzing import CORPUS, TARGETS, Fuzzer
+from flexbt_testing.fuzzing import CORPUS, TARGETS, Fuzzer, Target
 
 SECONDS = float(os.environ.get('FLEXBT_FUZZ_SECONDS', '2'))
 
 
 @pytest.mark.parametrize('name', TARGETS)
 def test_damaged_texts_are_refused_or_read(name: str, tmp_path: Path) -> None:
-    fuzzer = Fuzzer(name, TARGETS[name](), 0)
-    fuzzer.run(SECONDS, tmp_path)
+    with contextlib.closing(TARGETS[name]()) as target:
+        fuzzer = Fuzzer(name, target, 0)
+        fuzzer.run(SECONDS, tmp_path)
     assert fuzzer.counts['rounds'] > 0
     assert fuzzer.counts['refused'] > 0 and fuzzer.counts['read'] > 0, fuzzer.counts
 
@@ -26,7 +28,7 @@ def test_each_corpus_is_of_a_target() -> None:
 
 
 def test_a_text_that_is_a_defect_is_kept_in_a_file(tmp_path: Path) -> None:
-    class Careless:
+    class Careless(Target):
         words = ('a',)
 
         def seeds(self) -> list[str]:

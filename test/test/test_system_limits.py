@@ -30,7 +30,6 @@ from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until
 
-
 MEMORY = 600
 """MB of a process at most; at rest it has some 100."""
 

@@ -2,6 +2,7 @@
 """Commands of operators: what each needs and does, who may give them, and what became of them."""
 
 from .authority import Authority
+from .command_bounds import COMMAND_LENGTHS
 from .command_handlers import COMMANDS
 from .command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandLedger
 from .command_registry import Command, CommandRegistry, NeededRun
@@ -9,6 +10,7 @@ from .input_requests import InputRequests
 
 __all__ = [
     'COMMANDS',
+    'COMMAND_LENGTHS',
     'OPEN_COMMANDS',
     'REPORT_TIME',
     'Authority',

@@ -8,11 +8,15 @@ a defect was found.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
 import resource
 import sys
 import time
 import traceback
 from pathlib import Path
+
+from domain_coordinator import domain_id
 
 from . import TARGETS, Fuzzer
 
@@ -29,16 +33,19 @@ def main() -> int:
     seed = time.time_ns() if options.seed is None else options.seed
     found = False
     for name in names:
-        fuzzer = Fuzzer(name, TARGETS[name](), seed)
-        try:
-            fuzzer.run(options.seconds / len(names), Path.cwd())
-        except Exception:
-            found = True
-            traceback.print_exc()
+        with contextlib.closing(TARGETS[name]()) as target:
+            fuzzer = Fuzzer(name, target, seed)
+            try:
+                fuzzer.run(options.seconds / len(names), Path.cwd())
+            except Exception:
+                found = True
+                traceback.print_exc()
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
         print(f'{name}: seed {seed}, {dict(fuzzer.counts)}, slowest {fuzzer.slowest:.2f} s, at most {memory:.0f} MB')
     return 1 if found else 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    with domain_id() as domain:  # of no robot
+        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        sys.exit(main())

@@ -8,10 +8,11 @@ import faulthandler
 import random
 import signal
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Final, NoReturn, Protocol
+from typing import ClassVar, Final, NoReturn
 
 from .damage import Damage
 
@@ -27,22 +28,25 @@ CORPUS: Final = Path(__file__).parent / 'corpus'
 """A directory for each target, with what once led to a defect, a file each."""
 
 
-class Target(Protocol):
-    """What is fuzzed: something that reads texts of others."""
+class Target(ABC):
+    """What is fuzzed: something that reads texts of others. ``words`` are what their language is made of."""
 
-    @property
-    def words(self) -> Sequence[str]:
-        """What the language of the texts is made of."""
+    words: ClassVar[Sequence[str]]
 
+    @abstractmethod
     def seeds(self) -> list[str]:
         """Texts to begin with."""
 
+    @abstractmethod
     def read(self, data: bytes, counts: collections.Counter[str]) -> Hashable:
         """Read a text, and give what kind of text it is; ``counts`` takes how often what happened.
 
         Raises:
             Exception: a defect: what is wrong with a text is told in a way that the target expects.
         """
+
+    def close(self) -> None:  # noqa: B027 most have nothing to close
+        """End what the target needs."""
 
 
 class Fuzzer:

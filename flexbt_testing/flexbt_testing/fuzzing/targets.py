@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from .executive_targets import CommandTarget, JournalTarget
 from .fuzzer import Target
 from .text_targets import ScriptTarget, ValueTarget, YamlTarget
 from .xml_target import XmlTarget
@@ -15,5 +16,7 @@ TARGETS: Final[Mapping[str, Callable[[], Target]]] = {
     'yaml': YamlTarget,
     'script': ScriptTarget,
     'value': ValueTarget,
+    'command': CommandTarget,
+    'journal': JournalTarget,
 }
 """What makes each target."""

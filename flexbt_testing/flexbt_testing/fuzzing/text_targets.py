@@ -16,6 +16,8 @@ from flexbt_core.values import YamlError, load_yaml
 from flexbt_testing.behavior_trees import random_scripts
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
+from .fuzzer import Target
+
 YAML_WORDS = r"""
     - ? : , [ ] { } & * ! !! | > ' " % @ ` # --- ... &a *a << ~ null true yes 0x1F 0o17 1_000 1:30 .inf .nan -.inf 1e999
     !!binary !!set !!omap !!timestamp !!int !!float !!python/name:os.system 2026-02-30 key: "\x00" "\ud800"
@@ -38,7 +40,7 @@ VALUE_TEXTS = (
 )  # fmt: skip
 
 
-class YamlTarget:
+class YamlTarget(Target):
     """:func:`flexbt_core.values.load_yaml`, with and without aliases."""
 
     words = tuple(YAML_WORDS)
@@ -61,7 +63,7 @@ class YamlTarget:
         return tuple(kinds)
 
 
-class ValueTarget:
+class ValueTarget(Target):
     """Typed values as text and as binary data; the first line of a text is the type, unless it is one of ours."""
 
     words = (*YAML_WORDS, *VALUE_TYPES)
@@ -83,7 +85,7 @@ class ValueTarget:
         return type[:40], _shape(value)
 
 
-class ScriptTarget:
+class ScriptTarget(Target):
     """Scripts: read, and run with a blackboard of some entries."""
 
     words = tuple(SCRIPT_WORDS)

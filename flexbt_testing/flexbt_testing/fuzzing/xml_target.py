@@ -33,6 +33,8 @@ from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
 from flexbt_testing.behavior_trees.hostile_xml import ACCEPTED, CORPUS
 from flexbt_tools.tree_checks import findings
 
+from .fuzzer import Target
+
 LONGEST_RUN = 60_000
 """Characters of a file whose trees are ticked."""
 WORDS = r"""
@@ -79,7 +81,7 @@ def _seeds() -> list[str]:
     return texts
 
 
-class XmlTarget:
+class XmlTarget(Target):
     """:func:`flexbt_core.behavior_tree.load_xml`, and what becomes of a document."""
 
     words = tuple(WORDS)
