@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 from pathlib import Path
 from typing import Any
@@ -162,6 +163,26 @@ def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert [one.get('class') for one in picture.iter() if one.tag.endswith('line') and one.get('class') == 'who']
     assert main([file, '--run', 'nonsense']) == 1
     assert main([str(tmp_path / 'missing.jsonl')]) == 2
+
+
+def test_without_a_file_it_is_of_the_executive_that_ran_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert main([]) == 2
+    assert 'has no event log' in capsys.readouterr().err
+    names = ['domain_1/robot.onboard_executive', 'domain_2/onboard_executive.1', 'domain_2/onboard_executive']
+    for age, name in enumerate(names):
+        file = tmp_path / '.ros' / 'flexbt' / f'{name}.jsonl'
+        file.parent.mkdir(parents=True, exist_ok=True)
+        event = {'time': 1.0, 'stamp': 1.0, 'event': 'started', 'run': name, 'behavior': name, 'by': 'ann'}
+        file.write_text(json.dumps(event) + '\n')
+        os.utime(file, (100 + age, 100 + age))
+    assert main(['--list']) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names[1:]
+    os.utime(tmp_path / '.ros' / 'flexbt' / f'{names[0]}.jsonl', (200, 200))
+    assert main(['--list']) == 0
+    assert names[0] in capsys.readouterr().out
 
 
 def test_a_run_without_any_event_has_a_report_as_well() -> None:

@@ -79,12 +79,13 @@ def test_executables() -> None:
 def test_parameters(executable: str, declare: Callable[[Node], object]) -> None:
     with NodeRuntime.open('reference') as runtime:
         node = runtime.node
+        domain = f'domain_{node.context.get_domain_id()}'
 
         def declared() -> dict[str, tuple[str, str]]:
             before = node.get_parameters_by_prefix('').keys()
             declare(node)
             return {
-                name: (shown(parameter), node.describe_parameter(name).description)
+                name: (shown(parameter).replace(domain, 'domain_N'), node.describe_parameter(name).description)
                 for name, parameter in node.get_parameters_by_prefix('').items()
                 if name not in before
             }

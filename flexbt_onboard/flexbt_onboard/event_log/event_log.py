@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The event log: who did what and when, and what the robot did, as lines of JSON that are only ever appended.
 
-A file is ``<node>.jsonl``; when it has its full size it becomes ``<node>.1.jsonl``, and so on up to a number of files.
+A file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with its namespace; by default in a directory
+for its ROS domain, so that no two executives share one. When it has its full size it becomes ``<node>.1.jsonl``, and so
+on up to a number of files.
 A thread of its own writes, so that nobody waits for the disk. What cannot be written is told once, and counted. A disk
 that was full leaves a line that is cut off, and an empty one when it goes on.
 
@@ -158,6 +160,12 @@ class EventLog:
             younger = rotated(self._file, number - 1)
             if younger.exists():
                 younger.replace(rotated(self._file, number))
+
+
+def newest_log(directory: Path) -> Path | None:
+    """The event log below a directory to which something was added last; None when there is none."""
+    logs = [file for file in directory.rglob('*.jsonl') if not Path(file.stem).suffix.removeprefix('.').isdigit()]
+    return max(logs, key=lambda file: file.stat().st_mtime_ns, default=None)
 
 
 def rotated(file: Path, number: int) -> Path:

@@ -9,16 +9,13 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe
 from flexbt_core.values import one_line
 
-from .event_log import rotated
+from .event_log import newest_log, rotated
 from .run_metrics import RunMetrics, metrics_of, read_events
 from .run_timeline import timeline
-
-_EVENT_LOG: Final = 'onboard_executive.jsonl'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -99,12 +96,18 @@ def _summary(run: RunMetrics) -> str:
 
 
 def _files(given: Sequence[str]) -> list[Path]:
-    """The files of an event log, the oldest first: those that were rotated belong to it."""
-    first = Path(given[0]) if given else home_path(USER_DIRECTORY)
-    if not given or first.is_dir():
-        first /= _EVENT_LOG
+    """The files of an event log, the oldest first: those that were rotated belong to it.
+
+    Raises FileNotFoundError when a directory has none.
+    """
     if len(given) > 1:
         return [Path(name) for name in given]
+    first = Path(given[0]) if given else home_path(USER_DIRECTORY)
+    if not given or first.is_dir():
+        newest = newest_log(first)
+        if newest is None:
+            raise FileNotFoundError(f'{first}: has no event log')
+        first = newest
     number = 0
     while rotated(first, number + 1).exists():
         number += 1
@@ -119,8 +122,8 @@ def _parser() -> argparse.ArgumentParser:
         'files',
         nargs='*',
         metavar='FILE',
-        help=f'file of the event log, or the directory of {_EVENT_LOG} (default: {USER_DIRECTORY}), with those that '
-        'were rotated; or several files, the oldest first',
+        help=f'event log of an executive, with those that were rotated; or a directory (default: {USER_DIRECTORY}), '
+        'for the one below it to which something was added last; or several files, the oldest first',
     )
     parser.add_argument('--run', metavar='ID', help='the run whose identifier begins so')
     parser.add_argument('--list', action='store_true', help='list the runs')

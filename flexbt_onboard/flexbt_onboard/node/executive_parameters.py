@@ -134,7 +134,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         ),
         event_log_directory=declare.text(
             'event_log_directory',
-            USER_DIRECTORY,
+            f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
             'directory of the event log of commands, decisions and transitions; empty for none',
         ),
         event_log_size=declare.integer(
