@@ -504,3 +504,46 @@ def test_a_behavior_may_be_a_machine_in_yaml(make_bench: Make) -> None:
         bench.start('Yaml')
         assert bench.wait_idle() == 'out'
     assert 'create() has to return' in bench.refused(START, behavior='Text')
+
+
+class Failing(EventState):
+    """Says why, and fails."""
+
+    def __init__(self, why: str = 'action server /bt_executor is gone') -> None:
+        super().__init__(outcomes=['failed'], desired_rate=None)
+        self._why = why
+
+    def execute(self, userdata: Any) -> str:
+        if self._why:
+            self.log_error(self._why)
+        return 'failed'
+
+
+def failing() -> OperatableStateMachine:
+    """Fails two machines deep, and beside one that is stopped for it."""
+    inner = OperatableStateMachine(outcomes=['failed'])
+    with inner:
+        OperatableStateMachine.add('Drive', Failing(), {'failed': 'failed'})
+    machine = OperatableStateMachine(outcomes=['failed'])
+    with machine:
+        OperatableStateMachine.add('Inner', inner, {'failed': 'failed'})
+    return machine
+
+
+def recovering() -> OperatableStateMachine:
+    """Ends by a state that has nothing to say, after one that has."""
+    machine = OperatableStateMachine(outcomes=['failed'])
+    with machine:
+        OperatableStateMachine.add('Drive', Failing(), {'failed': 'Give up'})
+        OperatableStateMachine.add('Give up', Failing(''), {'failed': 'failed'})
+    return machine
+
+
+def test_a_run_that_a_failing_state_ends_says_why(make_bench: Callable[..., ExecutiveBench]) -> None:
+    bench = make_bench(behavior_of(failing, 'Failing'), behavior_of(recovering, 'Recovering'))
+    bench.start('Failing', autonomy=3)
+    assert bench.wait_idle() == 'failed'
+    assert bench.status.message == '/Inner/Drive: action server /bt_executor is gone'
+    run_id = bench.start('Recovering', autonomy=3)
+    assert bench.wait_idle() == 'failed'
+    assert (bench.run_id, bench.status.message) == (run_id, '')

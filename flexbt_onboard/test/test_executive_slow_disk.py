@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.durability import JournalState, journal, read_journal
@@ -100,11 +101,17 @@ def test_a_disk_that_hangs_for_long_is_told_and_not_waited_for(
     bench.start()
     bench.wait_active('/A')
     disk.goes.clear()
+    token = LivelinessWatch(bench.console, 'onboard_executive')
+    LivelinessToken(bench.runtime).set_ready(True)
+    wait_until(lambda: token.ready, 'executive ready')
     command = bench.send(C.FORCE, path='/A', outcome='done')
     bench.wait_active('/B')
     assert bench.logged('does not answer').severity >= ExecutiveLog.WARN
+    bench.wait_for(lambda status: 'does not answer' in status.message, 'notice')
+    wait_until(lambda: not token.ready, 'executive not ready')
     disk.goes.set()
     bench.logged('the journal is written again')
+    wait_until(lambda: token.ready and not bench.status.message, 'executive ready again')
     state = JournalState()
     for line in read_journal((tmp_path / 'onboard_executive.journal').read_bytes()).lines:
         state.apply(line)

@@ -29,6 +29,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -101,9 +102,12 @@ class LivelinessToken:
     def __init__(self, runtime: NodeRuntime) -> None:
         self._held = runtime.call(lambda: runtime.once('liveliness token', _HeldToken))
 
-    def set_ready(self, is_ready: bool) -> None:
-        """Say whether all that others need of the node exists and works. From any thread."""
-        self._held.set_ready(is_ready)
+    def set_ready(self, is_ready: bool, part: str = '') -> None:
+        """Say whether all that others need of the node exists and works. From any thread.
+
+        A ``part`` of it may say so for itself; the node is ready when all are that have said something.
+        """
+        self._held.set_ready(is_ready, part)
 
 
 class _HeldToken:
@@ -111,7 +115,8 @@ class _HeldToken:
         node = runtime.node
         self._name = node.get_fully_qualified_name()
         self._identity = ProcessIdentity.own()
-        self._is_ready = False
+        self._lock = threading.Lock()
+        self._ready = {'': False}  # by part
         self._problem = ''
         self._publisher = node.create_publisher(DiagnosticStatus, alive_topic(self._name), _qos())
         self._publish()  # also for those who have not missed the process whose place this one takes
@@ -119,16 +124,17 @@ class _HeldToken:
         runtime.health.on_beat(self._assert)
         runtime.on_close(lambda: self._publish(has_ended=True))
 
-    def set_ready(self, is_ready: bool) -> None:
-        self._is_ready = is_ready
-        self._publish()
+    def set_ready(self, is_ready: bool, part: str) -> None:
+        with self._lock:
+            self._ready[part] = is_ready
+            self._publish()
 
     def _tell_late(self, problem: str) -> None:
         self._problem = problem
         self._publish()
 
     def _publish(self, has_ended: bool = False) -> None:
-        level = DiagnosticStatus.OK if self._is_ready else DiagnosticStatus.WARN
+        level = DiagnosticStatus.OK if all(self._ready.values()) else DiagnosticStatus.WARN
         if self._problem:
             level = DiagnosticStatus.STALE
         status = DiagnosticStatus(

@@ -23,12 +23,18 @@ class OperatorLog(Protocol):
 class StorageProblems:
     """What is wrong with the files that the executive writes: told when it begins and ends. From any thread.
 
-    ``texts`` has it by what the file is; '' for nothing.
+    ``texts`` has it by what the file is; '' for nothing. ``changed`` is told when there is another one.
     """
 
-    def __init__(self, log: OperatorLog) -> None:
+    def __init__(self, log: OperatorLog, changed: Callable[[], None] = lambda: None) -> None:
         self.texts: dict[str, str] = {}
         self._log = log
+        self._changed = changed
+
+    @property
+    def text(self) -> str:
+        """All that is wrong; '' for nothing."""
+        return '; '.join(filter(None, self.texts.values()))
 
     def of(self, file: str, severity: int) -> Callable[[str], None]:
         """Takes what is wrong with a file, such as 'event log'; '' when it can be written again."""
@@ -36,6 +42,7 @@ class StorageProblems:
         def tell(text: str) -> None:
             self.texts[file] = text
             self._log(severity if text else ExecutiveLog.INFO, text or f'the {file} is written again')
+            self._changed()
 
         return tell
 

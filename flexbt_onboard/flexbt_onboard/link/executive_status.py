@@ -30,11 +30,11 @@ def status_of(
     peers: Sequence[PeerStatus],
     pose: PoseStamped,
     authority: Authority,
-    refusal: str,
+    notice: str,
 ) -> ExecutiveStatus:
     """A status of the run that is shown; sender, number and time are for whoever sends it.
 
-    ``refusal`` is why nothing can be started; '' if it can.
+    ``notice`` is what else has to be said: why nothing can be started, what cannot be written to the disk; or ''.
     """
     status = ExecutiveStatus(
         run_id=run.run_id,
@@ -63,7 +63,7 @@ def status_of(
     if not isinstance(run, LastRun):
         status.locked, status.breakpoints = list(run.locked), list(run.breakpoints)
         status.autonomy_levels = _levels(run.levels)
-    status.message = '; '.join(filter(None, [status.message, refusal]))
+    status.message = '; '.join(filter(None, [status.message, notice]))
     return status
 
 

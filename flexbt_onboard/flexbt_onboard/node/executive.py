@@ -66,7 +66,8 @@ class Executive:
         self._link = OperatorLink(runtime, self._id, parameters.heartbeat_period)
         self._places = parameters.places
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
-        problems = StorageProblems(self._link.log)
+        self._token = LivelinessToken(runtime)
+        self._problems = problems = StorageProblems(self._link.log, self._storage_changed)
         event_log = EventLog(
             node_file(parameters.event_log_directory, node_name, '.jsonl'),
             runtime.clock,
@@ -130,7 +131,6 @@ class Executive:
             runtime, self._status_message, self._link.publish_status, journal.when_durable, self._status.changed
         )
         Diagnostics(runtime, lambda: self._shown.message, problems.texts)
-        self._token = LivelinessToken(runtime)
         runtime.on_fault(report.fault)
         self._announce()
 
@@ -205,8 +205,13 @@ class Executive:
             self._peers.statuses(),
             self._pose.latest(),
             self._authority,
-            self._admission.refusal,
+            '; '.join(filter(None, [self._admission.refusal, self._problems.text])),
         )
+
+    def _storage_changed(self) -> None:
+        """It goes on, and others should know that it is not what it should be. From any thread."""
+        self._token.set_ready(not self._problems.texts.get('journal'), 'journal')
+        self._status.changed()
 
     def _publish_status(self) -> None:
         self._shown.refresh()

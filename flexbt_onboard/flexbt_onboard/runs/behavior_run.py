@@ -115,6 +115,8 @@ class BehaviorRun:
         self._is_activity_untold = False  # what was found so
         self._decided: list[Decided] = []  # to be told when it is journaled
         self._switches: deque[tuple[RunRequest, Answer]] = deque()
+        self._errors: dict[str, str] = {}  # what the active states have told last
+        self._why_ended = ''  # that of the state whose outcome ends the machine
         self._is_over = False
         self._has_ended = False
         self._stopped_at = 0.0
@@ -260,6 +262,8 @@ class BehaviorRun:
 
     def log(self, severity: Severity, path: str, text: str) -> None:
         """See :class:`flexbt_core.state_machine.RunObserver`."""
+        if severity.value >= ExecutiveLog.ERROR:
+            self._errors[path] = text
         self._observer.log(severity.value, path, text)
 
     def fault(self, path: str, text: str) -> None:
@@ -273,6 +277,11 @@ class BehaviorRun:
             self._source.left(path)
         fields = {'path': path, 'outcome': outcome, 'target': target, 'reason': reason.name.lower()}
         self._observer.event('left', fields)
+        error = self._errors.pop(path, '') if reason is not ExitReason.FORCED else ''
+        if target.startswith('/'):
+            self._why_ended = ''  # it goes on, whatever it was
+        elif error:
+            self._why_ended = f'{path}: {error}'
         if reason is ExitReason.FORCED:
             self._observer.log(ExecutiveLog.INFO, path, f'left by {outcome!r}, as the operator wants it')
 
@@ -425,7 +434,7 @@ class BehaviorRun:
                     while self._switches:
                         self._switch(machine, *self._switches.popleft())
                     self._wake_event.wait(self._services.runtime.clock, machine.next_wake)
-                return machine.outcome or ERROR, machine.message
+                return machine.outcome or ERROR, machine.message or self._why_ended
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
