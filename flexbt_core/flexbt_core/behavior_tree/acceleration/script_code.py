@@ -12,6 +12,7 @@ from typing import Any, Final, Literal, NamedTuple
 from flexbt_core.behavior_tree.model import INT64, Entry
 from flexbt_core.behavior_tree.script import (
     SAME_NUMBER,
+    SMALL_TEXT,
     Assignment,
     Binary,
     Comparison,
@@ -147,6 +148,12 @@ class CodeWriter:
         self.lines.append(f'{name} = {code.text}')
         return name
 
+    def _small_text(self, joined: str) -> Code:
+        """A text that an operator has made. Large ones are for the closures, which know how many there may be."""
+        text = self._name(Code(joined, 'text'))
+        self._check(f'len({text}) <= {SMALL_TEXT}')
+        return Code(text, 'text')
+
     # -- statements --------------------------------------------------------------------------------------------------
 
     def _assign(self, statement: Assignment) -> Code:
@@ -245,9 +252,9 @@ class CodeWriter:
             return _truth_value(f'({first} {"and" if symbol == "&&" else "or"} {second})')
         texts = (left.kind == 'text') + (right.kind == 'text')
         if symbol == '..' and texts:
-            return Code(f'({_text(left)} + {_text(right)})', 'text')
+            return self._small_text(f'{_text(left)} + {_text(right)}')
         if texts == 2 and symbol == '+':
-            return Code(f'({left.text} + {right.text})', 'text')
+            return self._small_text(f'{left.text} + {right.text}')
         if texts or symbol == '..':
             raise NotSpecializable
         integers = left.kind in _INTEGERS and right.kind in _INTEGERS

@@ -46,6 +46,7 @@ class TreeContext:
     ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
     work that needs ticks. ``rewrapped`` are nodes for which their parents have to fetch another tick function.
+    ``stopping`` is whether the host wants to stop the tree: a tick that may take long looks at it.
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
     ``log`` is for what is installed as acceleration.
@@ -56,6 +57,7 @@ class TreeContext:
         self.services = services
         self.scripts = scripts
         self.woken = False
+        self.stopping = False
         self.on_wake: Callable[[], None] | None = None
         self.observers: tuple[Callable[[Any, NodeStatus, NodeStatus], None], ...] = ()
         self.log: Any = None

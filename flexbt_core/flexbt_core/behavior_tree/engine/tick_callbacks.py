@@ -44,7 +44,6 @@ class TickCallbacks:
         self._before: dict[TreeNode, PreTick] = {}
         self._after: dict[TreeNode, PostTick] = {}
         self._lock = threading.Lock()
-        self._released = False
         self.on_release: Callable[[], None] | None = None
         """Called, from any thread, by :meth:`release`: a callback that waits for something has to look now."""
 
@@ -70,7 +69,7 @@ class TickCallbacks:
 
     def release(self) -> None:
         """The host wants to stop the tree: what callbacks wait for does not matter any more. From any thread."""
-        self._released = True
+        self._context.stopping = True
         on_release = self.on_release
         if on_release is not None:
             on_release()
@@ -78,7 +77,7 @@ class TickCallbacks:
     @property
     def released(self) -> bool:
         """Whether the host wants to stop the tree. A callback that waits raises TickAbandoned then."""
-        return self._released
+        return self._context.stopping
 
     def _set(self, callbacks: dict[TreeNode, Any], node: TreeNode, callback: Any) -> None:
         with self._lock:

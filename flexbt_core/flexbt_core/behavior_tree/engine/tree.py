@@ -99,13 +99,13 @@ class Tree:
     def tick_once(self) -> NodeStatus:
         """One tick, and further ones as long as the tree is RUNNING and woken: a chain of nodes that yield completes.
 
-        After ``max_rounds`` it returns RUNNING with the wake-up pending, so that a tree that keeps waking itself can be
-        halted by its host.
+        After ``max_rounds``, or once the host wants to stop the tree (``callbacks.release``), it returns RUNNING with
+        the wake-up pending: a tree that keeps waking itself can be halted by its host.
         """
         context = self.context
         status = self._tick()
         rounds = 1
-        while status is RUNNING and context.woken:
+        while status is RUNNING and context.woken and not context.stopping:
             if rounds >= self._max_rounds:
                 _logger.warning('tree [%s] woke itself %d times in one tick; it may never end', self.key.id, rounds)
                 break
@@ -201,6 +201,7 @@ class Tree:
             if node.status is not IDLE:
                 node.status = IDLE
         self.context.deadlines.clear()
+        self.context.stopping = False
         self._status = IDLE
         self._raise_halt_errors()
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from flexbt_core.behavior_tree.model import MISSING, Blackboard, BlackboardError, ConversionError, Entry, ScriptError
 
 from .parser import Assignment, Binary, Comparison, Conditional, Expression, Literal, Name, Unary
-from .values import BINARY, UNARY, Value, assigned, choose, compare
+from .values import BINARY, SMALL_TEXT, UNARY, Value, assigned, check_room, choose, compare
 
 
 class Scope:
@@ -163,6 +163,8 @@ class ClosureCompiler:
             with board.lock:
                 try:
                     result = assigned(entry, symbol, value, enums)
+                    if result.__class__ is str and len(result) > SMALL_TEXT:
+                        check_room(board, result)
                 except ConversionError as error:
                     raise self._fault(offset, f'entry [{key}]: {error}') from None
                 entry.write(result)

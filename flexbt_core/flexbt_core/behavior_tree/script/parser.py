@@ -28,6 +28,11 @@ MAX_DEPTH: Final = 200
 """Nesting of expressions. A script is evaluated by as many nested calls."""
 
 
+MAX_TOKENS: Final = 10_000
+"""Length of a script. It has no loops, so that this bounds its operations: a tick ends, and with it a run that is
+stopped."""
+
+
 class Literal(NamedTuple):
     """A number or a text. ``true`` and ``false`` are 1.0 and 0.0."""
 
@@ -115,6 +120,12 @@ class _Parser:
         self._depth = 0
 
     def parse(self) -> tuple[Expression, ...]:
+        if len(self._tokens) > MAX_TOKENS:
+            raise ScriptError(
+                self._script,
+                self._tokens[MAX_TOKENS].offset,
+                f'the script goes on after {MAX_TOKENS} tokens, which is the limit; divide it',
+            )
         if self._peek().kind is TokenKind.END:
             raise self._error('the script is empty')
         statements: list[Expression] = []

@@ -20,11 +20,21 @@ from flexbt_core.behavior_tree.model import (
     INT64,
     STRING,
     UINT64,
+    Blackboard,
     ConversionError,
     Entry,
     cast,
     fits,
 )
+
+MAX_TEXT: Final = 100_000
+"""Characters of a text that an operator makes. A loop could double a text until there is no memory left."""
+
+MAX_TEXTS: Final = 10_000_000
+"""Characters of all texts on a blackboard, for an assignment of a text that is larger than SMALL_TEXT."""
+
+SMALL_TEXT: Final = 10_000
+"""Texts of more characters are looked at more closely."""
 
 Value = Any
 Operation = Callable[[Value, Value], Value]
@@ -152,7 +162,7 @@ def _arithmetic(symbol: str) -> Operation:
         if is_number(left) and is_number(right):
             return compute(real(left), real(right))
         if symbol == '+' and isinstance(left, str) and isinstance(right, str):
-            return left + right
+            return _joined(symbol, left, right)
         raise _mismatch(left, right, symbol)
 
     return operate
@@ -191,7 +201,16 @@ def join(left: Value, right: Value) -> Value:
         return EMPTY
     if not all(is_number(value) or isinstance(value, str) for value in (left, right)):
         raise _mismatch(left, right, '..')
-    return text_of(left) + text_of(right)
+    return _joined('..', text_of(left), text_of(right))
+
+
+def _joined(symbol: str, left: str, right: str) -> str:
+    length = len(left) + len(right)
+    if length > MAX_TEXT:
+        raise ConversionError(
+            f'operator [{symbol}] would make a text of {length} characters; at most {MAX_TEXT} are made'
+        )
+    return left + right
 
 
 def text_of(value: Value) -> str:
@@ -241,6 +260,19 @@ def choose(value: Value) -> bool:
     if isinstance(value, str):
         return DOUBLE.parse(value) != 0.0
     return real(value) != 0.0
+
+
+def check_room(board: Blackboard, text: str) -> None:
+    """Whether a large text, which is about to be assigned, has room beside the others of the blackboard.
+
+    Raises ConversionError when it has not.
+    """
+    values = [*board.snapshot().values(), *(board.root.snapshot().values() if board.root is not board else ()), text]
+    length = sum(map(len, {id(value): value for value in values if isinstance(value, str)}.values()))
+    if length > MAX_TEXTS:
+        raise ConversionError(
+            f'the texts of the blackboard would have {length} characters; a script makes no more than {MAX_TEXTS}'
+        )
 
 
 # -- assignment --------------------------------------------------------------------------------------------------------

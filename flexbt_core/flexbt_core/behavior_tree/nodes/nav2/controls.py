@@ -16,6 +16,7 @@ from flexbt_core.behavior_tree.model import (
     SUCCESS,
     Example,
     NodeStatus,
+    TickAbandoned,
     input_port,
 )
 
@@ -52,6 +53,8 @@ class RecoveryNode(Control):
         allowed: int = self.get_input('number_of_retries')
         self.status = RUNNING
         while self._recoveries <= allowed:
+            if self.context.stopping:
+                raise TickAbandoned(self.path, self.id, 'the tree is being stopped', self.uid)
             status = self.tick_child(self._current)
             if status is RUNNING:
                 return RUNNING
