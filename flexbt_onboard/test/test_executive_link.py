@@ -31,7 +31,7 @@ from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublish
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 
 class Hold(EventState):
@@ -69,11 +69,13 @@ Make = Callable[..., ExecutiveBench]
 
 def test_the_heartbeat_comes_within_the_period_that_it_promises(make_bench: Make) -> None:
     bench = make_bench(parameters=ExecutiveParameters(peers=(), heartbeat_period=0.2))
-    before = len(bench.statuses)
+    bench.wait_for_next_status()
+    before, began = len(bench.statuses), uncontended_time()
     wait_until(lambda: len(bench.statuses) >= before + 5, 'five heartbeats')
-    arrivals = bench.arrivals[before : before + 5]
+    assert uncontended_time() - began < 5 * 0.4
     assert bench.status.heartbeat_period == pytest.approx(0.2)
-    assert 0.15 < median(b - a for a, b in pairwise(arrivals)) < 0.4
+    stamps = [status.stamp.sec + 1e-9 * status.stamp.nanosec for status in bench.statuses[before : before + 5]]
+    assert min(later - earlier for earlier, later in pairwise(stamps)) > 0.15
 
 
 def test_before_the_first_clock_message_everything_works_in_wall_time(make_bench: Make) -> None:
@@ -141,9 +143,9 @@ def test_peers_are_shown_and_their_changes_are_told(make_bench: Make) -> None:
         bench.logged('/bt_server is alive')
     finally:
         server.close()
-    begin = time.monotonic()
+    begin = uncontended_time()
     bench.wait_for(lambda status: not status.peers[0].alive, 'gone')
-    assert time.monotonic() - begin < 3.0
+    assert uncontended_time() - begin < 3.0
     assert bench.logged('/bt_server is not alive any more').severity == ExecutiveLog.ERROR
     assert not bench.status.peers[1].alive
 
@@ -199,17 +201,18 @@ def test_a_command_has_its_effect_within_milliseconds(make_bench: Make) -> None:
     for number in range(10):
         path, other = ('/A', '/B') if number % 2 == 0 else ('/B', '/A')
         count = len(bench.statuses)
-        begin = time.monotonic()
+        begin = uncontended_time()
         id = bench.send(ExecutiveCommand.FORCE, path=path, outcome='on')
 
-        def arrival(count: int = count, id: str = id, other: str = other) -> float | None:
-            for status, when in zip(bench.statuses[count:], bench.arrivals[count:], strict=False):
-                shown = [state.path for state in status.active_states]
-                if shown == [other] and id in [result.command_id for result in status.results]:
-                    return when
-            return None
+        def arrived(count: int = count, id: str = id, other: str = other) -> bool:
+            return any(
+                [state.path for state in status.active_states] == [other]
+                and id in [result.command_id for result in status.results]
+                for status in bench.statuses[count:]
+            )
 
-        latencies.append(wait_until(arrival, f'effect of {id}') - begin)
+        wait_until(arrived, f'effect of {id}')
+        latencies.append(uncontended_time() - begin)
         # Quiet for a moment, as operators are: the rate of messages is limited.
         bench.wait_for_next_status()
     assert median(latencies) < 0.05, latencies
@@ -220,15 +223,16 @@ def test_changes_that_come_fast_are_put_together() -> None:
         sent: list[float] = []
         publisher = runtime.call(lambda: StatusPublisher(runtime, lambda: sent.append(time.monotonic()), 10.0))
         begin = time.monotonic()
-        while time.monotonic() - begin < 0.6:
+        publisher.changed()
+        assert sent, 'the first at once'
+        while len(sent) < BURST + 5:
+            assert time.monotonic() - begin < DEADLINE
             publisher.changed()
             time.sleep(0.001)
         last = time.monotonic()
         publisher.changed()
-        wait_until(lambda: sent and sent[-1] >= last, 'the last change is sent as well')
-        assert sent[0] - begin < 0.05, 'the first at once'
+        wait_until(lambda: sent[-1] >= last, 'the last change is sent as well')
         assert len(sent) <= BURST + 2 + MAXIMUM_RATE * (sent[-1] - begin)
-        assert len(sent) >= 5
 
 
 @pytest.mark.parametrize(
@@ -314,10 +318,10 @@ def test_the_process_lists_a_broken_behavior_runs_another_and_ends_in_order(tmp_
         commands.publish(ExecutiveCommand(id='1', kind=ExecutiveCommand.START, behavior='Held', autonomy=3))
         wait_until(lambda: statuses[-1].active_states, lambda: f'running; {statuses[-1]}')
         assert not (tmp_path / 'left').exists()
-        begin = time.monotonic()
+        begin = uncontended_time()
         process.send_signal(signal_number)
         _, stderr = process.communicate(timeout=DEADLINE)
-        assert time.monotonic() - begin < 2.0
+        assert uncontended_time() - begin < 2.0
         assert process.returncode == 0
         assert 'Traceback' not in stderr
         assert 'PREEMPTED' in (tmp_path / 'left').read_text()

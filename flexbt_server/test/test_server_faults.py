@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import re
 import resource
 import signal
-import statistics
 import subprocess
 import sys
 import threading
@@ -30,7 +28,7 @@ from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.server_world import DEADLINE, Client, World, document, install_nodes, open_world
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 Result = BtExecute.Result
 
@@ -59,9 +57,9 @@ def quickest_answer(world: World) -> float:
     """Seconds for a goal, the best of a few: the machine has other things to do as well."""
 
     def measure() -> float:
-        began = time.monotonic()
+        began = uncontended_time()
         assert world.client.execute('Other').result.code == Result.SUCCESS
-        return time.monotonic() - began
+        return uncontended_time() - began
 
     return min(measure() for _ in range(5))
 
@@ -74,10 +72,11 @@ def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: World,
     assert Held.entered.wait(DEADLINE)
     assert quickest_answer(world) < 0.1
     assert world.client.set(to_entry('a', 1, encoding=Encoding.TEXT)).code == 1
-    began = time.monotonic()
+    began, uncontended = time.monotonic(), uncontended_time()
     goal.call.cancel(DEADLINE)
     outcome, result = goal.wait(), goal.result
-    assert 0.3 <= time.monotonic() - began < 1.5
+    assert time.monotonic() - began >= 0.3
+    assert uncontended_time() - uncontended < 1.5
     assert (outcome.status, result.code) == (GoalStatus.ABORTED, Result.ERROR)
     assert result.message.startswith('canceled by the client; not at rest in time after the halt: [Held')
     assert quickest_answer(world) < 0.1
@@ -131,9 +130,9 @@ def test_the_end_of_the_server_waits_for_no_leaf_and_tells_the_client(body: str)
         world.client.load_tree(body)
         goal = world.client.execute()
         wait_until(lambda: (goal.feedback and goal.feedback[-1].active_nodes) or Held.entered.is_set(), 'the leaf')
-        began = time.monotonic()
+        began = uncontended_time()
         world.server_runtime.close()
-        assert time.monotonic() - began < 1.7
+        assert uncontended_time() - began < 1.7
         assert goal.result.code == Result.ERROR
         assert goal.result.message.startswith('the BT server is shutting down; not at rest in time')
         Held.release.set()
@@ -153,9 +152,9 @@ def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
             goal = user.execute()
             wait_until(lambda: goal.feedback, 'the running tree')
             process.send_signal(signal.SIGTERM)
-            began = time.monotonic()
+            began = uncontended_time()
             assert process.wait(DEADLINE) == 0
-            return time.monotonic() - began
+            return uncontended_time() - began
     finally:
         process.kill()
         process.communicate()
@@ -300,8 +299,10 @@ def test_a_report_of_ticks_that_take_too_long_is_of_those_since_the_last_one() -
 
 def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
     ticks: list[float] = []
+    uncontended: list[float] = []
 
     def tick(self: Any) -> Any:
+        uncontended.append(uncontended_time())
         ticks.append(time.monotonic())
         time.sleep(0.02)  # counts as a part of the period
         return NodeStatus.SUCCESS
@@ -316,9 +317,9 @@ def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPa
         wait_until(lambda: len(ticks) >= 42, 'the ticks')
         goal.call.cancel(DEADLINE)
         assert goal.result.code == Result.CANCELED
-    # The median: on a busy machine some come late, and the next one early.
-    period = statistics.median(later - earlier for earlier, later in itertools.pairwise(ticks))
-    assert period == pytest.approx(0.05, rel=0.02)
+    # All together: on a busy machine some come late, and the next one early.
+    assert ticks[41] - ticks[0] > 40 * 0.05
+    assert uncontended[41] - uncontended[0] < 42 * 0.05
 
 
 def test_a_goal_for_a_tree_that_runs_is_answered_at_once(world: World) -> None:
@@ -327,10 +328,10 @@ def test_a_goal_for_a_tree_that_runs_is_answered_at_once(world: World) -> None:
     wait_until(lambda: goals[0].feedback, 'the running tree')
     times = []
     for _ in range(5):
-        began = time.monotonic()
+        began = uncontended_time()
         goals.append(SentGoal(world.client.executor, BtExecute.Goal(behavior_tree='Main')))
         assert goals[-1].accepted.wait(DEADLINE)
-        times.append(time.monotonic() - began)
+        times.append(uncontended_time() - began)
     assert min(times) < 0.05
     wait_until(lambda: goals[-1].feedback, 'the takeover')
     goals[-1].call.cancel(DEADLINE)

@@ -26,6 +26,7 @@ from flexbt_testing.nodes.sim_world import (
     open_simulator,
     without_faults,
 )
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 EAST = (11.2, 4.45)
 BRAKING = RobotLimits().linear_speed / RobotLimits().linear_acceleration
@@ -73,8 +74,9 @@ def test_one_check_of_the_pose_at_a_time_however_motions_take_over(monkeypatch: 
             assert goal.accepted.wait(60.0)
         assert not goal.ended
         checks.clear()
-        probe.later(10.0)  # 1 s on the wall
-        assert 1 <= len(checks) <= 10
+        began = time.monotonic()
+        wait_until(lambda: len(checks) >= 5, 'checks')
+        assert len(checks) <= 1 + (time.monotonic() - began) / 0.2
 
 
 def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back() -> None:
@@ -83,9 +85,9 @@ def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_
             Simulator(simulator)
             goal = probe.follow(line(DOCK, EAST))
             probe.wait_driving()
-        lost = time.monotonic()
+        lost = uncontended_time()
         assert 'no pose' in aborted(goal, FollowPath.Result.TF_ERROR).error_msg
-        assert time.monotonic() - lost < 3.0
+        assert uncontended_time() - lost < 3.0
         assert 'not known' in aborted(probe.plan(OFFICE), ComputePathToPose.Result.TF_ERROR).error_msg
         with without_faults(names.SIMULATOR, parameters=FAST) as simulator:
             Simulator(simulator)  # its time starts again at 0

@@ -36,6 +36,7 @@ from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.node import ExecutiveParameters, open_executive
 from flexbt_system_tests.gates import Gate, Gates
+from flexbt_testing.waiting import uncontended_time
 
 HEARTBEAT_S = 0.2
 DEADLINE_S = 30.0
@@ -97,7 +98,7 @@ class Truth:
         )
 
     def _hear(self, status: ExecutiveStatus) -> None:
-        self.published[status.sequence] = time.monotonic()
+        self.published[status.sequence] = uncontended_time()
         self.last = status
 
 
@@ -119,7 +120,7 @@ class Scene:
 
     def check(self) -> None:
         """A picture that claims to be live is not older than that may be."""
-        view, now = self.mirror.view(), time.monotonic()
+        view, now = self.mirror.view(), uncontended_time()
         if not view.live or view.snapshot is None:
             return
         since = self.truth.published.get(view.snapshot.sequence + 1)
@@ -180,12 +181,14 @@ def test_each_command_has_one_effect_or_is_refused(loss: float, delay: float, co
             if doubled < 5:  # a second operator of the same opinion: one of the two is too late
                 doubled += 1
                 at.send(CommandBuilder('bob').confirm(view, view.decision.id))
-            at.wait(lambda view, seen=view.decision.id: view.decision is None or view.decision.id != seen, 5.0)  # type: ignore[misc]
+            at.wait(lambda view, seen=view.decision.id: view.decision is None or view.decision.id != seen)  # type: ignore[misc]
         states = at.settle()
         assert states[CommandState.TIMEOUT] == states[CommandState.PENDING] == 0
         assert states[CommandState.APPLIED] - 1 == sum(Gate.exits.values()) >= count // 2
         at.nemesis.heal()
-        at.wait(at.is_true, HEALING_S + 1.0)
+        healed = uncontended_time()
+        at.wait(at.is_true)
+        assert uncontended_time() - healed < HEALING_S + 1.0
         assert not at.wrong
 
 
@@ -195,12 +198,12 @@ def test_a_partition_is_shown_and_heals() -> None:
         at.send(at.make.start(view, 'Gates', autonomy=AutonomyLevel.LOW))
         at.wait(lambda view: view.decision)
         at.nemesis.cut = True
-        at.wait(lambda view: view.link is LinkState.LOST, LOST_SECONDS + 5.0)
+        at.wait(lambda view: view.link is LinkState.LOST)
         assert not at.wrong
         at.nemesis.heal()
-        healed = time.monotonic()
+        healed = uncontended_time()
         view = at.wait(at.is_true)
-        assert time.monotonic() - healed < HEALING_S
+        assert uncontended_time() - healed < HEALING_S
         at.send(at.make.confirm(view))
         assert at.settle() == {CommandState.APPLIED: 2}
         assert sum(Gate.exits.values()) == 1

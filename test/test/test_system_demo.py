@@ -4,8 +4,6 @@
 import os
 import signal
 import subprocess
-import threading
-import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +11,8 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 from PIL import Image
+
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 MARK = 'FLEXBT_TEST_MARK'
 DEMO_SECONDS = 60.0  # of wall time, for each demonstration at speed factor 10
@@ -66,11 +66,11 @@ def wait_for_line(process: subprocess.Popen[str], text: str) -> list[str]:
 
 @pytest.mark.parametrize('number', [1, 2])
 def test_a_demonstration_reaches_its_goals_and_takes_every_branch(number: int, mark: str, tmp_path: Path) -> None:
-    before = time.monotonic()
+    before = uncontended_time()
     process = start(mark, tmp_path, '--demo', str(number))
-    output, _ = process.communicate(timeout=180)
+    output, _ = process.communicate(timeout=300)
     assert process.returncode == 0, output
-    assert time.monotonic() - before < DEMO_SECONDS, output
+    assert uncontended_time() - before < DEMO_SECONDS, output
     assert 'NOT TAKEN' not in output
     assert f'Demonstration {number}' in output
     file = tmp_path / f'demo{number}.png'
@@ -82,15 +82,13 @@ def test_a_demonstration_reaches_its_goals_and_takes_every_branch(number: int, m
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_every_process_and_is_no_success(number: signal.Signals, mark: str, tmp_path: Path) -> None:
-    started = time.monotonic()
     process = start(mark, tmp_path, '--demo', '1')
     wait_for_line(process, '/Drive')
     assert len(marked(mark)) == 5
-    sent = time.monotonic()
+    sent = uncontended_time()
     process.send_signal(number)
     output, _ = process.communicate(timeout=60)
-    # A busy or slow machine takes longer; but to start is far more work than to end, on any machine.
-    assert time.monotonic() - sent < max(END_SECONDS, sent - started)
+    assert uncontended_time() - sent < END_SECONDS
     assert process.returncode == 128 + number
     assert marked(mark) == {}
     logs = ''.join(log.read_text() for log in (tmp_path / 'logs').iterdir())
@@ -102,10 +100,7 @@ def test_a_process_that_dies_fails_the_demonstration_and_is_named(mark: str, tmp
     wait_for_line(process, '/Drive')
     (victim,) = (pid for pid, command in marked(mark).items() if 'lib/flexbt_sim/navigation' in command)
     (log,) = (tmp_path / 'logs').glob('navigation*')
-    deadline = time.monotonic() + 30.0
-    while 'ready' not in log.read_text():
-        assert time.monotonic() < deadline, 'it is not ready'
-        threading.Event().wait(0.01)
+    wait_until(lambda: 'ready' in log.read_text(), 'readiness')
     os.kill(victim, signal.SIGKILL)
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 1

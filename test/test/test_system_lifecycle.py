@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.waiting import uncontended_time
 
 MANAGED = ('bt_server', 'onboard_executive')
 """In the order in which they are brought up."""
@@ -44,7 +44,7 @@ def shown() -> str:
 
 def comes_to_rest(probe: Probe, answered: float) -> None:
     """The robot stands when the manager has its answer, as far as poses are not under way."""
-    probe.wait(lambda: time.monotonic() - max(probe.moved_at, answered) > 0.5, 'robot at rest')
+    probe.wait_at_rest(quiet=1.0)
     assert probe.moved_at < answered + 0.3
 
 
@@ -65,7 +65,7 @@ def test_a_manager_brings_the_robot_up_and_down(stack: Stack, runtime: NodeRunti
         probe.drive_to(*place)
         for manager in reversed(managers):
             assert manager.change('deactivate')
-        comes_to_rest(probe, time.monotonic())
+        comes_to_rest(probe, uncontended_time())
         probe.wait(lambda: probe.status.outcome == 'preempted', 'end of the run')
         assert 'the executive is inactive; activate it' in shown()
         for manager in reversed(managers):

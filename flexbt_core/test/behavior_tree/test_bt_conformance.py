@@ -22,7 +22,7 @@ DOCUMENT = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></ro
 
 
 @needs_wheel
-@pytest.mark.parametrize('block', range(4))
+@pytest.mark.parametrize('block', bt_conformance.BLOCKS)
 def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
     seeds = range(block * 150, (block + 1) * 150)
     crashed = 0
@@ -35,7 +35,7 @@ def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
 
 
 @needs_wheel
-@pytest.mark.parametrize('block', range(4))
+@pytest.mark.parametrize('block', bt_conformance.BLOCKS)
 def test_trees_of_the_corpus_give_the_trace_of_btcpp(block: int) -> None:
     seeds = range(block * 200, (block + 1) * 200)
     cases = map(bt_random_wheel.make_case, seeds)

@@ -11,7 +11,7 @@ from flexbt_testing.behavior_trees import wheel as bt_wheel
 
 
 @pytest.mark.skipif(not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4')
-@pytest.mark.parametrize('block', range(3))
+@pytest.mark.parametrize('block', bt_conformance.BLOCKS)
 def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
     cases = [bt_random_nodes.make_case(seed) for seed in range(block * 200, (block + 1) * 200)]
     for case, expected, found in bt_conformance.compare(cases):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable
 
 import pytest
@@ -27,6 +26,7 @@ from flexbt_core.behavior_tree import (
     output_port,
 )
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
+from flexbt_testing.waiting import uncontended_time
 
 
 class OpenDoor(StatefulAction):
@@ -230,9 +230,9 @@ def test_other_encodings_are_refused(encoding: str) -> None:
 )  # fmt: skip
 def test_hostile_documents_are_refused_within_a_second(make: Callable[[], str | bytes]) -> None:
     text = make()
-    start = time.perf_counter()
+    start = uncontended_time()
     errors = errors_of(text)
-    assert time.perf_counter() - start < 1.0
+    assert uncontended_time() - start < 1.0
     assert errors
     assert len(str(errors[0])) < 1000
 
@@ -256,9 +256,9 @@ def test_a_tree_that_explodes_through_its_sub_trees_is_refused() -> None:
         for level in range(30)
     )
     text = f'<root BTCPP_format="4">{trees}<BehaviorTree ID="T30"><AlwaysSuccess/></BehaviorTree></root>'
-    start = time.perf_counter()
+    start = uncontended_time()
     (error,) = errors_of(text)
-    assert time.perf_counter() - start < 1.0
+    assert uncontended_time() - start < 1.0
     assert 'the limit is 65535' in error.message
 
 
@@ -375,10 +375,10 @@ def test_includes_cannot_explode() -> None:
     files = Files(
         **{f'f{level}': f'<root>{f"<include path={chr(34)}f{level + 1}{chr(34)}/>" * 5}</root>' for level in range(20)}
     )
-    start = time.perf_counter()
+    start = uncontended_time()
     with pytest.raises(TreeLoadError, match='more than 100 files'):
         files.load('<root><include path="f0"/></root>')
-    assert time.perf_counter() - start < 1.0
+    assert uncontended_time() - start < 1.0
 
 
 PIECES = st.sampled_from(

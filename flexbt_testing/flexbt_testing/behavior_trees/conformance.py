@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from typing import Any, Final
 
 from . import random_nodes as bt_random_nodes
 from . import random_scripts as bt_random_scripts
@@ -26,6 +27,9 @@ PROFILES: dict[str, Callable[[int], dict[str, Any]]] = {
     'scripts': bt_random_scripts.make_case,
     'wheel': bt_random_wheel.make_case,
 }
+
+BLOCKS: Final = range(1 if os.environ.get('FLEXBT_ACCELERATION') == '0' else 4)
+"""Blocks of random trees that the tests compare: one without acceleration, whose cases are all judged with it too."""
 
 
 def difference(expected: dict[str, Any], actual: dict[str, Any]) -> str:
