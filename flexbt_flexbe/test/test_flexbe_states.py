@@ -340,7 +340,7 @@ class TestAsking:
         server = bench.serve(OperatorInput, names.OPERATOR_INPUT, lambda handle: never(handle), on_cancel=on_cancel)
         withdrawn = server.future()
         run = bench.run_state(lambda: InputState(0, 'how many?'))
-        wait_until(lambda: server.running, 'the question')
+        wait_until(lambda: server.running, 'the decision')
         assert run.stop() == 'preempted'
         assert (len(server.running), server.cancels) == (0, 1)
 

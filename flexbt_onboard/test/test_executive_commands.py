@@ -283,13 +283,13 @@ class Asker:
         wait_until(lambda: self.results, 'result')
         return self.results.pop(0).result
 
-    def question(self) -> PendingDecision:
-        """The question as the console sees it."""
+    def decision(self) -> PendingDecision:
+        """The decision as the console sees it."""
 
         def find(status: ExecutiveStatus) -> Any:
             return next((one for one in status.decisions if one.kind == PendingDecision.INPUT), None)
 
-        found = self.bench.wait_for(find, 'question')
+        found = self.bench.wait_for(find, 'decision')
         assert isinstance(found, PendingDecision)
         return found
 
@@ -297,22 +297,22 @@ class Asker:
 def test_a_node_may_ask_while_no_behavior_runs(bench: LoopBench) -> None:
     asker = Asker(bench)
     asker.ask(prompt='how many?', type='int8', asker='/counter')
-    question = asker.question()
-    assert (question.prompt, question.input_type, question.path) == ('how many?', 'int8', '/counter')
+    decision = asker.decision()
+    assert (decision.prompt, decision.input_type, decision.path) == ('how many?', 'int8', '/counter')
     assert '300' in bench.refused(
-        ExecutiveCommand.ANSWER, decision_id=question.id, inputs=[BlackboardEntry(text='300')]
+        ExecutiveCommand.ANSWER, decision_id=decision.id, inputs=[BlackboardEntry(text='300')]
     )
-    assert 'one value' in bench.refused(ExecutiveCommand.ANSWER, decision_id=question.id)
+    assert 'one value' in bench.refused(ExecutiveCommand.ANSWER, decision_id=decision.id)
     assert asker.results == []
-    bench.applied(ExecutiveCommand.ANSWER, id='answer', decision_id=question.id, inputs=[BlackboardEntry(text='30')])
+    bench.applied(ExecutiveCommand.ANSWER, id='answer', decision_id=decision.id, inputs=[BlackboardEntry(text='30')])
     result = asker.result()
     assert (result.code, result.operator_id, result.value.text) == (OperatorInput.Result.SUCCESS, 'tester', '30')
-    bench.wait_for(lambda status: not status.decisions, 'question gone')
-    bench.send(ExecutiveCommand.ANSWER, id='answer', decision_id=question.id, inputs=[BlackboardEntry(text='31')])
-    assert 'not open' in bench.refused(ExecutiveCommand.DECLINE, decision_id=question.id)
+    bench.wait_for(lambda status: not status.decisions, 'decision gone')
+    bench.send(ExecutiveCommand.ANSWER, id='answer', decision_id=decision.id, inputs=[BlackboardEntry(text='31')])
+    assert 'not open' in bench.refused(ExecutiveCommand.DECLINE, decision_id=decision.id)
 
 
-def test_a_question_that_cannot_be_asked_is_an_error_with_the_reason(bench: LoopBench) -> None:
+def test_a_decision_that_cannot_be_asked_is_an_error_with_the_reason(bench: LoopBench) -> None:
     asker = Asker(bench)
     asker.ask(prompt='?', type='no_such/msg/Thing')
     result = asker.result()
@@ -320,27 +320,27 @@ def test_a_question_that_cannot_be_asked_is_an_error_with_the_reason(bench: Loop
     assert 'no_such' in result.message
 
 
-def test_a_question_can_be_declined_and_withdrawn_and_is_no_transition(bench: LoopBench) -> None:
+def test_a_decision_can_be_declined_and_withdrawn_and_is_no_transition(bench: LoopBench) -> None:
     asker = Asker(bench)
     bench.start()
     bench.decision('/A')
     asker.ask(prompt='?', type='string')
-    question = asker.question()
-    assert 'asks for a value' in bench.refused(CONFIRM, decision_id=question.id)
-    bench.applied(ExecutiveCommand.DECLINE, decision_id=question.id, reason='busy')
+    decision = asker.decision()
+    assert 'asks for a value' in bench.refused(CONFIRM, decision_id=decision.id)
+    bench.applied(ExecutiveCommand.DECLINE, decision_id=decision.id, reason='busy')
     result = asker.result()
     assert (result.code, 'busy' in result.message) == (OperatorInput.Result.DECLINED, True)
     asker.ask(prompt='??', type='string')
-    bench.wait_for(lambda status: any(one.prompt == '??' for one in status.decisions), 'second question')
+    bench.wait_for(lambda status: any(one.prompt == '??' for one in status.decisions), 'second decision')
     bench.console.call(asker.handle.cancel_goal_async)
     assert asker.result().code == OperatorInput.Result.CANCELED
     bench.wait_for(lambda status: [one.kind for one in status.decisions] == [PendingDecision.TRANSITION], 'withdrawn')
 
 
-def test_the_end_of_the_executive_withdraws_the_questions(bench: LoopBench) -> None:
+def test_the_end_of_the_executive_withdraws_the_decisions(bench: LoopBench) -> None:
     asker = Asker(bench)
     asker.ask(prompt='?', type='string')
-    asker.question()
+    asker.decision()
     bench.runtime.close()
     bench.wait_for(lambda status: not status.decisions, 'withdrawn')
 

@@ -119,7 +119,7 @@ def test_no_command_is_lost_or_doubled_when_the_executive_is_killed_at_any_momen
         # Whatever was said before is true, and what the executive before did not write down has no effect any more.
         for command_id, _ in sent[-8:]:
             bench.resend(command_id)
-        assert 'interrupted' in bench.refused(C.START, behavior='Test')  # now all of them were looked at
+        assert 'interrupted' in bench.refused(C.START, behavior='Test')  # now all of them were read
         for command_id, _ in sent[-8:]:
             result = bench.answer(command_id)
             is_applied = result is not None and result.code == CommandResult.APPLIED
@@ -127,7 +127,7 @@ def test_no_command_is_lost_or_doubled_when_the_executive_is_killed_at_any_momen
             if is_applied:
                 applied.add(command_id)
         bench.applied(C.RESUME_RUN)
-        bench.wait_for(lambda status: status.decisions, 'question after the crash')
+        bench.wait_for(lambda status: status.decisions, 'decision after the crash')
     print(f'{KILLS} kills, {len(sent)} commands, {len(applied)} applied')
     assert len(applied) >= KILLS // 2
     bench.applied(C.FORCE, path='/Inner/Ask', outcome='out')
@@ -170,7 +170,7 @@ def test_what_was_set_for_a_run_holds_again_and_a_stop_is_not_forgotten(bench: D
     assert bench.launch() == ExecutiveStatus.IDLE
 
 
-def test_an_interrupted_run_is_given_up_and_one_that_cannot_go_on_says_why(bench: DurableBench) -> None:
+def test_an_interrupted_run_is_aborted_and_one_that_cannot_go_on_says_why(bench: DurableBench) -> None:
     bench.launch()
     run_id = bench.start('Spoil')
     bench.wait_active('/Spoil')

@@ -170,19 +170,19 @@ def test_a_transition_waits_for_the_robot_and_the_operator_sees_it(bench: Manage
 
 
 def test_programs_are_refused_and_their_goals_ended(bench: ManagedBench) -> None:
-    question = OperatorInput.Goal(prompt='?', type='bool')
+    request = OperatorInput.Goal(prompt='?', type='bool')
     bench.change('configure')
     behaviors = bench.links.link(ExecuteBehavior, names.EXECUTE_BEHAVIOR)
-    questions = bench.links.link(OperatorInput, names.OPERATOR_INPUT)
+    requests = bench.links.link(OperatorInput, names.OPERATOR_INPUT)
     refused = SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')).result
     assert (refused.code, refused.message) == (ExecuteBehavior.Result.FAILURE, INACTIVE)
-    refused = SentGoal(questions, question).result
+    refused = SentGoal(requests, request).result
     assert (refused.code, refused.message) == (OperatorInput.Result.ERROR, INACTIVE)
 
     bench.change('activate')
-    run, asked = SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')), SentGoal(questions, question)
+    run, asked = SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')), SentGoal(requests, request)
     bench.wait_active('/Hold')
-    bench.wait_for(lambda status: status.decisions, 'question')
+    bench.wait_for(lambda status: status.decisions, 'decision')
     bench.change('deactivate')
     assert run.result.code == ExecuteBehavior.Result.CANCELED
     assert (asked.result.code, asked.result.message) == (

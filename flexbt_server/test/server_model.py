@@ -139,7 +139,7 @@ class ModelGoal:
             allowed.add(Result.ERROR)
         if result.code not in allowed:
             return f'code {result.code}, not in {sorted(allowed)}: {result.message}'
-        if 'fault in the BT server' in result.message or 'not at rest' in result.message:
+        if 'fault in the BT server' in result.message or 'not halted' in result.message:
             return result.message
         expected = {Result.SUCCESS: {GoalStatus.SUCCEEDED}, Result.CANCELED: {GoalStatus.ABORTED}}
         statuses = expected.get(result.code, {GoalStatus.ABORTED})
@@ -157,7 +157,7 @@ class Model:
     """What the server has been told."""
 
     trees: dict[str, list[Plan]] = field(default_factory=dict)
-    """Versions of each tree since the server was last at rest."""
+    """Versions of each tree since the server last ran nothing."""
     entries: dict[tuple[str, str], Any] = field(default_factory=dict)
     """(Blackboard, key): value."""
     live: list[ModelGoal] = field(default_factory=list)

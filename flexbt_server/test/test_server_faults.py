@@ -78,7 +78,7 @@ def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: World,
     assert time.monotonic() - began >= 0.3
     assert uncontended_time() - uncontended < 1.5
     assert (outcome.status, result.code) == (GoalStatus.ABORTED, Result.ERROR)
-    assert result.message.startswith('canceled by the client; not at rest in time after the halt: [Held')
+    assert result.message.startswith('canceled by the client; not halted in time: [Held')
     assert quickest_answer(world) < 0.1
     # The tree can be run again, while the thread of the first run is still held up.
     Held.release.set()
@@ -134,7 +134,7 @@ def test_the_end_of_the_server_waits_for_no_leaf_and_tells_the_client(body: str)
         world.server_runtime.close()
         assert uncontended_time() - began < 1.7
         assert goal.result.code == Result.ERROR
-        assert goal.result.message.startswith('the BT server is shutting down; not at rest in time')
+        assert goal.result.message.startswith('the BT server is shutting down; not halted in time')
         Held.release.set()
     wait_until(lambda: not tree_threads(), 'the end of the threads')
 

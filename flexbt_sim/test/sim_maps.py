@@ -68,7 +68,7 @@ def free_places(world: OccupancyMap, clearance: float) -> st.SearchStrategy[Pose
 
 
 def rooms(world: OccupancyMap, points: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
-    """Distances from points, shape (n, 2), to the nearest of the squares that are obstacles, m: all are looked at."""
+    """Distances from points, shape (n, 2), to the nearest of the squares that are obstacles, m: all are checked."""
     turn = complex(math.cos(world.origin.yaw), -math.sin(world.origin.yaw))
     place = ((points[:, 0] - world.origin.x) + 1j * (points[:, 1] - world.origin.y)) * turn / world.resolution
     x, y = place.real[:, None], place.imag[:, None]

@@ -30,7 +30,7 @@ def world() -> Iterator[Probe]:
 
 @pytest.fixture(autouse=True)
 def fast(world: Probe) -> Iterator[None]:
-    """A test that looks at wall time changes the speed factor."""
+    """A test that measures wall time changes the speed factor."""
     yield
     world.set_speed_factor(10.0)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Distances on a map against looking at every obstacle."""
+"""Distances on a map against a check of every obstacle."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Costs and clear lines against looking at every obstacle."""
+"""Costs and clear lines against a check of every obstacle."""
 
 from __future__ import annotations
 

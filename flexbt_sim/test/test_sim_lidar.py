@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The lidar against a ray caster that looks at every obstacle."""
+"""The lidar against a ray caster that checks every obstacle."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans against a slow search that looks at every obstacle, and Nav2's error codes."""
+"""Plans against a slow search that checks every obstacle, and Nav2's error codes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ thorough = settings(deadline=None, max_examples=40)
 
 
 class SlowSearch:
-    """Dijkstra's search over the centres of the cells. Steps are looked at all along."""
+    """Dijkstra's search over the centres of the cells. Steps are checked all along."""
 
     def __init__(self, world: OccupancyMap, costs: NDArray[numpy.uint8]) -> None:
         self._world = world

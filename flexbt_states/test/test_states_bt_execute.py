@@ -287,7 +287,7 @@ def test_nothing_of_a_tree_that_has_ended_is_shown_while_the_operator_decides(be
 
     wait_until(lambda: shown() == [['Root', 'Root/Follow']], 'activity shown')
     server.resolve(future)
-    wait_until(lambda: run.decisions(), 'the question whether it has failed')
+    wait_until(lambda: run.decisions(), 'the decision whether it has failed')
     assert shown() == [[]]
     run.stop()
 

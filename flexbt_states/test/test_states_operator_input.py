@@ -28,25 +28,25 @@ RESULT = OperatorInput.Result
 
 
 class Desk:
-    """The executive's side of the questions, as an operator uses it."""
+    """The executive's side of requests for input, as an operator uses it."""
 
     def __init__(self, bench: StateBench) -> None:
         self.runtime = NodeRuntime('desk', args=())
         self.changes = 0
-        self.questions = self.runtime.call(lambda: InputRequests(self.runtime, GoalAdmission('the desk'), self._count))
+        self.requests = self.runtime.call(lambda: InputRequests(self.runtime, GoalAdmission('the desk'), self._count))
         link = bench.services.actions.link(OperatorInput, 'operator_input')
         wait_until(lambda: bench.runtime.call(link.is_ready), 'discovered')
 
     def pending(self) -> Any:
-        (question,) = wait_until(lambda: self.runtime.call(self.questions.decisions), 'question')
-        return question
+        (decision,) = wait_until(lambda: self.runtime.call(self.requests.decisions), 'decision')
+        return decision
 
     def none_pending(self) -> None:
-        wait_until(lambda: not self.runtime.call(self.questions.decisions), 'question gone')
+        wait_until(lambda: not self.runtime.call(self.requests.decisions), 'decision gone')
 
     def answer(self, **fields: Any) -> None:
-        question = self.pending()
-        self.runtime.call(lambda: self.questions.answer(question.id, BlackboardEntry(**fields), 'eva'))
+        decision = self.pending()
+        self.runtime.call(lambda: self.requests.answer(decision.id, BlackboardEntry(**fields), 'eva'))
 
     def _count(self, _event: str, _fields: Mapping[str, Any]) -> None:
         self.changes += 1
@@ -56,7 +56,7 @@ class Desk:
 def desk(bench: StateBench) -> Iterator[Desk]:
     desk = Desk(bench)
     yield desk
-    desk.runtime.call(lambda: desk.questions.close('the desk is closed'))
+    desk.runtime.call(lambda: desk.requests.close('the desk is closed'))
     desk.runtime.close()
 
 
@@ -67,8 +67,8 @@ def ask(type: str = POSE, **options: Any) -> OperatorInputState:
 def test_an_answer_as_text_arrives_as_a_value(bench: StateBench, desk: Desk) -> None:
     read: dict[str, Any] = {}
     run = bench.run_state(ask, {'data': None}, outputs=['data'], read=read)
-    question = desk.pending()
-    assert (question.prompt, question.input_type, question.path) == ('Where to?', POSE, '/State')
+    decision = desk.pending()
+    assert (decision.prompt, decision.input_type, decision.path) == ('Where to?', POSE, '/State')
     desk.answer(text='{header: {frame_id: map}, pose: {position: {x: 2}}}')
     assert run.wait() == 'received', run.lines
     expected = PoseStamped()
@@ -87,7 +87,7 @@ def test_an_answer_as_text_arrives_as_a_value(bench: StateBench, desk: Desk) -> 
         ({'type': 'no/msg/Such', 'text': '1'}, 'no/msg/Such'),
     ],
 )
-def test_a_refused_answer_leaves_the_question_open(
+def test_a_refused_answer_leaves_the_decision_open(
     bench: StateBench, desk: Desk, fields: dict[str, Any], words: str
 ) -> None:
     run = bench.run_state(ask, {'data': None})
@@ -110,41 +110,41 @@ def test_only_choices_may_be_answered(bench: StateBench, desk: Desk) -> None:
 
 def test_the_operator_may_decline(bench: StateBench, desk: Desk) -> None:
     run = bench.run_state(ask, {'data': None})
-    question = desk.pending()
-    desk.runtime.call(lambda: desk.questions.decline(question.id, 'eva', 'not now'))
+    decision = desk.pending()
+    desk.runtime.call(lambda: desk.requests.decline(decision.id, 'eva', 'not now'))
     assert run.wait() == 'declined'
     with pytest.raises(CommandRefusedError, match='not open'):
-        desk.runtime.call(lambda: desk.questions.decline(question.id, 'eva', 'not now'))
+        desk.runtime.call(lambda: desk.requests.decline(decision.id, 'eva', 'not now'))
 
 
-def test_a_question_is_withdrawn_when_its_state_is_left(bench: StateBench, desk: Desk) -> None:
+def test_a_decision_is_withdrawn_when_its_state_is_left(bench: StateBench, desk: Desk) -> None:
     run = bench.run_state(ask, {'data': None})
     desk.pending()
     assert run.stop() == 'preempted'
     desk.none_pending()
 
 
-def test_without_an_answer_in_time_the_question_is_withdrawn(bench: StateBench, desk: Desk) -> None:
+def test_without_an_answer_in_time_the_decision_is_withdrawn(bench: StateBench, desk: Desk) -> None:
     run = bench.run_state(lambda: ask(timeout=0.2), {'data': None})
     assert run.wait() == 'failed'
     assert '0.2 s' in run.errors()
     desk.none_pending()
 
 
-def test_several_questions_at_a_time_are_answered_each(bench: StateBench, desk: Desk) -> None:
+def test_several_decisions_at_a_time_are_answered_each(bench: StateBench, desk: Desk) -> None:
     runs = [bench.run_state(lambda: ask('string'), {'data': None}) for _ in range(3)]
-    questions = wait_until(
-        lambda: len(found := desk.runtime.call(desk.questions.decisions)) == 3 and found, 'three questions'
+    decisions = wait_until(
+        lambda: len(found := desk.runtime.call(desk.requests.decisions)) == 3 and found, 'three decisions'
     )
-    assert len({question.id for question in questions}) == 3
+    assert len({decision.id for decision in decisions}) == 3
 
-    def answer(question_id: str) -> None:
-        desk.runtime.call(lambda: desk.questions.answer(question_id, BlackboardEntry(text='x'), 'eva'))
+    def answer(decision_id: str) -> None:
+        desk.runtime.call(lambda: desk.requests.answer(decision_id, BlackboardEntry(text='x'), 'eva'))
 
-    for question in questions[1:]:
-        answer(question.id)
+    for decision in decisions[1:]:
+        answer(decision.id)
     wait_until(lambda: sum(run.outcome is not None for run in runs) == 2, 'two answered')
-    assert desk.pending().id == questions[0].id
+    assert desk.pending().id == decisions[0].id
     desk.answer(text='y')
     assert [run.wait() for run in runs] == ['received'] * 3
 

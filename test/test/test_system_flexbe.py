@@ -113,7 +113,7 @@ def console(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def waiting_for(path: str) -> dict[str, Any]:
-    """The question that a state puts to the operator."""
+    """The decision that a state puts to the operator."""
     end = time.monotonic() + DEADLINE_S
     status: dict[str, Any] = {}
     while time.monotonic() < end:

@@ -101,13 +101,13 @@ def test_the_mission_is_driven(installed: dict[str, str], probe: Probe, tmp_path
         probe.wait_ready()
         probe.send(ExecutiveCommand.START, behavior='Deliveries', autonomy=2)
         for x, y in ((3.8, 1.2), (0.8, 4.45)):
-            question = probe.wait(lambda: decision(PendingDecision.INPUT), 'the question for a goal')
-            assert question is not None and question.prompt == 'Where to?'
+            asked = probe.wait(lambda: decision(PendingDecision.INPUT), 'the decision about a goal')
+            assert asked is not None and asked.prompt == 'Where to?'
             goal = PoseStamped()
             goal.header.frame_id = 'map'
             goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
-            probe.send(ExecutiveCommand.ANSWER, decision_id=question.id, inputs=[to_entry('goal', goal)])
-            arrival = probe.wait(lambda: decision(PendingDecision.TRANSITION), 'the question whether it counts')
+            probe.send(ExecutiveCommand.ANSWER, decision_id=asked.id, inputs=[to_entry('goal', goal)])
+            arrival = probe.wait(lambda: decision(PendingDecision.TRANSITION), 'the decision whether it counts')
             assert arrival is not None and (arrival.path, arrival.outcome) == ('/Drive', 'done')
             probe.send(ExecutiveCommand.CONFIRM, decision_id=arrival.id)
             probe.wait(lambda: decision(PendingDecision.TRANSITION) is None, 'the confirmation')

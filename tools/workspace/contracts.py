@@ -30,7 +30,7 @@ class FrontDoorsContract(Contract):
     packages = fields.ListField(subfield=fields.StringField())
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        """Looks at every direct import of a module that is two levels or more below its package, and is no folder."""
+        """Checks every direct import of a module that is two levels or more below its package, and is no folder."""
         found: list[str] = []
         for package in self.packages:
             for module in sorted(graph.find_descendants(package)):

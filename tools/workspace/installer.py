@@ -192,7 +192,7 @@ def progress_of_uv(log: Path) -> str:
 
 
 def progress_of_pip(log: Path, expected: int) -> str:
-    """How many packages pip has looked at, of about `expected`, from its output."""
+    """How many packages pip has inspected, of about `expected`, from its output."""
     text = log.read_text(encoding='utf-8', errors='replace')
     collected = _names(re.findall(r'Collecting ([\w.-]+)', text))
     if 'Installing collected packages' in text:

@@ -158,13 +158,13 @@ def _in_parallel(workspace: Workspace) -> list[str]:
 
     Without pytest-xdist, which no key of a manifest asks for, there is one worker.
     """
-    look = subprocess.run(
+    found = subprocess.run(
         [str(word) for word in workspace.inside(['python3', '-c', 'import xdist'])],
         env=workspace.environment,
         cwd=workspace.layout.root,
         stderr=subprocess.DEVNULL,
     )
-    if look.returncode != 0:
+    if found.returncode != 0:
         return []
     return ['--numprocesses', str(os.cpu_count() or 2), '--dist', 'worksteal']
 

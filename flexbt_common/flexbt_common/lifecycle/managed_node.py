@@ -69,7 +69,7 @@ class Managed(Protocol):
         deactivated'. ``within`` is in seconds of wall time.
 
         Raises:
-            FlexbtError: something was not at rest in this time.
+            FlexbtError: something did not halt in this time.
         """
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The newest message of a topic, for whoever looks at it far more rarely than it comes."""
+"""The newest message of a topic, for whoever reads it far more rarely than it comes."""
 
 from __future__ import annotations
 

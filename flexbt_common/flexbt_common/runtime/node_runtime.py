@@ -312,7 +312,7 @@ class NodeRuntime:
 
     def _turn(self) -> None:
         # The bell only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps sets back
-        # the guard conditions that were not triggered when it looked, a moment later): what was posted is looked at
+        # the guard conditions that were not triggered when it looked, a moment later): what was posted is checked
         # whenever a wait has ended.
         while not self._closed.is_set():
             try:

@@ -15,7 +15,7 @@ from flexbt_core.clock import Timer, TimerQueue
 
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
-"""Seconds; a timer that is farther away is looked at again then. rcl counts nanoseconds in 64 bits."""
+"""Seconds; a timer that is farther away is checked again then. rcl counts nanoseconds in 64 bits."""
 
 
 class Host(Protocol):

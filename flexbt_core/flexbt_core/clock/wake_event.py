@@ -9,7 +9,7 @@ from typing import Final
 from .clock import Clock
 
 _NEAR: Final = 0.5
-"""Seconds for which a sleep needs no timer: whoever waits looks at the clock again then, should that have been set."""
+"""Seconds for which a sleep needs no timer: whoever waits reads the clock again then, should that have been set."""
 
 
 class WakeEvent:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nav2's nodes that look at paths and motion, and those of its branch main: tick by tick, on a manual clock."""
+"""Nav2's nodes that watch paths and motion, and those of its branch main: tick by tick, on a manual clock."""
 
 from __future__ import annotations
 

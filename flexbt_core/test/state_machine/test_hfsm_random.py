@@ -69,7 +69,7 @@ def running(run: RandomRun) -> bool:
 
 
 class RandomRun(RuleBasedStateMachine):
-    """The operations are those of the world (news, rest, time) and of the operator; after the end it begins again."""
+    """The operations are those of the world (events, rest, time) and of the operator; after the end it begins again."""
 
     @initialize(seed=st.integers(0, 2**32), level=st.integers(0, 3))
     def build(self, seed: int, level: int) -> None:
@@ -94,13 +94,13 @@ class RandomRun(RuleBasedStateMachine):
 
     @precondition(running)
     @rule(number=NUMBERS, here=st.integers(0, 4), choice=st.sampled_from([0, 0, 1, 1, 2, 2, None]))
-    def news(self, number: int, here: int, choice: int | None) -> None:
+    def event(self, number: int, here: int, choice: int | None) -> None:
         puppet = self._puppet(number, here)
         outcome = None if choice is None else puppet.node.outcomes[choice % len(puppet.node.outcomes)]
         puppet.outcome = outcome
         puppet.wake()
         self.bench.settle()
-        self.model.news(puppet.node, outcome)
+        self.model.event(puppet.node, outcome)
 
     @precondition(lambda self: running(self) and self.model.active)
     @rule(number=NUMBERS)

@@ -69,7 +69,7 @@ class ScriptedOperator:
         mirror.add_listener(self._on_change)
 
     def notify(self) -> None:
-        """Look again at what is waited for; from any thread."""
+        """Check again what is waited for; from any thread."""
         with self._changed:
             self._changed.notify_all()
 

@@ -78,7 +78,7 @@ class Narrator:
         self._told: tuple[str, int] = ('', 0)
 
     def __call__(self, change: Change) -> None:
-        """Look at what changed; called on the thread that brought it."""
+        """Inspect what changed; called on the thread that brought it."""
         if change is Change.LOG:
             for line in self._mirror.log():
                 self._tell_line(line)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors that are built and never run: for tools that look at their state machines."""
+"""Behaviors that are built and never run: for tools that inspect their state machines."""
 
 from __future__ import annotations
 

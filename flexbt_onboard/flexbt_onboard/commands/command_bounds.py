@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How large commands and input requests may be: looked at before anything of them is kept, logged or journaled."""
+"""How large commands and input requests may be: checked before anything of them is kept, logged or journaled."""
 
 from __future__ import annotations
 

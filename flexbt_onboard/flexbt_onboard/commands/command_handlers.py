@@ -83,7 +83,7 @@ def _resume_run(given: Given) -> Effect:
 
 
 def _abort_run(given: Given) -> None:
-    given.runs.give_up(given.interrupted, f'interrupted, and given up by {_operator(given)}')
+    given.runs.abort(given.interrupted, f'interrupted, and aborted by {_operator(given)}')
 
 
 def _claim_authority(given: Given) -> None:

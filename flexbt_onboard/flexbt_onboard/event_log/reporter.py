@@ -135,7 +135,7 @@ class Reporter:
         self.event('switched', run=run_id, behavior=request.entry.name, arguments=arguments, by=request.by)
 
     def run_ended(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
-        """A run has ended, and everything is at rest, or as far at rest as ``message`` says."""
+        """A run has ended, and everything has halted, or what ``message`` does not name."""
         self.event('ended', run=run_id, behavior=behavior, outcome=outcome, message=message)
         severity = ExecutiveLog.ERROR if outcome == ERROR else ExecutiveLog.INFO
         text = f'behavior {behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')

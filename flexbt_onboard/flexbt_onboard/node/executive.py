@@ -43,7 +43,7 @@ JOURNAL_SECONDS: Final = 0.3
 """How long the last status waits for the journal."""
 
 SHUTDOWN_SECONDS: Final = 1.2
-"""How long the end of the process waits for a running behavior to be at rest."""
+"""How long the end of the process waits for a running behavior to halt."""
 
 
 class Executive:
@@ -144,7 +144,7 @@ class Executive:
         ``why`` (for what runs) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
 
         Raises:
-            OnboardError: the behavior was not at rest in this time.
+            OnboardError: the behavior did not halt in this time.
         """
         told = f'the executive {why}'
         run = self._runtime.call(lambda: self._stop(told, refusal))

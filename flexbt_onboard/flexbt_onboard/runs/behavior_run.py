@@ -54,7 +54,7 @@ from .callback_watch import CallbackWatch, HeldUp
 from .run_snapshot import RunEnd, RunSnapshot, SnapshotSource, decision_number
 
 _ESCAPES: Final = 3
-"""Exceptions that may escape from the state machine before the run is given up."""
+"""Exceptions that may escape from the state machine before the run is aborted."""
 
 
 class RunObserver(Protocol):
@@ -150,7 +150,7 @@ class BehaviorRun:
         self._wake_event.set()
 
     def stop(self, reason: str) -> None:
-        """Stop the run; :meth:`RunObserver.ended` follows when everything is at rest. The first reason counts."""
+        """Stop the run; :meth:`RunObserver.ended` follows when everything has halted. The first reason counts."""
         with self._lock:
             if self._stop_reason is not None:
                 return

@@ -36,7 +36,7 @@ class HeldUp:
 
 
 class CallbackWatch:
-    """Looks at what ``calling`` gives while it is in its ``with`` block.
+    """Checks what ``calling`` gives while it is in its ``with`` block.
 
     ``held_up`` is told once for each callback of each state that takes longer than the limit, on the thread of the
     clock; ``returned`` when one of these has returned.

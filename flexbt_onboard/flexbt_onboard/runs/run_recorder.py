@@ -96,7 +96,7 @@ class RunRecorder:
         self._owner.run_stopping()
 
     def ended(self, end: RunEnd) -> None:
-        """The run has ended, and everything is at rest."""
+        """The run has ended, and everything has halted."""
         self._journal.end(self._run_id, end.outcome)
         self._report.run_ended(self._run_id, self._behavior, end.outcome, end.message)
         self._owner.run_ended(end)

@@ -147,7 +147,7 @@ class RunSupervisor:
             self.run.stop(why)
         return self.run
 
-    def give_up(self, interrupted: InterruptedRun, why: str) -> None:
+    def abort(self, interrupted: InterruptedRun, why: str) -> None:
         """An interrupted run does not go on."""
         self._journal.end(interrupted.run_id, why)
         self._report.run_ended(interrupted.run_id, interrupted.behavior, PREEMPTED, why)

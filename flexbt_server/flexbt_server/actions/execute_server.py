@@ -31,7 +31,7 @@ from .running_trees import RunningTree, RunningTrees, TreeGoal
 Result = BtExecute.Result
 
 _REPORT_SECONDS: Final = 0.3
-"""A run that is not at rest in time says so a little later, s."""
+"""A run that has not halted in time says so a little later, s."""
 
 MOST_RUNS: Final = 200
 """Goals that are worked on at a time: each tree that runs has a thread."""

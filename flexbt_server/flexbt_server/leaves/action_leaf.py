@@ -2,7 +2,7 @@
 """A leaf whose work is the goal of an action server.
 
 The leaf never blocks. It is RUNNING from sending to result; every wait has a deadline, and a server that dies is
-noticed. Halting cancels the goal, also one that is not accepted yet, and the tree is not at rest before that is
+noticed. Halting cancels the goal, also one that is not accepted yet, and the tree has not halted before that is
 confirmed. A goal is not sent while a halted goal of the same tree is still ending: two of them would move one robot.
 
 Differences from Nav2's BtActionNode, on purpose: a goal that somebody else canceled is a FAILURE and not a SUCCESS;

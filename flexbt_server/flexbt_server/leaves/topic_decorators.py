@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Decorators of Nav2 that look at the robot's motion, or at a topic for another goal."""
+"""Decorators of Nav2 that watch the robot's motion, or a topic for another goal."""
 
 from __future__ import annotations
 

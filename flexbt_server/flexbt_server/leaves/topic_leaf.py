@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that look at a topic."""
+"""Leaves that read a topic."""
 
 from __future__ import annotations
 

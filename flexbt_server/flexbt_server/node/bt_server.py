@@ -87,7 +87,7 @@ class BtServer:
         ``why`` (for what runs) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
 
         Raises:
-            BtServerError: something was not at rest in this time.
+            BtServerError: something did not halt in this time.
         """
         is_at_rest = self._stop(why, refusal, within)
         *_, unread = wait([self._reader.submit(lambda: None)], within)

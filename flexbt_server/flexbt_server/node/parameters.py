@@ -91,7 +91,7 @@ def declare_parameters(node: Node) -> ServerParameters:
             'server_timeout', 1.0, 0.01, 60.0, 'wait for a server and for its acceptance, s of wall time'
         ),
         cancel_timeout=declare.real(
-            'cancel_timeout', 2.0, 0.01, 60.0, 'wait for halted leaves to be at rest, s of wall time'
+            'cancel_timeout', 2.0, 0.01, 60.0, 'how long leaves may take to halt, s of wall time'
         ),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
         error_code_names=declare.texts(

@@ -35,10 +35,10 @@ from .run_outcome import RunOutcome, outcome_after, outcome_of, outcome_of_tree
 from .tree_observer import TreeObserver
 
 _GRACE: Final = 0.2
-"""How much longer than its time to come to rest a run has to say itself what is not at rest, s."""
+"""How much longer than its time to halt a run has to say itself what has not halted, s."""
 
 _HAS_ENDED: Final = 'the run has ended'
-_NOT_AT_REST: Final = 'not at rest in time after the halt'
+_NOT_HALTED: Final = 'not halted in time'
 
 
 Client = TypeVar('Client')
@@ -173,7 +173,7 @@ class TreeRun(Generic[Client]):
         node = node_on_stack(self._thread)
         path = '' if node is None else node.path
         what = f'[{path}] does not return' if path else 'the run does not come to its end'
-        self._end(RunOutcome(BtExecute.Result.ERROR, f'{self._stop_reason}; {_NOT_AT_REST}: {what}', path))
+        self._end(RunOutcome(BtExecute.Result.ERROR, f'{self._stop_reason}; {_NOT_HALTED}: {what}', path))
 
     def _end(self, outcome: RunOutcome) -> None:
         with self._lock:
@@ -276,7 +276,7 @@ class TreeRun(Generic[Client]):
             self._wake_event.wait(self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period))
             outcome = outcome_after(tree.advance_unfinished, outcome)
         if tree.unfinished:
-            message = f'{_NOT_AT_REST}: {", ".join(tree.unfinished)}'
+            message = f'{_NOT_HALTED}: {", ".join(tree.unfinished)}'
             outcome = replace(
                 outcome,
                 code=BtExecute.Result.ERROR,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The files that a document is made of: read from where they may be, and looked at again at the cost of a stat."""
+"""The files that a document is made of: read from where they may be, and checked again at the cost of a stat."""
 
 from __future__ import annotations
 

@@ -215,7 +215,7 @@ class Comparison:
     def hook(self) -> dict[str, Any]:
         uid = self.uid()
         if self.held and uid in self.placed:
-            # The library does not look at what is changed of the hook that holds it up.
+            # The library does not check what is changed of the hook that holds it up.
             uid = self.chance.choice([uid for uid in self.uids if uid not in self.placed] or [8888])
         status = self.chance.choice(('SUCCESS', 'FAILURE')) if uid in self.quick else 'SKIPPED'
         self.placed.add(uid)

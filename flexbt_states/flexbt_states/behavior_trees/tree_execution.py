@@ -122,7 +122,7 @@ class TreeExecution:
         self._goal.leave()
 
     def halting(self) -> str | None:
-        """What is not at rest yet, None when nothing."""
+        """What has not halted yet, None when nothing."""
         return self._goal.halting()
 
     def activity(self) -> Sequence[str]:

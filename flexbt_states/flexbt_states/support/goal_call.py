@@ -112,7 +112,7 @@ class GoalCall:
             call.cancel(None)
 
     def halting(self) -> str | None:
-        """What is not at rest yet: a goal whose end nobody has confirmed. None when there is none."""
+        """What has not halted yet: a goal whose end nobody has confirmed. None when there is none."""
         for call in [call for call in self._unfinished if call.done]:
             self._unfinished.remove(call)
             if call.outcome is not None and call.outcome.status not in _ENDED:

@@ -210,7 +210,7 @@ class ScriptedExecutive:
             if command.path != status.active_states[0].path:
                 return f'{command.path} is not active'
             if command.decision_id and command.decision_id not in [d.id for d in status.decisions]:
-                return f'question {command.decision_id} is not pending'
+                return f'decision {command.decision_id} is not pending'
             self.leave(command.outcome)
             return ''
         return self._decide(command)
@@ -232,7 +232,7 @@ class ScriptedExecutive:
     def _decide(self, command: Any) -> str:
         decision = next((d for d in self.status.decisions if d.id == command.decision_id), None)
         if decision is None:
-            return f'question {command.decision_id!r} is not pending'
+            return f'decision {command.decision_id!r} is not pending'
         if command.kind == ExecutiveCommand.CONFIRM:
             self.leave(decision.outcome)
         elif command.kind == ExecutiveCommand.DECLINE:

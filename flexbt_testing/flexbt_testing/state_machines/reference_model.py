@@ -123,8 +123,8 @@ class Model:
 
     # -- operations --------------------------------------------------------------------------------------------------
 
-    def news(self, node: Node, outcome: str | None) -> None:
-        """A state gets news by which it wants to be left, or not any more."""
+    def event(self, node: Node, outcome: str | None) -> None:
+        """A state gets an event by which it wants to be left, or not any more."""
         for seat in self.seats():
             if seat.node is node:
                 seat.told, seat.is_woken = outcome, True

@@ -69,12 +69,12 @@ class Probe(Operator):
         self.wait_state(ExecutiveStatus.IDLE)
         self.send(ExecutiveCommand.START, behavior='Navigate', autonomy=2)
 
-        def question() -> PendingDecision | None:
+        def decision() -> PendingDecision | None:
             decisions = self.status.decisions
             asked = [one for one in decisions if one.kind == PendingDecision.INPUT]
             return asked[0] if asked and self.status.state == ExecutiveStatus.RUNNING else None
 
-        asked = self.wait(question, 'question for a goal')
+        asked = self.wait(decision, 'decision about a goal')
         assert asked is not None
         goal = PoseStamped()
         goal.header.frame_id = 'map'

@@ -29,7 +29,7 @@ LOOK_SECONDS: Final = 0.02
 
 @dataclass(slots=True)
 class Shown:
-    """What a console showed from a first to a last look at it, in seconds of the machine's monotonic clock."""
+    """What a console showed from a first to a last reading of it, in seconds of the machine's monotonic clock."""
 
     first: float
     last: float

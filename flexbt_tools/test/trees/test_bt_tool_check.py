@@ -257,7 +257,7 @@ def test_a_file_and_what_it_includes_are_one(tmp_path: Path) -> None:
     )
     shown = tool('check', '--allow-unknown', str(tmp_path / 'a.xml'))
     assert shown == (0, '', '1 file: nothing to complain about\n')
-    # Also when it is looked at by itself, too, under another name.
+    # Also when it is checked by itself, too, under another name.
     with contextlib.chdir(tmp_path):
         shown = tool('check', '--allow-unknown', '--strict', '--ignore', 'unused-tree', './lib/../a.xml', 'lib/b.xml')
     assert (shown.code, 'warning' in shown.out) == (0, False), shown

@@ -95,7 +95,7 @@ class Parallel(_ParallelControl):
     """SUCCESS after ``success_count`` successes; FAILURE after ``failure_count`` failures, or once it is out of reach.
 
     Negative counts are counted from the number of children (-1: all); then skipped children count as successes too. The
-    thresholds are looked at after every child, so that later ones may not be ticked at all. A child that has completed
+    thresholds are checked after every child, so that later ones may not be ticked at all. A child that has completed
     is not ticked again until the node is done; a skipped one is.
     """
 
@@ -126,7 +126,7 @@ class Parallel(_ParallelControl):
         failures = self._failures
         spare = len(row) - needed
         skipped = 0
-        # The counts are looked at after each child. Most have no need of it: only when the counts decide already, which
+        # The counts are checked after each child. Most have no need of it: only when the counts decide already, which
         # shows after the first child, is there something to be seen after a child that has changed none.
         due = passed >= needed or failures == too_many or failures > spare
         enough = 0 if due else needed

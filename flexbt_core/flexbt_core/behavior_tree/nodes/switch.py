@@ -32,7 +32,7 @@ class Switch(ControlNode):
     Two texts are equal when they are the same, or are, as a whole, the same decimal number; the name of an enum
     constant is its number. A variable that is missing, was never written, or is neither text nor number, leads to the
     default. The variable is read at every tick; when the choice changes, the child that is RUNNING is halted. A skipped
-    child skips the node: the default is not tried. As in BehaviorTree.CPP the number of children is looked at when the
+    child skips the node: the default is not tried. As in BehaviorTree.CPP the number of children is checked when the
     node is ticked.
     """
 

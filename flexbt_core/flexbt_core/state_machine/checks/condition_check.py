@@ -9,7 +9,7 @@ from typing import Final
 from flexbt_core.state_machine.model import Condition, EventState, Machine, StateKind, hint
 
 _SEARCHED: Final = 20_000
-"""Combinations of outcomes that are looked at; what is beyond is noticed when it happens."""
+"""Combinations of outcomes that are checked; what is beyond is noticed when it happens."""
 
 
 def problems_of_conditions(path: str, container: Machine) -> Iterator[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The decorator of Nav2 that looks at paths. A path is anything with the fields of a nav_msgs/Path."""
+"""The decorator of Nav2 that compares paths. A path is anything with the fields of a nav_msgs/Path."""
 
 from __future__ import annotations
 
