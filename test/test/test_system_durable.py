@@ -13,7 +13,7 @@ from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 
-KITCHEN = (10.0, 2.3)
+PLACE = (4.0, 4.45)
 
 SPEED = 2.0
 """Seconds of the robot's clock in a second of wall time."""
@@ -38,7 +38,7 @@ def test_a_robot_stops_when_its_executive_dies_and_drives_on_when_the_run_goes_o
     with NodeRuntime.open('probe') as runtime:
         probe = Probe(runtime)
         probe.wait_ready()
-        probe.drive_to(*KITCHEN)
+        probe.drive_to(*PLACE)
         before = probe.status
         killed = stack.kill('onboard_executive')
         probe.wait_at_rest(1.5 * SPEED)
@@ -52,7 +52,7 @@ def test_a_robot_stops_when_its_executive_dies_and_drives_on_when_the_run_goes_o
         probe.wait_ready()
         probe.send(ExecutiveCommand.RESUME_RUN)
         probe.wait_state(ExecutiveStatus.RUNNING)
-        probe.wait(lambda: near(probe, *KITCHEN), 'robot at its goal')  # which is in the userdata
+        probe.wait(lambda: near(probe, *PLACE), 'robot at its goal')  # which is in the userdata
 
 
 def near(probe: Probe, x: float, y: float) -> bool:

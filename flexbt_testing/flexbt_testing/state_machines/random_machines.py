@@ -27,7 +27,7 @@ _LABELS: Final = 'ABCDEF'
 class Visit:
     """What a state does in one of its visits.
 
-    ``kind``: 'go' by ``outcome`` at once, 'wait' for an event, 'ask' the operator and suggest ``outcome`` (None for none),
+    ``kind``: 'go' by ``outcome`` at once, 'wait' for an event, 'ask' the operator, suggesting ``outcome`` (or None),
     or raise in 'on_enter' or 'execute'. ``leaving``: '', 'raise' in on_exit, or 'slow': halts when it is told.
     """
 
