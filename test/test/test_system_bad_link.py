@@ -23,7 +23,6 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import (
     LIVE_PERIODS,
-    LOST_SECONDS,
     AutonomyLevel,
     Command,
     CommandState,
