@@ -9,7 +9,7 @@ whose children were skipped is skipped.
 from __future__ import annotations
 
 from operator import length_hint
-from typing import Final
+from typing import ClassVar, Final
 
 from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
 from flexbt_core.behavior_tree.model import (
@@ -25,9 +25,14 @@ from flexbt_core.behavior_tree.model import (
 
 
 class _OrderedControl(ControlNode):
-    """Position within the children, kept from tick to tick."""
+    """Position within the children, kept from tick to tick.
+
+    ``_passing`` is the status after which the next child is tried.
+    """
 
     __slots__ = ('_index', '_skipped')
+
+    _passing: ClassVar[NodeStatus]
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -49,11 +54,61 @@ class _OrderedControl(ControlNode):
         return status
 
 
-class Sequence(_OrderedControl):
+class _SteadyControl(_OrderedControl):
+    """Ticks the next child within the same tick."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        if self.status is IDLE:
+            self._skipped = 0
+        self.status = RUNNING
+        passing = self._passing
+        ticks = self._ticks
+        index = self._index
+        remaining = iter(ticks[index:] if index else ticks)
+        try:
+            for tick in remaining:
+                status = tick()
+                if status is not passing:
+                    if status is SKIPPED:
+                        self._skipped += 1
+                        continue
+                    if status is RUNNING:
+                        # The position is needed only now and then, so the loop does not count it.
+                        self._index = len(ticks) - length_hint(remaining) - 1
+                        return RUNNING
+                    break
+        except BaseException:
+            self._index = len(ticks) - length_hint(remaining) - 1
+            raise
+        if status is passing or status is SKIPPED:
+            if passing is FAILURE:
+                self._failed = self.last_failed() if self._skipped else len(ticks) - 1
+            if self._skipped:
+                return self._finish(passing)
+            # As reset_children does; a call would be much of the time that a short row takes.
+            for child in self.children:
+                if child.status is RUNNING:
+                    child.halt_node()
+                child.status = IDLE
+            self._index = 0
+            self.status = passing
+            return passing
+        if status is FAILURE:
+            self._failed = len(ticks) - length_hint(remaining) - 1
+        self._index = 0
+        self.reset_children()
+        self.status = status
+        return status
+
+
+class Sequence(_SteadyControl):
     """SUCCESS when all children succeed, in order; FAILURE at the first that fails."""
 
     __slots__ = ()
 
+    _passing = SUCCESS
     outcomes = InOrder(passing=SUCCESS)
     example = Example(
         '<Sequence><Script code="a := 1"/><ScriptCondition code="a == 2"/><Script code="a := 3"/></Sequence>',
@@ -61,53 +116,14 @@ class Sequence(_OrderedControl):
         after={'a': 1},
     )
 
-    def execute(self) -> NodeStatus:
-        if self.status is IDLE:
-            self._skipped = 0
-        self.status = RUNNING
-        ticks = self._ticks
-        index = self._index
-        remaining = iter(ticks[index:] if index else ticks)
-        try:
-            for tick in remaining:
-                status = tick()
-                if status is not SUCCESS:
-                    if status is SKIPPED:
-                        self._skipped += 1
-                        continue
-                    # The position is needed only here, so the loop does not count it.
-                    index = len(ticks) - length_hint(remaining) - 1
-                    if status is RUNNING:
-                        self._index = index
-                        return RUNNING
-                    break
-        except BaseException:
-            self._index = len(ticks) - length_hint(remaining) - 1
-            raise
-        if status is not FAILURE:
-            if self._skipped:
-                return self._finish(SUCCESS)
-            # As reset_children does; a call would be much of the time that a short sequence takes.
-            for child in self.children:
-                if child.status is RUNNING:
-                    child.halt_node()
-                child.status = IDLE
-            self._index = 0
-            self.status = SUCCESS
-            return SUCCESS
-        self._failed = index
-        self._index = 0
-        self.reset_children()
-        self.status = FAILURE
-        return FAILURE
 
-
-class Fallback(_OrderedControl):
+class Fallback(_SteadyControl):
     """SUCCESS at the first child that succeeds, in order; FAILURE when all fail."""
 
     __slots__ = ()
 
     tries_all = True
+    _passing = FAILURE
     outcomes = InOrder(passing=FAILURE)
     example = Example(
         """
@@ -117,55 +133,14 @@ class Fallback(_OrderedControl):
         after={'used': 'second'},
     )
 
-    def execute(self) -> NodeStatus:
-        if self.status is IDLE:
-            self._skipped = 0
-        self.status = RUNNING
-        ticks = self._ticks
-        index = self._index
-        remaining = iter(ticks[index:] if index else ticks)
-        try:
-            for tick in remaining:
-                status = tick()
-                if status is not FAILURE:
-                    if status is SKIPPED:
-                        self._skipped += 1
-                        continue
-                    if status is RUNNING:
-                        self._index = len(ticks) - length_hint(remaining) - 1
-                        return RUNNING
-                    break
-        except BaseException:
-            self._index = len(ticks) - length_hint(remaining) - 1
-            raise
-        if status is not SUCCESS:
-            self._failed = len(ticks) - 1
-            if self._skipped:
-                self._failed = self.last_failed()
-                return self._finish(FAILURE)
-            for child in self.children:
-                if child.status is RUNNING:
-                    child.halt_node()
-                child.status = IDLE
-            self._index = 0
-            self.status = FAILURE
-            return FAILURE
-        self._index = 0
-        self.reset_children()
-        self.status = SUCCESS
-        return SUCCESS
-
 
 class _YieldingControl(_OrderedControl):
     """Returns RUNNING, and asks to be ticked again at once, after each child that began and completed in one tick.
 
-    So the rest of the tree is ticked between two children. ``_passing`` is the status after which the next child is
-    tried.
+    So the rest of the tree is ticked between two children.
     """
 
     __slots__ = ()
-
-    _passing: NodeStatus
 
     def execute(self) -> NodeStatus:
         if self.status is IDLE:
