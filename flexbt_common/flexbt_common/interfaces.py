@@ -142,7 +142,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
     # The robot
-    *_topics(names.CMD_VEL, by=(NAVIGATION,), to=(SIMULATOR, RECORDER)),
+    *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
     *_services(names.RESET, by=(SIMULATOR,)),
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, RECORDER)),

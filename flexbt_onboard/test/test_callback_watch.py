@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from flexbt_common.liveness import LivelinessWatch
 from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import (
     Calling,
@@ -22,6 +23,7 @@ from flexbt_core.state_machine import (
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.runs import LIMIT, CallbackWatch, HeldUp
 from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
 
 _CALLBACKS = ('on_enter', 'execute', 'on_exit', 'halting', 'activity')
 
@@ -130,6 +132,41 @@ def test_what_is_held_up_is_known_at_each_moment() -> None:
         assert str(watch.held) == 'state /A has not returned from execute() for 3.0 s'
         calling = Calling('/A', 'execute')
         assert watch.held is None, 'it is another call'
+
+
+def test_an_executive_is_late_for_others_while_a_state_does_not_return() -> None:
+    """So that whoever drives for it keeps the robot at rest; and not any more when the run was given up."""
+    go = threading.Event()
+    made = behavior_of(lambda: machine_of(lambda called: None if called != 'execute' else _wait(go)), 'Slow')
+    bench = ExecutiveBench(made)
+    late: list[bool] = []
+    watch = LivelinessWatch(bench.console, 'onboard_executive', on_late=late.append, timeout=10 * DEADLINE)
+    try:
+        wait_until(lambda: watch.alive, 'the executive')
+        bench.start('Slow')
+        wait_until(lambda: late == [True], 'late')
+        assert 'in execute() of /Out/In' in wait_until(
+            lambda: watch.problem if 'execute' in watch.problem else '', lambda: watch.problem
+        )
+        run = bench.executive.runs.run
+        assert run is not None
+        run.stop('test')
+
+        def given_up() -> bool:
+            run.give_up('enough')
+            return run.has_ended
+
+        wait_until(given_up, 'the end')
+        wait_until(lambda: late == [True, False], 'not late')
+        assert bench.wait_idle() == 'error'
+        bench.start('Slow')
+        wait_until(lambda: late == [True, False, True], 'late again')
+        go.set()
+        wait_until(lambda: late == [True, False] * 2, 'not late again')
+        assert bench.wait_idle() == 'done'
+    finally:
+        go.set()
+        bench.close()
 
 
 @pytest.mark.parametrize('callback', ['on_enter', 'execute', 'on_exit'])

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import itertools
+import time
 from typing import Any
 
 import pytest
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
-from flexbt_msgs.action import BtExecute
+from flexbt_core.state_machine import EventState, with_timeout
+from flexbt_msgs.action import BtExecute, BtSetData
 from flexbt_msgs.srv import ControlTree
-from flexbt_states import BtExecuteGoalState, BtExecuteState
+from flexbt_states import BtExecuteGoalState, BtExecuteState, BtSetDataState
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
@@ -27,6 +29,8 @@ class TreeServer:
     def __init__(self, bench: StateBench, prefix: str = '') -> None:
         self.knows = True
         self.refusal = ''
+        self.not_paused: list[str] = []
+        self.answers: bool = True
         self.commands: list[tuple[int, str]] = []
         self.handle: Any = None
         self._release: Any = None
@@ -64,11 +68,15 @@ class TreeServer:
         return bytes(self.handle.goal_id.uuid).hex()
 
     def _control(self, request: Any, response: Any) -> Any:
+        while not self.answers:
+            time.sleep(0.01)
         if not self.knows:
             response.message = f'no run has the ID {request.run_id!r}'
             return response
         self.commands.append((request.command, request.run_id))
         response.success, response.message = not self.refusal, self.refusal
+        if request.command == PAUSE:
+            response.not_paused = self.not_paused
         return response
 
 
@@ -159,3 +167,80 @@ def test_a_paused_state_that_is_stopped_cancels_its_tree(bench: StateBench) -> N
     server.end()
     run.wait()
     assert [command for command, _ in server.commands] == [PAUSE]
+
+
+def not_paused(run: Run) -> tuple[str, ...]:
+    return next((leaf.not_paused for leaf in run.active()), ())
+
+
+def test_what_the_tree_cannot_pause_is_shown_until_it_is_resumed(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    server.not_paused = ['main/Door: a service call cannot be stopped']
+    run = start(bench, server)
+    assert not_paused(run) == ()
+    pause(run, True)
+    shown = ('goal of bt_executor: main/Door: a service call cannot be stopped',)
+    wait_until(lambda: not_paused(run) == shown, lambda: not_paused(run))
+    assert f'is paused, and yet goes on: {shown[0]}' in run.errors()
+    pause(run, False)
+    wait_until(lambda: not_paused(run) == (), 'nothing is paused')
+    server.end()
+    assert run.wait() == 'done', run.lines
+
+
+def test_a_server_that_does_not_answer_the_pause_is_shown(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    run = start(bench, server)
+    server.answers = False
+    try:
+        pause(run, True)
+        shown = ('goal of bt_executor: control_tree has not confirmed the pause of the tree',)
+        wait_until(lambda: not_paused(run) == shown, lambda: not_paused(run))
+    finally:
+        server.answers = True
+    wait_until(lambda: not_paused(run) == (), lambda: not_paused(run))
+    pause(run, False)
+    server.end()
+    assert run.wait() == 'done', run.lines
+
+
+def test_a_goal_that_has_no_pause_is_shown(bench: StateBench) -> None:
+    bench.serve(BtSetData, names.BT_SET_DATA)
+    run = bench.run_state(lambda: BtSetDataState(inputs={'x': 'float64'}), {'x': 1.0})
+    wait_until(lambda: run.active(), 'the state')
+    pause(run, True)
+    wait_until(lambda: not_paused(run) == ('goal of bt_set_data: its action has no pause',), lambda: not_paused(run))
+
+
+class Busy(EventState):
+    """Something of its own that goes on; ``fails`` when it is asked what."""
+
+    def __init__(self, fails: bool) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self._fails = fails
+
+    def not_paused(self) -> list[str]:
+        if self._fails:
+            raise ArithmeticError
+        return ['gripper: it has no pause']
+
+
+@pytest.mark.parametrize('wrap', [lambda state: state, lambda state: with_timeout(state, 1000.0)])
+def test_what_a_state_says_of_itself_is_shown(bench: StateBench, wrap: Any) -> None:
+    run = bench.run_state(lambda: wrap(Busy(False)))
+    wait_until(lambda: run.active(), 'the state')
+    assert not_paused(run) == ()
+    pause(run, True)
+    wait_until(lambda: not_paused(run) == ('gripper: it has no pause',), lambda: not_paused(run))
+
+
+def test_a_state_that_raises_when_it_is_asked_is_told_once(bench: StateBench) -> None:
+    run = bench.run_state(lambda: Busy(True))
+    wait_until(lambda: run.active(), 'the state')
+    pause(run, True)
+    wait_until(lambda: not_paused(run) == ('not_paused() raised; see the log',), lambda: not_paused(run))
+    for _ in range(3):
+        run.active()
+    pause(run, False)
+    wait_until(lambda: not_paused(run) == (), lambda: not_paused(run))
+    assert run.errors().count('not_paused raised:') == 1

@@ -72,6 +72,7 @@ def _active_state(leaf: ActiveLeaf) -> ActiveState:
         path=leaf.path,
         entered=_time(leaf.entered),
         paused=leaf.is_paused,
+        not_paused=list(leaf.not_paused),
         activity=[*leaf.held_back, *leaf.activity],
     )
 

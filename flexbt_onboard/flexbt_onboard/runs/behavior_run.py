@@ -51,7 +51,7 @@ from flexbt_onboard.durability import Decided
 from flexbt_onboard.errors import ParameterError
 
 from .callback_watch import CallbackWatch, HeldUp
-from .run_snapshot import RunEnd, RunSnapshot, SnapshotSource, decision_number
+from .run_snapshot import ActiveLeaf, RunEnd, RunSnapshot, SnapshotSource, decision_number
 
 _ESCAPES: Final = 3
 """Exceptions that may escape from the state machine before the run is aborted."""
@@ -122,6 +122,8 @@ class BehaviorRun:
         self._stopped_at = 0.0
         self._building: Calling | None = None
         self._watch = CallbackWatch(services.runtime.steady, self._calling, self._held_up, self._no_longer_held_up)
+        # While it does not answer, the executive is late for those who drive for it, and they keep the robot at rest.
+        self._loop = services.runtime.health.loop(f'the run of {request.entry.name}', self._where)
         self._machine: MachineRun | None = None
         self._source: SnapshotSource | None = None
         self._thread = threading.Thread(target=self._main, name=f'run_{request.entry.name}', daemon=True)
@@ -177,6 +179,7 @@ class BehaviorRun:
         if held is not None:
             text = 'its thread is left behind, and ends when that returns'
             self._observer.log(ExecutiveLog.ERROR, held.path, f'{held}: {text}')
+            self._loop.close()
             self._end(ERROR, f'{self._stop_reason}; {reason}, while {held}')
 
     @property
@@ -301,7 +304,7 @@ class BehaviorRun:
         except BaseException as error:
             self._refuse(self._reason_of(error))
             return
-        self._source = SnapshotSource(machine, clock, self.run_id)
+        self._source = SnapshotSource(machine, clock, self.run_id, self._services.goals)
         with self._lock:
             is_stopped = self._stop_reason is not None
             self._machine = machine
@@ -312,7 +315,9 @@ class BehaviorRun:
             self._request, structure_message(machine.definition, self.run_id, self._request.entry.name)
         )
         self._await_nodes()
-        self._end(*self._drive(machine))
+        with self._loop:
+            outcome, message = self._drive(machine)
+        self._end(outcome, message)
 
     def _refuse(self, reason: str) -> None:
         if self._ends():
@@ -433,7 +438,8 @@ class BehaviorRun:
                         self._ask_activities()
                     while self._switches:
                         self._switch(machine, *self._switches.popleft())
-                    self._wake_event.wait(self._services.runtime.clock, machine.next_wake)
+                    with self._loop.resting():
+                        self._wake_event.wait(self._services.runtime.clock, machine.next_wake)
                 return machine.outcome or ERROR, machine.message or self._why_ended
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
@@ -442,6 +448,10 @@ class BehaviorRun:
     def _calling(self) -> Calling | None:
         machine = self._machine
         return self._building or (machine.calling if machine is not None else None)
+
+    def _where(self) -> str:
+        calling = self._calling()
+        return f'in {calling.callback}() of {calling.path or "the behavior"}' if calling is not None else ''
 
     def _held_up(self, held: HeldUp) -> None:
         if self._machine is None:
@@ -469,12 +479,20 @@ class BehaviorRun:
         self._has_activity_changed = self._is_activity_shown = False
         source, before = self._source, self._snapshot.active
         if source is not None and (active := source.asked(before)) != before:
+            self._tell_not_paused(before, active)
             with self._lock:
                 self._snapshot = replace(self._snapshot, active=active)
             self._is_activity_untold = True
         if is_told and self._is_activity_untold:
             self._is_activity_untold = False
             self._observer.changed()
+
+    def _tell_not_paused(self, before: Sequence[ActiveLeaf], now: Sequence[ActiveLeaf]) -> None:
+        told = {leaf.path: leaf.not_paused for leaf in before}
+        for leaf in now:
+            if leaf.not_paused and leaf.not_paused != told.get(leaf.path):
+                text = f'is paused, and yet goes on: {"; ".join(leaf.not_paused)}'
+                self._observer.log(ExecutiveLog.WARN, leaf.path, text)
 
     def _commit(self) -> None:
         """Journal where the machine is, then publish it, then answer the commands that brought it there."""

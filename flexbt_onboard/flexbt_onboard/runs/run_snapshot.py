@@ -11,7 +11,7 @@ from typing import Any, Final
 from flexbt_common.runtime import RosClock
 from flexbt_core.state_machine import ROOT_PATH, DecisionKind, HeldBack, LeafRun, MachineRun, is_inside
 from flexbt_core.values import sendable
-from flexbt_onboard.behaviors import OperatorGone
+from flexbt_onboard.behaviors import OperatorGone, RunGoals
 
 _MOST_LINES: Final = 20
 _LONGEST_LINE: Final = 200
@@ -19,6 +19,9 @@ _LONGEST_LINE: Final = 200
 
 _RAISED: Final = ('activity() raised; see the log',)
 """Instead of what a state says that it does. It is not asked again as long as it is active."""
+
+_PAUSE_RAISED: Final = ('not_paused() raised; see the log',)
+"""Instead of what a state says that goes on while it is paused. It is not asked again in that pause."""
 
 Event = tuple[str, Mapping[str, Any]]
 """An event of the event log, and its fields."""
@@ -37,7 +40,8 @@ class RunPhase(Enum):
 class ActiveLeaf:
     """A state that is active; ``entered`` is in nanoseconds of ROS time.
 
-    ``held_back`` are lines about transitions that locks hold back, ``activity`` those of the state itself.
+    ``held_back`` are lines about transitions that locks hold back, ``activity`` those of the state itself, and
+    ``not_paused`` those about what goes on while it is paused.
     """
 
     path: str
@@ -45,6 +49,7 @@ class ActiveLeaf:
     is_paused: bool = False
     held_back: tuple[str, ...] = ()
     activity: tuple[str, ...] = ()
+    not_paused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,8 +119,9 @@ class RunEnd:
 class SnapshotSource:
     """Takes snapshots of a machine. Used on the thread of the run only."""
 
-    def __init__(self, machine: MachineRun, clock: RosClock, run_id: str) -> None:
+    def __init__(self, machine: MachineRun, clock: RosClock, run_id: str, goals: RunGoals) -> None:
         self._machine = machine
+        self._goals = goals
         self._clock = clock
         self._run_id = run_id
         self._entered_at: dict[str, float] = {}  # of what the last snapshot has
@@ -158,14 +164,19 @@ class SnapshotSource:
         return fields, [*events, *decision_events]
 
     def asked(self, active: tuple[ActiveLeaf, ...]) -> tuple[ActiveLeaf, ...]:
-        """The active states with what they say that they are doing; this calls their code."""
+        """The active states with what they say that they are doing, and not pausing; this calls their code."""
         runs = {leaf.path: leaf for leaf in self._machine.active_states()}
-        return tuple(
-            leaf
-            if leaf.activity is _RAISED or leaf.path not in runs
-            else replace(leaf, activity=_activity(runs[leaf.path]))
-            for leaf in active
-        )
+        return tuple(self._asked(leaf, runs[leaf.path]) if leaf.path in runs else leaf for leaf in active)
+
+    def _asked(self, leaf: ActiveLeaf, run: LeafRun) -> ActiveLeaf:
+        if leaf.activity is not _RAISED:
+            leaf = replace(leaf, activity=_shown(run.activity(), _RAISED))
+        if not run.is_paused:
+            return replace(leaf, not_paused=()) if leaf.not_paused else leaf
+        if leaf.not_paused is not _PAUSE_RAISED:
+            goals, own = self._goals.not_paused(run.state.unwrapped), run.not_paused()
+            leaf = replace(leaf, not_paused=_shown(None if own is None else [*own, *goals], _PAUSE_RAISED))
+        return leaf
 
     def _decisions(self, known: dict[str, RunDecision]) -> tuple[tuple[RunDecision, ...], list[Event]]:
         decisions: list[RunDecision] = []
@@ -221,10 +232,9 @@ def _line(held_back: HeldBack, path: str) -> str:
     return sendable(f"{who}'{held_back.outcome}' waits for the unlock of {', '.join(held_back.locked)}", _LONGEST_LINE)
 
 
-def _activity(leaf: LeafRun) -> tuple[str, ...]:
-    lines = leaf.activity()
+def _shown(lines: list[str] | None, raised: tuple[str, ...]) -> tuple[str, ...]:
     if lines is None:
-        return _RAISED
+        return raised
     if len(lines) > _MOST_LINES:
         lines[_MOST_LINES:] = [f'... {len(lines) - _MOST_LINES} more']
     return tuple(sendable(line, _LONGEST_LINE) for line in lines)

@@ -40,8 +40,8 @@ class TreeExecution:
         self._output_keys = dict(output_keys)
         self._blackboard = blackboard
         self._timeout = timeout
-        self._goal = GoalCall(state, BtExecute, topic)
         self._pause = TreePause(state, topic)
+        self._goal = GoalCall(state, BtExecute, topic, self._pause.not_paused)
         self._activity: Sequence[str] = ()
         self._refusal = ''
         self._changed: Callable[[], None] | None = None

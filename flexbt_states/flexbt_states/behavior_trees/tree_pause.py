@@ -15,11 +15,15 @@ from flexbt_onboard.behaviors import state_services
 _RESPONSE_SECONDS: Final = 10.0
 """A pause is answered when the tick that is under way is over."""
 
+_PATIENCE_SECONDS: Final = 0.5
+"""A tree that is not known to be paused after this time counts as one that is not."""
+
 
 class TreePause:
     """Asks the BT server to pause and resume the run of one goal, one request at a time, until it is as wanted.
 
-    A run that the server does not know yet is asked for again when its feedback comes. From any thread.
+    A run that the server does not know yet is asked for again when its feedback comes. From any thread. What the server
+    says that goes on all the same is told by :meth:`not_paused`.
     """
 
     def __init__(self, state: EventState, bt_topic: str) -> None:
@@ -31,6 +35,8 @@ class TreePause:
         self._run_id = ''
         self._is_known = False
         self._wanted = self._is = False
+        self._wanted_at = 0.0
+        self._goes_on = ''
         self._call: ServiceCall | None = None
 
     def prepare(self) -> None:
@@ -43,13 +49,24 @@ class TreePause:
         with self._lock:
             self._run_id = run_id
             self._is_known = self._wanted = self._is = False
+            self._goes_on = ''
             self._call = None
 
     def set(self, paused: bool) -> None:
         """The tree is to be paused, or not."""
         with self._lock:
             self._wanted = paused
+            self._wanted_at = state_services(self._state).runtime.steady.now()
             self._agree()
+
+    def not_paused(self) -> str:
+        """Why the tree goes on although it is to be paused, or which of its leaves do; '' when all stands still."""
+        with self._lock:
+            waits = self._wanted and not self._is
+            goes_on, wanted_at = self._goes_on, self._wanted_at
+        if waits and state_services(self._state).runtime.steady.now() - wanted_at > _PATIENCE_SECONDS:
+            return f'{self._service} has not confirmed the pause of the tree'
+        return goes_on
 
     def run_seen(self) -> None:
         """The run exists, and knows its goal."""
@@ -79,7 +96,18 @@ class TreePause:
             self._call = None
             if was_known or not reason:
                 self._is = wanted
+                self._goes_on = _what_goes_on(outcome) if wanted else ''
             if was_known or self._is_known or not reason:
                 self._agree()  # otherwise it is asked again by run_seen
-        if reason and was_known:
-            self._state.log_warn(f'the tree was not {"paused" if wanted else "resumed"}: {reason}')
+        state_services(self._state).changed()
+        if reason and was_known and not wanted:
+            self._state.log_warn(f'the tree was not resumed: {reason}')
+
+
+def _what_goes_on(outcome: ServiceOutcome) -> str:
+    """Of a tree that was asked to pause, from the answer."""
+    if outcome.response is None:
+        return f'the tree was not paused: {outcome.reason}'
+    if outcome.response.message:
+        return f'the tree was not paused: {outcome.response.message}'
+    return '; '.join(outcome.response.not_paused)

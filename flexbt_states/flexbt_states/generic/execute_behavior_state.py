@@ -61,7 +61,12 @@ class ExecuteBehaviorState(EventState):
         self._arguments = [BehaviorArgument(name=name, value=value) for name, value in (arguments or {}).items()]
         self._autonomy = int(autonomy)
         self._timeout = checked_timeout(self, 'timeout', timeout)
-        self._goal = GoalCall(self, ExecuteBehavior, checked_topic(self, 'topic', topic))
+        self._goal = GoalCall(
+            self,
+            ExecuteBehavior,
+            checked_topic(self, 'topic', topic),
+            lambda: 'pause it at its own executive',
+        )
         self._activity: Sequence[str] = ()
         self._refusal = ''
         self._changed: Callable[[], None] | None = None

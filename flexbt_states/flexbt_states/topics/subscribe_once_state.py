@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -60,6 +61,9 @@ class SubscribeOnceState(EventState):
             self.log_warn(f'no message on {self._topic} within {self._timeout:g} s')
             return 'timeout'
         return None
+
+    def not_paused(self) -> Sequence[str]:
+        return ['time-out: it counts wall time'] if self._deadline is not None else []
 
     def on_exit(self, userdata: UserData) -> None:
         if self._timer is not None:

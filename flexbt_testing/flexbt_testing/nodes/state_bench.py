@@ -107,7 +107,7 @@ class StateBench:
         self._servers: list[NodeRuntime] = []
         self._runs: list[Run] = []
 
-    def serve(self, action_type: Any, name: str, script: Script, **options: Any) -> ScriptedActionServer:
+    def serve(self, action_type: Any, name: str, script: Script | None = None, **options: Any) -> ScriptedActionServer:
         """Start an action server, in a process of its own as far as ROS can tell."""
         runtime = NodeRuntime('scripted_server', args=())
         self._servers.append(runtime)

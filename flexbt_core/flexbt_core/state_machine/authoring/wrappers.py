@@ -93,6 +93,9 @@ class StateWrapper(EventState):
     def activity(self) -> Sequence[str]:
         return self.inner.activity()
 
+    def not_paused(self) -> Sequence[str]:
+        return self.inner.not_paused()
+
     def _enter_inner(self, userdata: UserData, *, is_resumed: bool = False) -> None:
         self.inner.exit_reason = None
         self.inner.is_resumed = is_resumed

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import heapq
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any, Final, Literal, TypeVar
 
@@ -205,8 +205,11 @@ class LeafRun:
 
     def activity(self) -> list[str] | None:
         """What the state says that it is doing; None when it raised."""
-        lines = self.call('activity', self._activity)
-        return None if lines is _Raised.RAISED else lines
+        return self._lines('activity', self.state.activity)
+
+    def not_paused(self) -> list[str] | None:
+        """What the state says that goes on while it is paused; None when it raised."""
+        return self._lines('not_paused', self.state.not_paused) if self.is_paused else []
 
     def next_wake(self) -> float | None:
         """When it is to be executed next, apart from wake-ups, on the clock of the run."""
@@ -267,8 +270,9 @@ class LeafRun:
             )
         return outcome
 
-    def _activity(self) -> list[str]:
-        return [str(line) for line in self.state.activity()]
+    def _lines(self, what: str, callback: Callable[[], Iterable[object]]) -> list[str] | None:
+        lines = self.call(what, lambda: [str(line) for line in callback()])
+        return None if lines is _Raised.RAISED else lines
 
     def _fail(self) -> None:
         self.exit_reason = ExitReason.FAULT

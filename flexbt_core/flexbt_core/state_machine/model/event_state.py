@@ -127,6 +127,13 @@ class EventState:
         """
         return ()
 
+    def not_paused(self) -> Sequence[str]:
+        """What goes on although the state is paused, as "what: why", one line each; empty when all of it stands still.
+
+        Called between the other callbacks while the state is paused: it must not block.
+        """
+        return ()
+
     # -- services of the engine --------------------------------------------------------------------------------------
 
     @property
