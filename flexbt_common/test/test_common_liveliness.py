@@ -154,6 +154,35 @@ def test_who_watches_a_token_that_is_watched_already_sees_life_and_death() -> No
         scope.close()
 
 
+def test_what_nobody_watches_is_heard_no_more_once_it_is_gone() -> None:
+    changes: queue.Queue[bool] = queue.Queue()
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+
+        def heard() -> int:
+            return runtime.call(lambda: len(list(runtime.node.subscriptions)))
+
+        scope = NodeScope(runtime)
+        before = heard()
+        for number in range(20):
+            LivelinessWatch(scope, f'never_seen_{number}').close()
+        wait_until(lambda: heard() == before, lambda: f'{heard()} subscriptions')
+        for _ in range(2):
+            with start() as process:
+                watch = LivelinessWatch(scope, 'living', changes.put)
+                assert changes.get(timeout=DEADLINE) is True
+                watch.close()
+                again = LivelinessWatch(scope, 'living', changes.put)  # while it lives: the same subscription
+                assert changes.get(timeout=DEADLINE) is True
+                with pytest.raises(queue.Empty):
+                    changes.get(timeout=1.2)  # longer than lease and grace: it is not taken for dead
+                again.close()
+                assert heard() == before + 1
+                process.kill()
+                wait_until(lambda: heard() == before, lambda: f'{heard()} subscriptions')
+        assert len(scope._before) <= len(scope._entities()) + 1  # the last one, until the next comes
+        scope.close()
+
+
 def test_a_node_that_lives_stays_alive() -> None:
     with NodeRuntime.open('here') as here, NodeRuntime.open('there') as there:
         LivelinessToken(there)

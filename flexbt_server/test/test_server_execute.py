@@ -396,6 +396,21 @@ def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: p
     assert '/nobody' in goal.result.message and 'liveliness' in goal.result.message
 
 
+def test_owners_whose_goals_are_over_are_forgotten(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 0.2)
+    world.client.load_tree('<AlwaysSuccess/>')
+    owners = [f'/owner{number}' for number in range(60)]  # more than are kept for a moment
+    for owner in owners:
+        assert world.client.execute(owner=owner).result.code == Result.SUCCESS
+    count = world.client.runtime.node.count_subscribers
+
+    def watched() -> list[str]:
+        return [owner for owner in owners if count(f'{owner}/alive')]
+
+    wait_until(lambda: not watched(), lambda: f'the end of the watch over {watched()}')
+    assert not world.server.execute._owners._watches
+
+
 @pytest.mark.parametrize('owner', ['two words', '/a//b', '/', '1st', '{robot}', '/' + 'long' * 99])
 def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: World, owner: str) -> None:
     faults: list[BaseException] = []

@@ -67,8 +67,14 @@ class NodeScope(NodeRuntime):
         """As that of the host, for whom it is made: it stays when the scope has ended."""
         before = self._entities()
         made = self._host.once(key, make)
-        self._before.update(item for item in self._entities().items() if item[0] not in before)
+        new = {entity: destroy for entity, destroy in self._entities().items() if entity not in before}
+        # Of what was made before, some may have been forgotten.
+        self._before = {entity: destroy for entity, destroy in self._before.items() if entity in before} | new
         return made
+
+    def forget(self, key: Hashable) -> None:
+        """As that of the host."""
+        self._host.forget(key)
 
     def give_up(self, problem: str) -> None:
         """As that of the host."""

@@ -31,7 +31,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any, Final
 
@@ -191,7 +191,7 @@ class LivelinessWatch:
 
     def _open(self) -> None:
         topic = self._runtime.node.resolve_topic_name(alive_topic(self.node_name))
-        token = self._token = self._runtime.once(('liveliness', topic), lambda runtime: _SeenToken(runtime, topic))
+        token = self._token = self._runtime.once(_key(topic), lambda runtime: _SeenToken(runtime, topic))
         token.listeners.append(self._tell)
         if token.alive:
             self._runtime.post(lambda: self._tell() if token.alive and self._tell in token.listeners else None)
@@ -229,9 +229,11 @@ class LivelinessWatch:
         self._runtime.post(self._close)
 
     def _close(self) -> None:
+        self._runtime.cancel_on_close(self.close)
+        self._keep_time(None)
         if self._tell in self._token.listeners:
             self._token.listeners.remove(self._tell)
-        self._keep_time(None)
+            self._token.release()
 
     def _tell(self) -> None:
         since = self._token.late_since
@@ -272,11 +274,13 @@ class LivelinessWatch:
 class _SeenToken:
     """A token as its watchers on one node see it.
 
-    There is one subscription for all of them, which stays as long as the node: to a later one Fast DDS does not tell
-    that the token is asserted already, and its counts are wrong from then on.
+    There is one subscription for all of them, which stays as long as there are watchers, and as long as the token is
+    alive: to a later one Fast DDS does not tell that the token is asserted already, and its counts are wrong from then
+    on.
     """
 
     def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+        self._topic = topic
         self.alive: bool | None = None
         self.late_since: float | None = None
         self.says_ready = False
@@ -287,7 +291,7 @@ class _SeenToken:
         self._silent_since = 0.0
         self._runtime = runtime
         self._timer: Timer | None = None
-        runtime.node.create_subscription(
+        self._subscription = runtime.node.create_subscription(
             DiagnosticStatus,
             topic,
             self._hear,
@@ -332,6 +336,13 @@ class _SeenToken:
     def _leave(self) -> None:
         self.alive, self.late_since, self.says_ready, self.problem = False, None, False, ''
         self._inform()
+        self.release()
+
+    def release(self) -> None:
+        """Hear no more when nobody watches, and nothing is there to be watched."""
+        if not self.listeners and not self.alive:
+            self._runtime.forget(_key(self._topic))
+            self._runtime.node.destroy_subscription(self._subscription)
 
     def _review(self) -> None:
         """Find out whether it is late, and whether it is gone."""
@@ -358,6 +369,11 @@ class _SeenToken:
     def _inform(self) -> None:
         for listener in list(self.listeners):
             listener()
+
+
+def _key(topic: str) -> Hashable:
+    """Of a seen token among what a runtime makes once."""
+    return 'liveliness', topic
 
 
 def _identity_of(status: DiagnosticStatus) -> ProcessIdentity:

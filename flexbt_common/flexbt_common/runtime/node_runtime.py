@@ -211,6 +211,15 @@ class NodeRuntime:
         made: T = self._made[key]
         return made
 
+    def forget(self, key: Hashable) -> None:
+        """Let what :meth:`once` has made under this key be made anew by who asks next. Harmless if there is nothing."""
+        self._made.pop(key, None)
+
+    def cancel_on_close(self, fn: Callable[[], object]) -> None:
+        """Take back :meth:`on_close`. Harmless when it was taken back already, or called."""
+        with contextlib.suppress(ValueError):
+            self._on_close.remove(fn)
+
     def on_close(self, fn: Callable[[], object]) -> None:
         """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.
 

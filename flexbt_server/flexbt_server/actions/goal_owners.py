@@ -11,6 +11,7 @@ from rclpy.action.server import RCLError
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
 
 OWNER_SECONDS: Final = 5.0
@@ -20,6 +21,10 @@ Stop = Callable[[str], None]
 """Told the reason why a goal has to stop."""
 
 
+MOST_IDLE: Final = 50
+"""Owners without goals that are watched for OWNER_SECONDS more, since they may give the next goal soon."""
+
+
 class GoalOwners:
     """Used on the executor thread only."""
 
@@ -27,6 +32,7 @@ class GoalOwners:
         self._runtime = runtime
         self._watches: dict[str, LivelinessWatch] = {}
         self._stops: dict[str, dict[Hashable, Stop]] = {}
+        self._idle: dict[str, Timer] = {}  # the longest first
 
     def watch(self, owner: str, goal: Hashable, stop: Stop) -> None:
         """Call ``stop`` when the owner has died, or is not seen in time, until the goal is released.
@@ -34,6 +40,9 @@ class GoalOwners:
         Raises:
             FlexbtError: no node can have this name.
         """
+        timer = self._idle.pop(owner, None)
+        if timer is not None:
+            timer.cancel()
         if owner not in self._watches:
             self._check(owner)
             self._watches[owner] = LivelinessWatch(
@@ -49,7 +58,22 @@ class GoalOwners:
 
     def release(self, owner: str, goal: Hashable) -> None:
         """The goal has ended."""
-        self._stops.get(owner, {}).pop(goal, None)
+        stops = self._stops.get(owner)
+        if stops is None or stops.pop(goal, None) is None or stops:
+            return
+        steady = self._runtime.steady
+        self._idle[owner] = steady.call_at(
+            steady.now() + OWNER_SECONDS, lambda: self._runtime.post(lambda: self._forget(owner))
+        )
+        if len(self._idle) > MOST_IDLE:
+            self._forget(next(iter(self._idle)))
+
+    def _forget(self, owner: str) -> None:
+        timer = self._idle.pop(owner, None)
+        if timer is not None:
+            timer.cancel()
+            self._watches.pop(owner).close()
+            del self._stops[owner]
 
     def sees(self, owner: str) -> bool:
         """Whether the owner is watched, and alive."""
@@ -64,7 +88,7 @@ class GoalOwners:
             ) from error
 
     def _look_for(self, owner: str, goal: Hashable) -> None:
-        stop = self._stops[owner].get(goal)
+        stop = self._stops.get(owner, {}).get(goal)
         if stop is not None and not self.sees(owner):
             stop(
                 f'{owner}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
@@ -73,5 +97,5 @@ class GoalOwners:
 
     def _changed(self, owner: str, alive: bool) -> None:
         if not alive:
-            for stop in list(self._stops[owner].values()):
+            for stop in list(self._stops.get(owner, {}).values()):
                 stop(f'{owner}, on whose behalf the tree ran, has died')
