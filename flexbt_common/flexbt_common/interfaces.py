@@ -99,6 +99,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         by=(ONBOARD_EXECUTIVE,),
         to=(*CONSOLES, RECORDER),
     ),
+    *_topics(names.EXECUTIVE_STOP, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE,)),
     *_topics(names.EXECUTIVE_COMMAND, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
     *_topics(names.EXECUTIVE_PRESENCE, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
     *_topics(names.EXECUTIVE_PING, by=CONSOLES, to=(ONBOARD_EXECUTIVE,)),

@@ -43,12 +43,14 @@ EXECUTIVE_STATUS: Final = 'executive/status'
 EXECUTIVE_STRUCTURE: Final = 'executive/structure'
 EXECUTIVE_BEHAVIORS: Final = 'executive/behaviors'
 EXECUTIVE_COMMAND: Final = 'executive/command'
+EXECUTIVE_STOP: Final = 'executive/stop'  # stops, beside executive/command
 EXECUTIVE_LOG: Final = 'executive/log'
 EXECUTIVE_PRESENCE: Final = 'executive/presence'
 EXECUTIVE_PING: Final = 'executive/ping'
 EXECUTIVE_PONG: Final = 'executive/pong'
 PLACES: Final = 'places'
-COMMAND_DEPTH: Final = 100
+COMMAND_DEPTH: Final = 50
+STOP_DEPTH: Final = 10
 LOG_DEPTH: Final = 50
 
 # Robot
@@ -102,9 +104,16 @@ def command() -> QoSProfile:
     )
 
 
-def unacknowledged() -> QoSProfile:
+def stop() -> QoSProfile:
+    """For stops, which have a queue of their own: what floods that of the commands drives none of them out."""
+    profile = command()
+    profile.depth = STOP_DEPTH
+    return profile
+
+
+def unacknowledged(depth: int = 10) -> QoSProfile:
     """For what is said again and again, so that nothing has to be sent twice."""
-    return QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def deep_services() -> QoSProfile:

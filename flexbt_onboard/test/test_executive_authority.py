@@ -18,6 +18,7 @@ from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.commands.authority import REQUESTS
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.operator import Operator
 
 CLAIM, RELEASE, HAND_OVER, STOP, AUTONOMY = (
     ExecutiveCommand.CLAIM_AUTHORITY,
@@ -141,6 +142,28 @@ def test_claims_of_ghosts_are_bounded_and_give_way_to_those_who_are_there(make_b
     assert bench.status.authority == ''
     consoles('ghost 7')
     bench.wait_for(lambda status: status.authority == 'ghost 7', 'who has come')
+
+
+def test_a_name_is_that_of_the_console_which_commands_under_it_as_long_as_it_is_there(make_bench: Make) -> None:
+    bench = make_bench(3600.0)
+    bench.applied(CLAIM, operator_id='ann')
+    bench.start(operator_id='ann')
+    with NodeRuntime.open('other_console') as runtime:
+        other = Operator(runtime, 'ann')
+        other.wait_connected()
+        reason = other.refused(AUTONOMY, autonomy=0)
+        assert "'ann'" in reason and '/console' in reason and '--operator' in reason
+        assert 'that is refused' in bench.logged('/other_console commands under the name').text
+        other.applied(CLAIM, operator_id='bob')
+        other.applied(STOP)  # which anybody may
+        bench.wait_idle()
+        PresenceToken(runtime, 'bob')
+        bench.wait_for(lambda _status: 'bob' in bench.executive._presence.present, 'there')
+    # The console has gone: another one has its name at once.
+    with NodeRuntime.open('console_of_bob') as runtime:
+        again = Operator(runtime, 'bob')
+        again.wait_connected()
+        again.applied(RELEASE, run_id='')
 
 
 def test_commands_alone_keep_the_authority(make_bench: Make) -> None:

@@ -10,18 +10,19 @@ order says so. What has to be noticed sooner, between the nodes of a robot, is f
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, ReceivedMessages, SenderRates
 from flexbt_common.values import check_limits
 from flexbt_core.clock import Timer
-from flexbt_core.values import sendable
+from flexbt_core.values import one_line, sendable
 from flexbt_msgs.msg import PeerStatus
 
 WORD_SECONDS: Final = 1.0
@@ -31,8 +32,19 @@ PRESENCE_LEASE_SECONDS: Final = 5.0
 """How long a watcher waits for a word. Of a link that loses 30 % of its packets, one in 400 silences is so long."""
 
 
-MOST_TOKENS: Final = 1000
-"""Tokens that a watcher remembers; of more, those that it has heard before count until they are silent."""
+WORD_BYTES: Final = 4000
+"""Bytes of a word, at most; a longer one is not heard."""
+
+WORD_RATE: Final = 50.0
+WORD_BURST: Final = 100
+"""Words of one participant that are heard: a second, and at once."""
+
+WORD_DEPTH: Final = 200
+"""Words that wait until they are heard, at most: what floods the topic must not drive those of the others out."""
+
+TOKENS_OF_PARTICIPANT: Final = 16
+MOST_TOKENS: Final = 512
+"""Tokens of one participant, and of all, that are heard at a time."""
 
 
 class PresenceToken:
@@ -62,23 +74,36 @@ class PresenceToken:
         self._speak()
 
 
+class _Token(NamedTuple):
+    participant: bytes
+    name: str
+    sec: int
+    nanosec: int
+
+
 class PresenceWatch:
     """Watches who is there. Used on the executor thread only.
 
-    ``present`` are the names under which a token has been heard lately.
+    ``present`` are the names under which a token has been heard lately. Of the tokens of one participant, and of all,
+    only so many are heard.
     """
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.present: frozenset[str] = frozenset()
         self._runtime = runtime
         self._listeners: list[Callable[[], None]] = []
-        self._heard: dict[tuple[str, int, int], float] = {}
+        self._heard: dict[_Token, float] = {}
+        self._participants: set[bytes] = set()  # that are heard
+        self._silent: OrderedDict[bytes, None] = OrderedDict()  # that were heard, and are not any more
         self._look: Timer | None = None
-        self._subscription = runtime.node.create_subscription(
+        self._rates = SenderRates(WORD_RATE, WORD_BURST, runtime.steady.now)
+        ReceivedMessages(
+            runtime.node,
             PeerStatus,
             names.EXECUTIVE_PRESENCE,
+            names.unacknowledged(WORD_DEPTH),
             self._hear,
-            names.unacknowledged(),
+            limit=WORD_BYTES,
             event_callbacks=SubscriptionEventCallbacks(matched=self._matched),
         )
 
@@ -91,20 +116,33 @@ class PresenceWatch:
         """Call ``on_change`` after each change of :attr:`present`."""
         self._listeners.append(on_change)
 
-    def _hear(self, word: PeerStatus) -> None:
+    def has_gone(self, participant: bytes) -> bool:
+        """Whether a participant has held tokens, and is not heard any more."""
+        return participant in self._silent
+
+    def _hear(self, received: Received) -> None:
+        if not self._rates.allows(received.participant):
+            return
         try:
+            word = received.unpack(PeerStatus)
             check_limits(word)
-        except LimitExceededError as error:
+        except (ValueError, LimitExceededError) as error:
             self._runtime.node.get_logger().error(
-                f'{names.EXECUTIVE_PRESENCE}: left aside: {error}', throttle_duration_sec=PRESENCE_LEASE_SECONDS
+                f'{names.EXECUTIVE_PRESENCE}: left aside: {one_line(str(error))}',
+                throttle_duration_sec=PRESENCE_LEASE_SECONDS,
             )
             return
-        token = (word.name, word.since.sec, word.since.nanosec)
+        token = _Token(received.participant, word.name, word.since.sec, word.since.nanosec)
         if not word.alive:
             self._heard.pop(token, None)
-        elif token in self._heard or len(self._heard) < MOST_TOKENS:
+        elif token in self._heard or self._has_room(token.participant):
             self._heard[token] = self._runtime.steady.now()
         self._review()
+
+    def _has_room(self, participant: bytes) -> bool:
+        of_participant = sum(token.participant == participant for token in self._heard)
+        limit = MOST_TOKENS if participant == UNKNOWN_WRITER else TOKENS_OF_PARTICIPANT
+        return of_participant < limit and len(self._heard) < MOST_TOKENS
 
     def _matched(self, event: Any) -> None:
         if event.current_count == 0:
@@ -114,14 +152,25 @@ class PresenceWatch:
     def _review(self) -> None:
         now = self._runtime.steady.now()
         self._heard = {token: heard for token, heard in self._heard.items() if now < heard + PRESENCE_LEASE_SECONDS}
+        self._note_silent()
         if self._look is None and self._heard:
             first_end = min(self._heard.values()) + PRESENCE_LEASE_SECONDS
             self._look = self._runtime.steady.call_at(first_end, lambda: self._runtime.post(self._look_again))
-        present = frozenset(name for name, _, _ in self._heard)
+        present = frozenset(token.name for token in self._heard)
         if present != self.present:
             self.present = present
             for listener in self._listeners:
                 listener()
+
+    def _note_silent(self) -> None:
+        heard = {token.participant for token in self._heard}
+        for participant in self._participants - heard:
+            self._silent[participant] = None
+        for participant in heard & self._silent.keys():
+            del self._silent[participant]
+        while len(self._silent) > MOST_TOKENS:
+            self._silent.popitem(last=False)
+        self._participants = heard - {UNKNOWN_WRITER}
 
     def _look_again(self) -> None:
         self._look = None

@@ -13,14 +13,17 @@ from .rclpy_private import (
     destroy_lifecycle_services,
     is_usable,
 )
+from .received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
 from .resources import resolve_file
 from .ros_clock import RosClock
+from .sender_rates import SenderRates
 
 __all__ = [
     'ACTION_CLIENT',
     'ACTION_SERVER',
     'CALL_SECONDS',
     'HANG_SECONDS',
+    'UNKNOWN_WRITER',
     'Hang',
     'Health',
     'LatestMessage',
@@ -29,11 +32,15 @@ __all__ = [
     'OpenActionClient',
     'OpenActionServer',
     'ParameterDeclarer',
+    'Received',
+    'ReceivedMessages',
     'RosClock',
+    'SenderRates',
     'Watched',
     'destroy_lifecycle_services',
     'is_usable',
     'refuse_while_configured',
     'resolve_file',
     'run_node',
+    'writer_name',
 ]

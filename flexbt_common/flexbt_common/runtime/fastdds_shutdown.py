@@ -12,11 +12,12 @@ meanwhile, no code of Python runs any more, no timer and no signal handler.
 from __future__ import annotations
 
 import ctypes
-import os
-from typing import Any, Final
+from typing import Final
 
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
+
+from .loaded_library import loaded_function
 
 __all__ = ['end_callbacks', 'participant_of']
 
@@ -41,7 +42,7 @@ def end_callbacks(node: Node) -> None:
     participant = participant_of(node)
     if participant is None:
         return
-    set_listener = _function(_DDS, _SET_LISTENER, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long)
+    set_listener = loaded_function(_DDS, _SET_LISTENER, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long)
     if set_listener(participant, None, CALLBACK_SECONDS) != _OK:
         node.get_logger().warning(f'a callback of the middleware did not end within {CALLBACK_SECONDS} s')
 
@@ -51,18 +52,11 @@ def participant_of(node: Node) -> int | None:
     if get_rmw_implementation_identifier() != _RMW:
         return None
     try:
-        _function(_DDS, _SET_LISTENER, ctypes.c_int)
-        get_rmw_node = _function('librcl.so', 'rcl_node_get_rmw_handle', ctypes.c_void_p, ctypes.c_void_p)
-        get_participant = _function(f'lib{_RMW}.so', _GET_PARTICIPANT, ctypes.c_void_p, ctypes.c_void_p)
+        loaded_function(_DDS, _SET_LISTENER, ctypes.c_int)
+        get_rmw_node = loaded_function('librcl.so', 'rcl_node_get_rmw_handle', ctypes.c_void_p, ctypes.c_void_p)
+        get_participant = loaded_function(f'lib{_RMW}.so', _GET_PARTICIPANT, ctypes.c_void_p, ctypes.c_void_p)
     except (OSError, AttributeError):
         return None
     with node.handle:
         address: int | None = get_participant(get_rmw_node(node.handle.pointer))
     return address
-
-
-def _function(library: str, name: str, result: Any, *arguments: Any) -> Any:
-    """A public function of rcl, rmw_fastrtps or Fast DDS, by its name in the library that is loaded."""
-    function = ctypes.CDLL(library, mode=os.RTLD_NOLOAD)[name]
-    function.argtypes, function.restype = arguments, result
-    return function

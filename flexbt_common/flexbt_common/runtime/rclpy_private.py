@@ -27,6 +27,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNodeMixin
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
@@ -102,7 +103,8 @@ EXECUTOR: Final = Use(
         Part(GuardCondition, '_executor_triggered'),
         *(Part(_WAIT_SET, member) for member in _WAIT_SET_MEMBERS),
     ),
-    'the stock executor takes about 0.15 ms of processor time longer for each callback',
+    'the stock executor takes about 0.15 ms of processor time longer for each callback, and does not tell who has '
+    'written a message: floods of commands are not told from those of operators, nor names that others use',
 )
 ACTION_CLIENT: Final = Use(
     (Part(ActionClient, '_is_result_response_ready'), Part(ActionClient, '_is_status_ready')),
@@ -170,6 +172,18 @@ class OpenExecutor(SingleThreadedExecutor):
     def own_guards(self) -> tuple[Any, ...]:
         """The guard conditions by which the executor itself is woken."""
         return self._guard, self._sigint_gc
+
+    def _take_subscription(self, subscription: Subscription) -> Callable[[], Coroutine[Any, Any, None]] | None:
+        """Of a subscription whose callback knows how to ``take_all`` messages (received_messages.py), it does that."""
+        take_all = getattr(subscription.callback, 'take_all', None)
+        if take_all is None:
+            taken: Callable[[], Coroutine[Any, Any, None]] | None = super()._take_subscription(subscription)
+            return taken
+
+        async def execute() -> None:
+            take_all(subscription)
+
+        return execute
 
     def on_handler(self, task: Task) -> None:
         """rclpy's own loop has made ``task`` to call the callback of an entity; it may await something."""

@@ -22,6 +22,7 @@ from flexbt_console.mirror import (
     LONGEST_RESEND,
     Change,
     Command,
+    CommandKind,
     CommandState,
     Mirror,
     TrackedCommand,
@@ -151,6 +152,9 @@ class OperatorLink:
         commands = names.command()
         # The middleware must not deliver after an interruption what the operator was told to be without an answer.
         commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
+        stops = names.stop()
+        stops.lifespan = commands.lifespan
+        self._stops = self._runtime.node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, stops)
         self._commands = self._runtime.node.create_publisher(
             ExecutiveCommand,
             names.EXECUTIVE_COMMAND,
@@ -193,7 +197,10 @@ class OperatorLink:
 
     def _send_due(self) -> None:
         for command in self._mirror.due_commands(self._reachable):
-            self._commands.publish(command_message(command, time.time()))
+            message = command_message(command, time.time())
+            if command.kind is CommandKind.STOP:  # it has a way of its own beside, which no flood of commands fills
+                self._stops.publish(message)
+            self._commands.publish(message)
         self._plan_resend()
 
     def _plan_resend(self) -> None:

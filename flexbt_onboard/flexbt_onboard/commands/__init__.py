@@ -7,6 +7,7 @@ from .command_handlers import COMMANDS
 from .command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandLedger
 from .command_registry import Command, CommandRegistry, NeededRun
 from .input_requests import InputRequests
+from .operator_names import OperatorNames
 
 __all__ = [
     'COMMANDS',
@@ -19,4 +20,5 @@ __all__ = [
     'CommandRegistry',
     'InputRequests',
     'NeededRun',
+    'OperatorNames',
 ]

@@ -27,7 +27,7 @@ from .command_bounds import COMMAND_LENGTHS, excess_of_command
 REPORTED_RESULTS: Final = 32
 """Results that are part of a status at most (ExecutiveStatus.results)."""
 
-OPEN_COMMANDS: Final = 32
+OPEN_COMMANDS: Final = 100
 """Commands of one writer that may wait for their effect, at most: a behavior that is held up applies none."""
 
 REPORT_TIME: Final = 5.0

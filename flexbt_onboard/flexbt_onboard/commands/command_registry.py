@@ -22,6 +22,7 @@ from flexbt_onboard.runs import BehaviorRun, RunPhase, RunSupervisor
 
 from .authority import Authority
 from .input_requests import InputRequests
+from .operator_names import OperatorNames
 
 
 class NeededRun(Enum):
@@ -69,7 +70,7 @@ class Command:
 
     ``apply`` has the effect of a command that needs nothing more, or gives the :class:`Effect` that takes longer; it
     raises CommandRefusedError. ``fields`` must not be empty. One that ``follows_run`` is meant for whichever executive
-    has the run.
+    has the run. One that is ``for_anybody`` does not ask whose the operator's name is.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Command:
     fields: Sequence[str] = ()
     needs_authority: bool = True
     follows_run: bool = False
+    for_anybody: bool = False
 
     @property
     def kind(self) -> int:
@@ -94,6 +96,7 @@ class CommandRegistry:
         executive_id: str,
         library: BehaviorLibrary,
         runs: RunSupervisor,
+        names: OperatorNames,
         authority: Authority,
         input_requests: InputRequests,
         report: Reporter,
@@ -102,6 +105,7 @@ class CommandRegistry:
         self._executive_id = executive_id
         self._library = library
         self._runs = runs
+        self._names = names
         self._authority = authority
         self._input_requests = input_requests
         self._report = report
@@ -127,6 +131,8 @@ class CommandRegistry:
         known = self._commands.get(command.kind)
         if known is None:
             raise CommandRefusedError(f'kind {command.kind} is not supported by this version')
+        if not known.for_anybody:
+            self._names.check(command.operator_id, writer)
         if known.needs_authority:
             self._authority.check(command.operator_id)
         if missing := [name for name in known.fields if not getattr(command, name)]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from geometry_msgs.msg import PoseStamped
@@ -18,10 +18,12 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from std_msgs.msg import Header
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, writer_name
 from flexbt_core.values import Place, lines, sendable
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, PlaceList
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus, PlaceList
 from flexbt_msgs.msg import Place as PlaceMessage
+
+from .command_intake import CommandIntake, OnCommand
 
 _MOST_LINES: Final = 200
 """Of a text, in the log of the node: a trace may be long."""
@@ -47,11 +49,13 @@ class OperatorLink:
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.unacknowledged())
         self._pings = node.create_subscription(Header, names.EXECUTIVE_PING, self._echo.publish, names.unacknowledged())
 
-    def listen(self, on_command: Callable[[ExecutiveCommand], None]) -> None:
+    def listen(self, on_command: OnCommand) -> None:
         """Take commands from now on; ``on_command`` is called on the executor thread."""
-        self._commands = self._runtime.node.create_subscription(
-            ExecutiveCommand, names.EXECUTIVE_COMMAND, on_command, names.command()
-        )
+        CommandIntake(self._runtime, on_command, self.log)
+
+    def node_of(self, participant: bytes) -> str:
+        """The node of a participant that can command; '' when there is none (any more)."""
+        return writer_name(self._runtime.node, names.EXECUTIVE_COMMAND, participant)
 
     def publish_status(self, status: ExecutiveStatus) -> None:
         """Send a status; fills in sender, sequence, time and heartbeat period. On the executor thread."""

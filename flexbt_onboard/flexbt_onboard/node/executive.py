@@ -8,6 +8,7 @@ operator is answered whatever a behavior does.
 
 from __future__ import annotations
 
+import functools
 import uuid
 from collections.abc import Mapping
 from typing import Any, Final
@@ -19,7 +20,14 @@ from flexbt_common.liveness import LivelinessToken, PresenceWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import BehaviorList, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorLibrary, StateServices
-from flexbt_onboard.commands import COMMANDS, Authority, CommandLedger, CommandRegistry, InputRequests
+from flexbt_onboard.commands import (
+    COMMANDS,
+    Authority,
+    CommandLedger,
+    CommandRegistry,
+    InputRequests,
+    OperatorNames,
+)
 from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
@@ -118,8 +126,11 @@ class Executive:
             RunDisplay(self._link.publish_structure, self._status.changed, self._status.flush),
             parameters.autonomy,
         )
+        operator_names = OperatorNames(
+            self._link.node_of, presence.has_gone, functools.partial(report.operators, is_warning=True)
+        )
         registry = CommandRegistry(
-            COMMANDS, self._id, library, self.runs, self._authority, self._input_requests, report
+            COMMANDS, self._id, library, self.runs, operator_names, self._authority, self._input_requests, report
         )
         self._ledger = CommandLedger(runtime, registry, journal, report, self._status.changed)
         self._link.listen(self._ledger.receive)

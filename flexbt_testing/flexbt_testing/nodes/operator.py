@@ -50,6 +50,7 @@ class Operator:
         node.create_subscription(ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append, names.latched(names.LOG_DEPTH))
         node.create_subscription(BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append, names.latched())
         self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
+        self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop())
 
     def _on_status(self, status: ExecutiveStatus) -> None:
         self.arrivals.append(time.monotonic())
@@ -71,12 +72,18 @@ class Operator:
         fields.setdefault('operator_id', self.operator_id)
         command = ExecutiveCommand(id=id or f'{self._prefix}{next(self._numbers)}', kind=kind, **fields)
         self.sent[command.id] = command
-        self._commands.publish(command)
+        self._publish(command)
         return str(command.id)
 
     def resend(self, command_id: str) -> None:
         """Send a command again, as it was."""
-        self._commands.publish(self.sent[command_id])
+        self._publish(self.sent[command_id])
+
+    def _publish(self, command: ExecutiveCommand) -> None:
+        """As consoles do: a stop has a way of its own beside that of all commands."""
+        if command.kind == ExecutiveCommand.STOP:
+            self._stops.publish(command)
+        self._commands.publish(command)
 
     def result(self, command_id: str) -> CommandResult:
         """The result of a command, when it is there."""

@@ -122,6 +122,10 @@ class Stack:
         exit_code = process.wait(timeout)
         return Ending(exit_code, uncontended_time() - sent, self.output(name))
 
+    def process_id(self, name: str) -> int:
+        """The number of a process."""
+        return self._processes[name].pid
+
     def output(self, name: str) -> str:
         """Everything that a process has said."""
         log = self._log(name)

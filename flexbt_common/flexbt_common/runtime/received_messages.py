@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A subscription for what comes from anybody: bounded, and with the identity of who has written each message.
+
+rclpy unpacks every message, whatever its size, takes one in a turn of the executor, and does not say who has written
+it (7.1 leaves the identifier of the publisher out of its message info, which rcl has). A flood from one writer so
+drives what others have written out of the queue, and costs as much as what is worth something. Here all that is there
+is taken at once, as bytes, by rcl's own function; what is too large is never unpacked, and the receiver can tell the
+writers from each other before it unpacks anything.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+
+from .loaded_library import loaded_function
+
+__all__ = ['UNKNOWN_WRITER', 'Received', 'ReceivedMessages', 'writer_name']
+
+UNKNOWN_WRITER: Final = b''
+"""Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
+
+_TURN_SECONDS: Final = 0.02
+"""After this time the other callbacks of the node come first."""
+
+_GID_SIZE: Final = 16  # RMW_GID_STORAGE_SIZE
+_OK: Final = 0
+_NOTHING_TAKEN: Final = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A message that has come. ``writer`` identifies its publisher in the domain, ``sent`` is in seconds of wall time
+    on the sender's clock (0 when it is unknown), ``size`` in bytes.
+
+    ``data`` is the serialized message; None when it is larger than the receiver takes.
+    """
+
+    data: bytes | None
+    size: int
+    writer: bytes
+    sent: float
+
+    @property
+    def participant(self) -> bytes:
+        """Identifies the participant of the domain that the writer belongs to, so the process or a part of it: the
+        first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). With a middleware that is not DDS, no two writers have the same.
+        """
+        return self.writer[:12]
+
+    def unpack(self, message_type: type[Any]) -> Any:
+        """The message.
+
+        Raises:
+            ValueError: these bytes are no such message, or it is too large.
+        """
+        if self.data is None:
+            raise ValueError(f'{self.size} bytes are too many')
+        try:
+            return deserialize_message(self.data, message_type)
+        except Exception as error:  # rclpy's own, or that of a text which is no UTF-8
+            raise ValueError(f'these {self.size} bytes are no {message_type.__name__}: {error}') from error
+
+
+class ReceivedMessages:
+    """Takes what comes on a topic. To be made on the executor thread, where ``on_message`` is called for each message.
+
+    Messages of more than ``limit`` bytes come without their data.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        message_type: type[Any],
+        topic: str,
+        qos: QoSProfile,
+        on_message: Callable[[Received], object],
+        limit: int,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+    ) -> None:
+        self._on_message = on_message
+        self._limit = limit
+        self._taker = _Taker.make()
+        self.subscription = node.create_subscription(
+            message_type, topic, self._callback(), qos, event_callbacks=event_callbacks, raw=True
+        )
+
+    def _callback(self) -> Callable[[bytes, Mapping[str, int]], None]:
+        def callback(data: bytes, info: Mapping[str, int]) -> None:
+            """For the executor of rclpy, which has taken the message."""
+            size = len(data)
+            sent = info['source_timestamp'] * 1e-9
+            self._on_message(Received(data if size <= self._limit else None, size, UNKNOWN_WRITER, sent))
+
+        if self._taker is not None:
+            callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
+        return callback
+
+    def _take_all(self, subscription: Subscription) -> None:
+        taker, until = self._taker, time.monotonic() + _TURN_SECONDS
+        assert taker is not None
+        while time.monotonic() < until:
+            received = taker.take(subscription, self._limit)
+            if received is None:
+                return
+            self._on_message(received)
+
+
+def writer_name(node: Node, topic: str, writer: bytes) -> str:
+    """The node that a writer on a topic belongs to, for people; '' when it is not there (any more)."""
+    for endpoint in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
+        if bytes(endpoint.endpoint_gid)[: len(writer)] == writer:
+            return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+    return ''
+
+
+class _Gid(ctypes.Structure):
+    """rmw_gid_t"""
+
+    _fields_ = (('implementation', ctypes.c_char_p), ('data', ctypes.c_uint8 * _GID_SIZE))
+
+
+class _MessageInfo(ctypes.Structure):
+    """rmw_message_info_t"""
+
+    _fields_ = (
+        ('source_timestamp', ctypes.c_int64),
+        ('received_timestamp', ctypes.c_int64),
+        ('publication_sequence_number', ctypes.c_uint64),
+        ('reception_sequence_number', ctypes.c_uint64),
+        ('publisher_gid', _Gid),
+        ('from_intra_process', ctypes.c_bool),
+    )
+
+
+class _Allocator(ctypes.Structure):
+    """rcutils_allocator_t"""
+
+    _fields_ = tuple(
+        (name, ctypes.c_void_p) for name in ('allocate', 'deallocate', 'reallocate', 'zero_allocate', 'state')
+    )
+
+
+class _Bytes(ctypes.Structure):
+    """rcutils_uint8_array_t"""
+
+    _fields_ = (
+        ('buffer', ctypes.c_void_p),
+        ('length', ctypes.c_size_t),
+        ('capacity', ctypes.c_size_t),
+        ('allocator', _Allocator),
+    )
+
+
+class _Taker:
+    """Takes messages by functions of rcl and rcutils (ROS 2 Jazzy), whose headers the structures above are from."""
+
+    def __init__(self) -> None:
+        pointer = ctypes.POINTER
+        short = functools.partial(loaded_function, is_short=True)
+        self._take = short(
+            'librcl.so', 'rcl_take_serialized_message', ctypes.c_int,
+            ctypes.c_void_p, pointer(_Bytes), pointer(_MessageInfo), ctypes.c_void_p,
+        )  # fmt: skip
+        self._init = short(
+            'librcutils.so', 'rcutils_uint8_array_init', ctypes.c_int,
+            pointer(_Bytes), ctypes.c_size_t, pointer(_Allocator),
+        )  # fmt: skip
+        self._free = short('librcutils.so', 'rcutils_uint8_array_fini', ctypes.c_int, pointer(_Bytes))
+        self._forget_error = short('librcutils.so', 'rcutils_reset_error', None)
+        self._allocator = short('librcutils.so', 'rcutils_get_default_allocator', _Allocator)()
+
+    @classmethod
+    def make(cls) -> _Taker | None:
+        """None where rcl is another one."""
+        try:
+            return cls()
+        except (OSError, AttributeError):
+            return None
+
+    def take(self, subscription: Subscription, limit: int) -> Received | None:
+        """The next message; None when there is none, or none that can be taken."""
+        taken, info = _Bytes(), _MessageInfo()
+        if self._init(ctypes.byref(taken), 0, ctypes.byref(self._allocator)) != _OK:
+            self._forget_error()
+            return None
+        try:
+            with subscription.handle:
+                code = self._take(subscription.handle.pointer, ctypes.byref(taken), ctypes.byref(info), None)
+            if code != _OK:
+                if code != _NOTHING_TAKEN:
+                    self._forget_error()
+                return None
+            data = ctypes.string_at(taken.buffer, taken.length) if taken.length <= limit else None
+            return Received(data, taken.length, bytes(info.publisher_gid.data), info.source_timestamp * 1e-9)
+        finally:
+            self._free(ctypes.byref(taken))

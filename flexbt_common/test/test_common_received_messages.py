@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of anybody: who has written each, however large or wrong it is, and however many come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, ReceivedMessages, writer_name
+from flexbt_testing.waiting import wait_until
+
+TOPIC = 'what_comes'
+QOS = QoSProfile(depth=1000)
+LIMIT = 1000
+
+
+class Receiver:
+    """What a node has received."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
+        self.received: list[Received] = []
+        runtime.call(lambda: ReceivedMessages(runtime.node, String, TOPIC, QOS, self.received.append, LIMIT))
+
+    def wait_for(self, count: int) -> list[Received]:
+        """Wait for so many messages, and give them."""
+        wait_until(lambda: len(self.received) >= count, lambda: f'{count} messages; {len(self.received)} have come')
+        return self.received
+
+
+class Sender:
+    """A publisher on a node of its own."""
+
+    def __init__(self, name: str, message_type: type[Any] = String) -> None:
+        self.runtime = NodeRuntime(name, args=())
+        self.publisher = self.runtime.call(lambda: self.runtime.node.create_publisher(message_type, TOPIC, QOS))
+        wait_until(self.publisher.get_subscription_count, 'the receiver')
+
+
+@pytest.fixture
+def receiver() -> Iterator[Receiver]:
+    with NodeRuntime.open('receiver') as runtime:
+        yield Receiver(runtime)
+
+
+def test_the_writer_of_a_message_is_known_and_what_is_too_large_is_not_unpacked(receiver: Receiver) -> None:
+    first, second = Sender('first'), Sender('second')
+    try:
+        first.publisher.publish(String(data='a'))
+        first.publisher.publish(String(data='x' * 10_000_000))
+        second.publisher.publish(String(data='b'))
+        received = receiver.wait_for(3)
+        by_writer: dict[str, list[Received]] = {}
+        for one in received:
+            by_writer.setdefault(writer_name(receiver.runtime.node, TOPIC, one.writer), []).append(one)
+        assert set(by_writer) == {'/first', '/second'}
+        small, large = by_writer['/first']
+        assert (small.unpack(String).data, large.data, large.size > 10_000_000) == ('a', None, True)
+        with pytest.raises(ValueError, match='too many'):
+            large.unpack(String)
+        assert by_writer['/second'][0].unpack(String).data == 'b'
+        assert abs(small.sent - large.sent) < 60.0
+        second.runtime.close()
+        wait_until(lambda: not writer_name(receiver.runtime.node, TOPIC, by_writer['/second'][0].writer), 'gone')
+    finally:
+        first.runtime.close()
+        second.runtime.close()
+
+
+def test_bytes_that_are_no_message_are_told_as_such(receiver: Receiver) -> None:
+    sender = Sender('sender')
+    try:
+        for data in (b'\x00\x01', b'\x00\x01\x00\x00\xff\xff\xff\x7fabc'):
+            sender.publisher.publish(data)
+        sender.publisher.publish(String(data='good'))
+        received = receiver.wait_for(1)
+        wait_until(lambda: received[-1].data and b'good' in received[-1].data, 'the last')
+        for one in received[:-1]:
+            with pytest.raises(ValueError, match='are no String'):
+                one.unpack(String)
+        assert received[-1].unpack(String).data == 'good'
+    finally:
+        sender.runtime.close()
+
+
+def test_without_the_private_parts_of_rclpy_writers_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('FLEXBT_STOCK_RCLPY', '1')
+    with NodeRuntime.open('receiver') as runtime:
+        receiver = Receiver(runtime)
+        sender = Sender('sender')
+        try:
+            sender.publisher.publish(String(data='x' * 2000))
+            sender.publisher.publish(String(data='a'))
+            large, small = receiver.wait_for(2)
+            assert (large.data, small.unpack(String).data, small.writer) == (None, 'a', UNKNOWN_WRITER)
+        finally:
+            sender.runtime.close()

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Commands as they come in: from anybody, as many as anybody sends, and of any size.
+
+A stop comes on a topic of its own as well, so that no flood of commands drives it out of a queue. All that has come is
+taken at once, and what one participant of the domain sends above a rate, or is too large, is dropped before it is
+unpacked: so the operators' commands are found among any number of others, and cost and memory stay bounded. A console
+sends a command again until it is answered.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Final
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
+
+COMMAND_RATE: Final = 50.0
+"""Commands a second that are taken from one participant on average, and as many stops."""
+
+COMMAND_BURST: Final = 100
+"""Commands that are taken from one participant at once after a quiet time."""
+
+COMMAND_BYTES: Final = 2_000_000
+"""Bytes of a command, at most."""
+
+_PARTICIPANTS: Final = 256
+_TELL_SECONDS: Final = 10.0
+
+OnCommand = Callable[[ExecutiveCommand, bytes], object]
+"""Takes a command and the participant that has sent it; b'' when the middleware does not tell."""
+
+
+class CommandIntake:
+    """Takes commands. Made and used on the executor thread; ``tell`` gets a severity and a line for the operators."""
+
+    def __init__(self, runtime: NodeRuntime, on_command: OnCommand, tell: Callable[[int, str], None]) -> None:
+        self._runtime = runtime
+        self._on_command = on_command
+        self._tell = tell
+        self._told: dict[bytes, float] = {}  # participants, and until when nothing more is told of each
+        for topic, qos in ((names.EXECUTIVE_STOP, names.stop()), (names.EXECUTIVE_COMMAND, names.command())):
+            rates = SenderRates(COMMAND_RATE, COMMAND_BURST, runtime.steady.now)
+            receive = functools.partial(self._receive, topic, rates)
+            ReceivedMessages(runtime.node, ExecutiveCommand, topic, qos, receive, COMMAND_BYTES)
+
+    def _receive(self, topic: str, rates: SenderRates, received: Received) -> None:
+        if not rates.allows(received.participant):
+            self._drop(topic, received, f'it sends more than {COMMAND_RATE:g} a second')
+            return
+        if received.data is None:
+            self._drop(topic, received, f'a command has at most {COMMAND_BYTES} bytes')
+            return
+        try:
+            command = received.unpack(ExecutiveCommand)
+        except ValueError as error:
+            self._drop(topic, received, f'what it sends is no command: {error}')
+            return
+        if topic == names.EXECUTIVE_COMMAND or command.kind == ExecutiveCommand.STOP:
+            self._on_command(command, received.participant)
+        else:
+            self._drop(topic, received, f'kind {command.kind} is no STOP, and belongs on {names.EXECUTIVE_COMMAND}')
+
+    def _drop(self, topic: str, received: Received, why: str) -> None:
+        """Tell it, once in a while."""
+        now, participant = self._runtime.steady.now(), received.participant
+        if now < self._told.get(participant, now):
+            return
+        self._told = {key: until for key, until in self._told.items() if now < until}
+        if len(self._told) >= _PARTICIPANTS:
+            return
+        self._told[participant] = now + _TELL_SECONDS
+        who = writer_name(self._runtime.node, topic, participant) if participant else 'somebody'
+        self._tell(ExecutiveLog.WARN, f'commands of {who or "a node that is gone"} were dropped: {why}')
