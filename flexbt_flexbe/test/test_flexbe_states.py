@@ -30,6 +30,7 @@ from flexbt_flexbe.states import (
     SelectionState,
     SubscriberState,
     UserDataState,
+    WaitForServersState,
     WaitState,
 )
 from flexbt_flexbe.states.bt_states import full_type
@@ -203,6 +204,7 @@ class TestTelling:
     def test_wait_takes_its_time(self, bench: StateBench) -> None:
         begin = bench.runtime.clock.now()
         assert bench.run_state(lambda: WaitState(wait_time=0.2)).wait() == 'done'
+        assert bench.run_state(lambda: WaitForServersState(['nobody'], timeout=0.1)).wait() == 'timeout'
         assert 0.2 <= bench.runtime.clock.now() - begin < 2
 
     def test_the_operator_is_asked_for_a_decision_and_a_suggestion_is_taken(self, bench: StateBench) -> None:

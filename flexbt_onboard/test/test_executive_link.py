@@ -25,7 +25,7 @@ from flexbt_common.lifecycle import NodeScope
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
@@ -147,7 +147,39 @@ def test_peers_are_shown_and_their_changes_are_told(make_bench: Make) -> None:
     bench.wait_for(lambda status: not status.peers[0].alive, 'gone')
     assert uncontended_time() - begin < 3.0
     assert bench.logged('/bt_server is not alive any more').severity == ExecutiveLog.ERROR
+    assert 'restart it' in bench.status.peers[0].problem
     assert not bench.status.peers[1].alive
+
+
+def asking() -> OperatableStateMachine:
+    """Its state wants to be left at once, and the operator is asked."""
+
+    class Done(Hold):
+        def execute(self, userdata: Any) -> str:
+            return 'on'
+
+    machine = OperatableStateMachine(outcomes=['on'])
+    with machine:
+        OperatableStateMachine.add('A', Done(), {'on': 'on'}, autonomy={'on': Autonomy.Full})
+    return machine
+
+
+def test_a_decision_names_the_server_that_has_died_and_what_to_do() -> None:
+    bench = ExecutiveBench(behavior_of(asking), parameters=ExecutiveParameters(peers=('bt_server', 'never_there')))
+    try:
+        with NodeRuntime.open('bt_server') as server:
+            LivelinessToken(server).set_ready(True)
+            bench.wait_for(lambda status: status.peers[0].ready, 'ready')
+            bench.start()
+            bench.wait_for(lambda status: status.decisions, 'the decision')
+            assert bench.status.decisions[0].prompt == ''
+        bench.wait_for(lambda status: status.decisions[0].prompt, 'what has died')
+        assert bench.status.decisions[0].prompt == '/bt_server is gone: restart it, or force an outcome'
+        with NodeRuntime.open('bt_server') as server:
+            LivelinessToken(server).set_ready(True)
+            bench.wait_for(lambda status: not status.decisions[0].prompt, 'it is back')
+    finally:
+        bench.close()
 
 
 @pytest.fixture
@@ -268,7 +300,7 @@ def test_parameters_are_described_and_have_their_defaults() -> None:
 BEHAVIORS = """
 import pathlib
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 
 class Hold(EventState):
     def __init__(self):

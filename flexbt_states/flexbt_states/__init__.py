@@ -2,7 +2,15 @@
 """States for FlexBT behaviors: behavior trees, operator input and generic ones."""
 
 from .behavior_trees import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, BtSetDataState
-from .generic import CalculationState, CheckConditionState, ExecuteBehaviorState, LogKeyState, LogState, WaitState
+from .generic import (
+    CalculationState,
+    CheckConditionState,
+    ExecuteBehaviorState,
+    LogKeyState,
+    LogState,
+    WaitForServersState,
+    WaitState,
+)
 from .operator import OperatorDecisionState, OperatorInputState
 from .topics import PublishOnceState, SubscribeOnceState, SubscriberState
 
@@ -25,5 +33,6 @@ __all__ = [
     'PublishOnceState',
     'SubscribeOnceState',
     'SubscriberState',
+    'WaitForServersState',
     'WaitState',
 ]

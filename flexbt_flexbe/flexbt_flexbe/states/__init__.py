@@ -14,6 +14,7 @@ from .operator_decision_state import OperatorDecisionState
 from .publisher_states import PublisherBoolState, PublisherEmptyState, PublisherStringState
 from .subscriber_state import SubscriberState
 from .user_data_state import UserDataState
+from .wait_for_servers_state import WaitForServersState
 from .wait_state import WaitState
 
 __all__ = [
@@ -37,5 +38,6 @@ __all__ = [
     'SelectionState',
     'SubscriberState',
     'UserDataState',
+    'WaitForServersState',
     'WaitState',
 ]

@@ -30,10 +30,12 @@ def status_of(
     peers: Sequence[PeerStatus],
     pose: PoseStamped,
     authority: Authority,
+    gone: Sequence[str],
     notice: str,
 ) -> ExecutiveStatus:
     """A status of the run that is shown; sender, number and time are for whoever sends it.
 
+    ``gone`` are the nodes that have died, which is said with each decision of the run: what it is about may need them.
     ``notice`` is what else has to be said: why nothing can be started, what cannot be written to the disk; or ''.
     """
     status = ExecutiveStatus(
@@ -58,7 +60,7 @@ def status_of(
         case RunSnapshot():
             status.state, status.message = _STATE_OF_PHASE[run.phase], run.not_stopped
             status.active_states = [_active_state(leaf) for leaf in run.active]
-            decisions = [*map(_decision, run.decisions), *input_requests]
+            decisions = [*(_decision(decision, gone) for decision in run.decisions), *input_requests]
             status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
     if not isinstance(run, LastRun):
         status.locked, status.breakpoints = list(run.locked), list(run.breakpoints)
@@ -77,7 +79,8 @@ def _active_state(leaf: ActiveLeaf) -> ActiveState:
     )
 
 
-def _decision(decision: RunDecision) -> PendingDecision:
+def _decision(decision: RunDecision, gone: Sequence[str]) -> PendingDecision:
+    missing = [f'{name} is gone: restart it, or force an outcome' for name in gone]
     return PendingDecision(
         id=decision.id,
         kind=decision.kind.value,
@@ -85,7 +88,7 @@ def _decision(decision: RunDecision) -> PendingDecision:
         outcome=decision.outcome,
         outcomes=list(decision.outcomes),
         required_autonomy=decision.required_autonomy,
-        prompt=decision.prompt,
+        prompt='; '.join(filter(None, [decision.prompt, *missing])),
         since=_time(decision.since),
     )
 

@@ -21,6 +21,7 @@ class _Peer:
     since: Time
     alive: bool | None = None
     ready: bool = False
+    gone_at: float = 0.0
 
 
 class PeersWatch:
@@ -51,9 +52,27 @@ class PeersWatch:
     def statuses(self) -> list[PeerStatus]:
         """What is known of each, in the order of the names; one that was never seen is not alive."""
         return [
-            PeerStatus(name=peer.name, alive=bool(peer.alive), ready=peer.ready, since=peer.since)
-            for peer in self._peers
+            PeerStatus(
+                name=peer.name,
+                alive=bool(peer.alive),
+                late=watch.late,
+                age=watch.age,
+                ready=peer.ready,
+                problem=watch.problem or self._gone(peer),
+                since=peer.since,
+            )
+            for peer, watch in zip(self._peers, self._watches, strict=True)
         ]
+
+    def gone(self) -> list[str]:
+        """The names of those that were alive, and are not any more."""
+        return [peer.name for peer in self._peers if peer.alive is False]
+
+    def _gone(self, peer: _Peer) -> str:
+        if peer.alive is not False:
+            return ''
+        seconds = self._runtime.steady.now() - peer.gone_at
+        return f'its process ended, or is out of reach, since {seconds:.0f} s; restart it'
 
     def unready(self) -> list[str]:
         """The names of those that are alive, and not ready; from any thread."""
@@ -64,6 +83,7 @@ class PeersWatch:
             return
         seen_before = peer.alive is not None
         peer.alive, peer.since = alive, self._runtime.clock.stamp()
+        peer.gone_at = self._runtime.steady.now()
         self._on_change(peer.name, alive, seen_before)
 
     def _ready_changed(self, peer: _Peer, ready: bool) -> None:

@@ -216,6 +216,7 @@ class Executive:
             self._peers.statuses(),
             self._pose.latest(),
             self._authority,
+            self._peers.gone(),
             '; '.join(filter(None, [self._admission.refusal, self._problems.text])),
         )
 

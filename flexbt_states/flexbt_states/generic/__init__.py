@@ -6,6 +6,15 @@ from .check_condition_state import CheckConditionState
 from .execute_behavior_state import ExecuteBehaviorState
 from .log_key_state import LogKeyState
 from .log_state import LogState
+from .wait_for_servers_state import WaitForServersState
 from .wait_state import WaitState
 
-__all__ = ['CalculationState', 'CheckConditionState', 'ExecuteBehaviorState', 'LogKeyState', 'LogState', 'WaitState']
+__all__ = [
+    'CalculationState',
+    'CheckConditionState',
+    'ExecuteBehaviorState',
+    'LogKeyState',
+    'LogState',
+    'WaitForServersState',
+    'WaitState',
+]

@@ -4,6 +4,7 @@
 from .goal_call import GoalCall
 from .goal_result import read_values, state_outcome
 from .parameter_checks import (
+    checked_action_type,
     checked_callable,
     checked_file,
     checked_message_type,
@@ -17,6 +18,7 @@ from .parameter_checks import (
 
 __all__ = [
     'GoalCall',
+    'checked_action_type',
     'checked_callable',
     'checked_file',
     'checked_message_type',

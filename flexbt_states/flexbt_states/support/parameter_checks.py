@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -46,6 +47,20 @@ def checked_message_type(state: object, parameter: str, message: str | type[Any]
     if resolved.message is None or resolved.is_array:
         raise StateParameterError(state, parameter, f'{name} is no message; a topic carries package/msg/Name')
     return resolved.message
+
+
+def checked_action_type(state: object, parameter: str, action: str | type[Any]) -> type[Any]:
+    """The class of an action, by class or by name, as in nav2_msgs/action/FollowPath."""
+    if isinstance(action, type) and hasattr(action, 'Goal'):
+        return action
+    package, _, name = str(action).partition('/action/')
+    try:
+        found: type[Any] | None = getattr(importlib.import_module(f'{package}.action'), name, None)
+    except (ImportError, ValueError):
+        found = None
+    if found is None:
+        raise StateParameterError(state, parameter, f'{action!r} is no action that is installed (package/action/Name)')
+    return found
 
 
 def checked_types(state: object, parameter: str, types: Mapping[str, str] | None) -> dict[str, str]:
