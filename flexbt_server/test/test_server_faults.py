@@ -17,17 +17,27 @@ from typing import Any
 
 import pytest
 
+from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree import NodeStatus
 from flexbt_core.behavior_tree.model import TreeKey
 from flexbt_msgs.action import BtExecute, BtLoad
+from flexbt_server.node import BtServer
 from flexbt_server.runs.overruns import Overruns
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, Client, World, document, install_nodes, open_world
+from flexbt_testing.nodes.server_world import (
+    DEADLINE,
+    Client,
+    Navigation,
+    World,
+    document,
+    install_nodes,
+    open_world,
+)
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 Result = BtExecute.Result
@@ -121,6 +131,32 @@ def test_a_goal_that_waits_to_take_over_a_tree_that_blocks_gets_a_run_of_its_own
     assert not newest.ended
     Held.release.set()
     assert newest.result.code == Result.SUCCESS
+
+
+def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world: World) -> None:
+    first = '<ForceSuccess><Timeout msec="50"><HeldThread name="held"/></Timeout></ForceSuccess>'
+    world.client.load_tree(f'<Sequence>{first}<Spin name="turn" error_msg="{{why}}"/></Sequence>')
+    result = world.client.execute(outputs=['why']).result
+    assert result.failed_node == 'turn'
+    why = 'the goal was not sent, because the tree is not at rest after a halt: [held]'
+    assert why in from_entry(result.outputs[0]) and why in ''.join(result.reasons)
+    assert world.navigation.count(names.SPIN) == 0
+    Held.release.set()
+    assert world.client.execute().result.code in (Result.SUCCESS, Result.FAILURE)  # the thread is in time now, or not
+
+
+def test_servers_that_start_with_this_one_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_server.leaves.leaf_services.STARTED', time.monotonic())
+    parameters = {'server_timeout': 1.0, 'start_timeout': DEADLINE}
+    with NodeRuntime.open('bt_server', parameters=parameters) as server, NodeRuntime.open('client') as client_runtime:
+        BtServer(server)
+        client = Client(client_runtime)
+        client.load_tree('<Sequence><Spin/><ClearEntireCostmap/></Sequence>')
+        goal = client.execute()
+        wait_until(lambda: any(feedback.execution_time.sec >= 1 for feedback in goal.feedback), 'the server timeout')
+        with NodeRuntime.open('navigation') as navigation:
+            Navigation(navigation)
+            assert goal.result.code == Result.SUCCESS, goal.result.message
 
 
 @pytest.mark.parametrize('body', ['<HeldInTick/>', '<HeldThread/>', '<HeldInHalt ms="60000"/>', '<NeverRests/>'])

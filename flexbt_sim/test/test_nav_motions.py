@@ -15,6 +15,7 @@ from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.runtime import RosClock
 from flexbt_sim.nodes import seconds_of
 from flexbt_testing.nodes.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
 
@@ -44,6 +45,18 @@ def drive(
 def turned(sightings: list[Sighting]) -> float:
     """How far the robot has turned, rad."""
     return math.fsum(math.remainder(later.yaw - earlier.yaw, math.tau) for earlier, later in pairwise(sightings))
+
+
+def test_a_motion_takes_its_time_by_the_poses_whatever_the_clock_shows(
+    world: Probe, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The time of the node comes by another topic, and may stand still while the robot turns."""
+    monkeypatch.setattr(RosClock, 'now', lambda clock: 0.0)
+    world.place(FREE)
+    start = world.now.time
+    goal = spin(world, 1.0, 20)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert 0.5 < seconds_of(goal.result.total_elapsed_time) <= world.now.time - start
 
 
 @pytest.mark.parametrize('angle', [0.35, -3.49, 7.5, 0.0])

@@ -96,6 +96,24 @@ class All(Control):
         return FAILURE if FAILURE in results else SUCCESS
 
 
+class HaltedDecorator(Decorator):
+    """Notes in the services that it is halted."""
+
+    def tick(self) -> NodeStatus:
+        return self.tick_child()
+
+    def on_halt(self) -> None:
+        self.services.setdefault('halted', []).append(self.name)
+
+
+class HaltedControl(Control):
+    def tick(self) -> NodeStatus:
+        return self.tick_child(0)
+
+    def on_halt(self) -> None:
+        self.services.setdefault('halted', []).append(self.name)
+
+
 class Stubborn(Decorator):
     def tick(self) -> NodeStatus:
         return self.tick_child()
@@ -104,7 +122,7 @@ class Stubborn(Decorator):
         raise ValueError('no')
 
 
-NODES = (Stubborn, Work, Returns, Check, Pass, All)
+NODES = (HaltedControl, HaltedDecorator, Stubborn, Work, Returns, Check, Pass, All)
 
 
 def library(*bodies: str, **trees: str) -> TreeLibrary:
@@ -118,6 +136,29 @@ def library(*bodies: str, **trees: str) -> TreeLibrary:
 def tree(*bodies: str, services: dict[str, Any] | None = None, **options: Any) -> Tree:
     options.setdefault('clock', ManualClock())
     return Tree(library(*bodies), 'Main', services=services if services is not None else {}, **options)
+
+
+# -- halting ---------------------------------------------------------------------------------------------
+
+
+def test_only_nodes_that_are_running_are_told_that_they_are_halted() -> None:
+    """As the onHalted of a stateful action of BehaviorTree.CPP, whose halt() is called for all nodes."""
+    services: dict[str, Any] = {}
+    halted = tree(
+        '<HaltedControl name="outer"><Sequence>'
+        '<HaltedDecorator name="completed"><AlwaysSuccess/></HaltedDecorator>'
+        '<HaltedDecorator name="running"><HaltedControl name="inner"><Work name="w"/></HaltedControl></HaltedDecorator>'
+        '<HaltedControl name="never"><AlwaysSuccess/></HaltedControl>'
+        '</Sequence></HaltedControl>',
+        services=services,
+    )
+    halted.halt()
+    assert 'halted' not in services
+    assert halted.tick_exactly_once() is RUNNING
+    halted.halt()
+    assert services['halted'] == ['outer', 'running', 'inner']
+    halted.halt()
+    assert services['halted'] == ['outer', 'running', 'inner']
 
 
 # -- waking ----------------------------------------------------------------------------------------------

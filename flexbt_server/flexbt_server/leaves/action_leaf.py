@@ -4,6 +4,7 @@
 The leaf never blocks. It is RUNNING from sending to result; every wait has a deadline, and a server that dies is
 noticed. Halting cancels the goal, also one that is not accepted yet, and the tree has not halted before that is
 confirmed. A goal is not sent while a halted goal of the same tree is still ending: two of them would move one robot.
+The leaf fails when the tree does not come to rest in time, such as one with a thread that does not return.
 
 Differences from Nav2's BtActionNode, on purpose: a goal that somebody else canceled is a FAILURE and not a SUCCESS;
 a goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails.
@@ -28,6 +29,7 @@ from flexbt_core.behavior_tree import (
     output_port,
 )
 from flexbt_core.behavior_tree.model import STRING, UINT16, UNSIGNED
+from flexbt_core.clock import Clock, Timer
 
 from .leaf_services import LeafServices
 
@@ -47,10 +49,16 @@ ACTION_PORTS: Final[dict[str, Port]] = {
 """Ports of every action leaf."""
 
 
+_REST_SECONDS: Final = 0.5
+"""How much longer than the cancel of a goal may take the tree may need to be at rest, before the next goal is sent."""
+
+
 class _LeafGoal:
     """One goal; once canceled, it is unfinished work of the tree until its end is confirmed."""
 
-    def __init__(self, leaf: ActionLeaf, link: ActionServerLink, goal: Any, timeout: float) -> None:
+    def __init__(
+        self, leaf: ActionLeaf, link: ActionServerLink, goal: Any, appear_timeout: float, accept_timeout: float
+    ) -> None:
         self._leaf = leaf
         self._name = leaf.action_name
         self._unfinished: UnfinishedWork | None = None
@@ -63,8 +71,8 @@ class _LeafGoal:
             goal,
             on_done=self._on_done,
             on_feedback=self._on_feedback,
-            server_timeout=timeout,
-            accept_timeout=timeout,
+            server_timeout=appear_timeout,
+            accept_timeout=accept_timeout,
         )
 
     @property
@@ -101,7 +109,7 @@ class ActionLeaf(StatefulAction):
     ``ports`` of a subclass has to contain :data:`ACTION_PORTS`.
     """
 
-    __slots__ = ('_goal', '_superseded', '_waiting')
+    __slots__ = ('_alarm', '_goal', '_rest_by', '_superseded', '_waiting')
 
     action_type: ClassVar[type[Any]]
     default_server: ClassVar[str] = ''
@@ -112,6 +120,8 @@ class ActionLeaf(StatefulAction):
         self._goal: _LeafGoal | None = None
         self._superseded: list[_LeafGoal] = []
         self._waiting = False
+        self._rest_by = 0.0
+        self._alarm: Timer | None = None
 
     # -- what a subclass says ----------------------------------------------------------------------------------------
 
@@ -147,13 +157,21 @@ class ActionLeaf(StatefulAction):
         self._goal = None
         self._superseded = []
         self._waiting = True
+        self._rest_by = self._steady.now() + self.host.cancel_timeout + _REST_SECONDS
         return self.on_running()
 
     def on_running(self) -> NodeStatus:
         if self._waiting:
-            if self.context.unfinished:
+            unfinished = self.context.unfinished
+            if unfinished and self._steady.now() < self._rest_by:
+                if self._alarm is None:
+                    self._alarm = self._steady.call_at(self._rest_by, self.wake)
                 return NodeStatus.RUNNING
-            self._waiting = False
+            self._stop_waiting()
+            if unfinished:
+                return self._failed(
+                    f'the goal was not sent, because the tree is not at rest after a halt: {", ".join(unfinished)}'
+                )
             try:
                 goal_message = self.make_goal()
             except (PortError, ValueError) as error:
@@ -176,14 +194,25 @@ class ActionLeaf(StatefulAction):
         return NodeStatus.RUNNING
 
     def on_halted(self) -> None:
-        self._waiting = False
+        self._stop_waiting()
         self._cancel_all()
+
+    @property
+    def _steady(self) -> Clock:
+        return self.host.runtime.steady
+
+    def _stop_waiting(self) -> None:
+        self._waiting = False
+        if self._alarm is not None:
+            self._alarm.cancel()
+            self._alarm = None
 
     def _send(self, goal: Any) -> None:
         host = self.host
         milliseconds = self.get_input_or('server_timeout', None)
         timeout = host.server_timeout if milliseconds is None else milliseconds / 1000.0
-        self._goal = _LeafGoal(self, host.actions.link(self.action_type, self.action_name), goal, timeout)
+        link = host.actions.link(self.action_type, self.action_name)
+        self._goal = _LeafGoal(self, link, goal, host.appear_timeout(timeout), timeout)
 
     def _cancel_all(self) -> None:
         for goal in (*self._superseded, self._goal):
@@ -205,8 +234,11 @@ class ActionLeaf(StatefulAction):
         reason = told or outcome.reason
         if outcome.status is GoalStatus.CANCELED:
             reason = 'the goal was canceled by somebody else'
+        self.on_failure(outcome)
+        return self._failed(reason or outcome.status.name, code)
+
+    def _failed(self, reason: str, code: int = 0) -> NodeStatus:
         self.set_output('error_code_id', code)
         self.set_output('error_msg', reason)
-        self.on_failure(outcome)
         shown = f' (error code {code})' if code else ''
-        return self.fail(f'{self.action_name}: {reason or outcome.status.name}{shown}')
+        return self.fail(f'{self.action_name}: {reason}{shown}')

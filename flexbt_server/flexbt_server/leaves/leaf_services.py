@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 from flexbt_common.calls import ActionLinks, ServiceLinks
+from flexbt_common.liveness import STARTED
 from flexbt_common.runtime import NodeRuntime
 
 from .topic_cache import TopicCaches
@@ -19,7 +21,8 @@ class LeafServices:
     ``runtime`` owns the node and the thread on which everything of rclpy happens; ``actions`` and ``services`` are
     the shared clients, ``topics`` the shared subscriptions, ``triggers`` the services that nodes of trees offer;
     ``pose_topic`` is the topic of the robot's pose. ``server_timeout`` and ``cancel_timeout`` are the deadlines for
-    acceptance and for the confirmation of a cancel, in seconds of wall time.
+    acceptance and for the confirmation of a cancel, in seconds of wall time; ``start_timeout`` is the age of this
+    process up to which a server is waited for in any case.
     """
 
     runtime: NodeRuntime
@@ -30,3 +33,11 @@ class LeafServices:
     pose_topic: str
     server_timeout: float
     cancel_timeout: float
+    start_timeout: float = 0.0
+
+    def appear_timeout(self, timeout: float) -> float:
+        """How long to wait for a server to appear, s of wall time, where ``timeout`` is how long it has otherwise.
+
+        The processes of a robot begin together, in any order: as long as this one is young, that one may be starting.
+        """
+        return max(timeout, self.start_timeout - (time.monotonic() - STARTED))

@@ -76,7 +76,7 @@ class ServiceLeaf(StatefulAction):
             self.host.services.link(self.service_type, self.service_name),
             request,
             on_done=lambda outcome: self.wake(),
-            server_timeout=timeout,
+            server_timeout=self.host.appear_timeout(timeout),
             response_timeout=timeout,
         )
         return NodeStatus.RUNNING

@@ -59,6 +59,7 @@ class BtServer:
             pose_topic=parameters.pose_topic,
             server_timeout=parameters.server_timeout,
             cancel_timeout=parameters.cancel_timeout,
+            start_timeout=parameters.start_timeout,
         )
         reader = self._reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))

@@ -38,6 +38,7 @@ class ServerParameters:
     feedback_rate: float
     server_timeout: float
     cancel_timeout: float
+    start_timeout: float
     pose_topic: str
     error_code_names: tuple[str, ...]
     max_file_size: int
@@ -92,6 +93,9 @@ def declare_parameters(node: Node) -> ServerParameters:
         ),
         cancel_timeout=declare.real(
             'cancel_timeout', 2.0, 0.01, 60.0, 'how long leaves may take to halt, s of wall time'
+        ),
+        start_timeout=declare.real(
+            'start_timeout', 10.0, 0.0, 600.0, 'age of this process up to which a server of a leaf is waited for, s'
         ),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
         error_code_names=declare.texts(

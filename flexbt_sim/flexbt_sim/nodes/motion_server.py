@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
@@ -25,15 +25,27 @@ FEEDBACK_EVERY: Final = 3
 """Poses per feedback message."""
 
 
+class OnEnd(Protocol):
+    """Ends a goal, of a motion that has taken so many seconds."""
+
+    def __call__(self, end: GoalEnd, seconds: float = 0.0) -> None: ...
+
+
 @dataclass(eq=False)
 class RunningMotion:
-    """A goal that drives the robot. ``feedback`` makes a feedback message of the motion; ``on_end`` ends the goal."""
+    """A goal that drives the robot. ``feedback`` makes a feedback message of the motion; ``on_end`` ends the goal.
+
+    ``began`` and ``now`` are the times of the first and of the latest pose, s. By these the motion goes, not by the
+    node's clock, which hears of the time by another topic: on a busy machine it may stand still meanwhile.
+    """
 
     goal: ServedGoal
     motion: Motion
     feedback: Callable[[Any], Any]
-    on_end: Callable[[GoalEnd], None]
+    on_end: OnEnd
     poses: int = 0
+    began: float = 0.0
+    now: float = 0.0
 
 
 class MotionArbiter:
@@ -59,6 +71,10 @@ class MotionArbiter:
         running = self.running
         if running is None:
             return
+        if not running.poses:
+            running.began = now
+        running.poses += 1
+        running.now = now
         try:
             velocity = running.motion.step(pose, now)
         except Exception as error:
@@ -68,7 +84,6 @@ class MotionArbiter:
             self.end(SUCCEEDED)
             return
         self.robot.drive(velocity)
-        running.poses += 1
         if running.poses % FEEDBACK_EVERY == 1:
             running.goal.publish_feedback(running.feedback(running.motion))
 
@@ -86,7 +101,7 @@ class MotionArbiter:
             return
         if stop:
             self.robot.drive(STOP)
-        running.on_end(end)
+        running.on_end(end, max(0.0, running.now - running.began))
 
     def cancel(self, goal: ServedGoal) -> None:
         """The client does not want its goal any more."""
@@ -131,17 +146,15 @@ class MotionServer:
         runtime.on_close(lambda: runtime.call(server.close))
 
     def _serve(self, goal: ServedGoal) -> None:
-        started = self._runtime.clock.now()
-
-        def on_end(end: GoalEnd) -> None:
+        def on_end(end: GoalEnd, seconds: float = 0.0) -> None:
             result = self._action_type.Result()
             if hasattr(result, 'total_elapsed_time'):
-                result.total_elapsed_time = duration_message(max(0.0, self._runtime.clock.now() - started))
+                result.total_elapsed_time = duration_message(seconds)
             finish(goal, result, end)
 
         self._arbiter.robot.when_known(lambda: self._drive(goal, on_end))
 
-    def _drive(self, goal: ServedGoal, on_end: Callable[[GoalEnd], None]) -> None:
+    def _drive(self, goal: ServedGoal, on_end: OnEnd) -> None:
         if goal.cancel_requested:
             on_end(CANCELED)
             return

@@ -165,7 +165,7 @@ def open_world(**parameters: Any) -> Iterator[World]:
     """A server with these parameters, navigation and client."""
     with (
         NodeRuntime.open('navigation') as navigation,
-        NodeRuntime.open('bt_server', parameters={'server_timeout': 10.0} | parameters) as server,
+        NodeRuntime.open('bt_server', parameters={'server_timeout': 10.0, 'start_timeout': 0.0} | parameters) as server,
         NodeRuntime.open('client') as client,
     ):
         yield World(server, navigation, client)

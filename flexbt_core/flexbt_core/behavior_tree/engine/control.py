@@ -107,7 +107,11 @@ class Control(ControlNode):
         """One tick; ticks children by :meth:`tick_child`."""
 
     def on_halt(self) -> None:
-        """Called when the node is halted, before its children are."""
+        """Called when the node is halted while it is RUNNING, before its children are.
+
+        What a halt has to drop from any node, also from one that is IDLE, is for :meth:`halt`: at the end of each run
+        a tree halts all of its nodes, as in BehaviorTree.CPP.
+        """
 
     def tick_child(self, index: int) -> NodeStatus:
         status = self._ticks[index]()
@@ -137,5 +141,6 @@ class Control(ControlNode):
         return status
 
     def halt(self) -> None:
-        self.stop_by(self.on_halt)
+        if self.status is RUNNING:
+            self.stop_by(self.on_halt)
         super().halt()

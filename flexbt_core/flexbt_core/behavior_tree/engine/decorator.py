@@ -10,7 +10,16 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, SKIPPED, SUCCESS, NodeExecutionError, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeExecutionError,
+    NodeKind,
+    NodeStatus,
+)
 
 from .context import Tick
 from .node import NodeConfig, TreeNode
@@ -68,7 +77,7 @@ class Decorator(DecoratorNode):
         """One tick; ticks the child by :meth:`tick_child` or not."""
 
     def on_halt(self) -> None:
-        """Called when the node is halted, before its child is."""
+        """Called when the node is halted while it is RUNNING, before its child is; see :meth:`Control.on_halt`."""
 
     def tick_child(self) -> NodeStatus:
         status = self._tick()
@@ -102,5 +111,6 @@ class Decorator(DecoratorNode):
         return status
 
     def halt(self) -> None:
-        self.stop_by(self.on_halt)
+        if self.status is RUNNING:
+            self.stop_by(self.on_halt)
         super().halt()

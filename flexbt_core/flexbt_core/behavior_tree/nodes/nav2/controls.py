@@ -75,11 +75,15 @@ class RecoveryNode(Control):
         return self._finish(FAILURE)
 
     def _finish(self, status: NodeStatus) -> NodeStatus:
-        self.on_halt()
+        self._restart()
         self.reset_children()
         return status
 
-    def on_halt(self) -> None:
+    def halt(self) -> None:
+        self._restart()
+        super().halt()
+
+    def _restart(self) -> None:
         self._current = self._recoveries = 0
 
     def failure_cause(self) -> TreeNode | None:
@@ -131,8 +135,9 @@ class PipelineSequence(Control):
         self.reset_children()
         return status
 
-    def on_halt(self) -> None:
+    def halt(self) -> None:
         self._reached = 0
+        super().halt()
 
 
 class RoundRobin(Control):
@@ -187,11 +192,15 @@ class RoundRobin(Control):
                 self._failures += 1
             else:
                 skipped += 1
-        self.on_halt()
+        self._restart()
         self.reset_children()
         return SKIPPED if skipped == total else FAILURE
 
-    def on_halt(self) -> None:
+    def halt(self) -> None:
+        self._restart()
+        super().halt()
+
+    def _restart(self) -> None:
         self._current = self._failures = 0
 
     def failure_reason(self) -> str:

@@ -71,7 +71,7 @@ class PauseResumeController(Control):
 
     def tick(self) -> NodeStatus:
         if not self.active:
-            self.on_halt()
+            self._restart()
         self.status = RUNNING
         with self._lock:
             requested, self._requested = self._requested, None
@@ -95,7 +95,11 @@ class PauseResumeController(Control):
             self.context.woken = True
         return RUNNING
 
-    def on_halt(self) -> None:
+    def halt(self) -> None:
+        self._restart()
+        super().halt()
+
+    def _restart(self) -> None:
         with self._lock:
             self._state = PauseState.RESUMED
             self._requested = None
