@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
 import subprocess
 import sys
@@ -214,6 +215,23 @@ def test_twenty_rounds_leave_nothing_behind() -> None:
         assert bench.notes == ['configure', 'activate', 'deactivate', 'close'] * 20
         bench.node.report_fault(RuntimeError('later'))
         assert bench.faults == []  # nobody is left who would listen
+
+
+@pytest.mark.parametrize('stock', ['0', '1'])
+def test_the_end_of_a_node_ends_its_participant(stock: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also before Python collects the node, which may be long after: each participant has eight threads."""
+    monkeypatch.setenv('FLEXBT_STOCK_RCLPY', stock)
+    gc.collect()
+    gc.disable()
+    try:
+        counts = []
+        for _ in range(3):
+            with open_bench():
+                pass
+            counts.append(len(list(Path('/proc/self/task').iterdir())))
+    finally:
+        gc.enable()
+    assert counts[-1] <= counts[0]
 
 
 def test_the_node_answers_while_a_transition_waits_for_its_executor() -> None:

@@ -18,7 +18,6 @@ from flexbt_common.runtime.rclpy_private import (
     ACTION_CLIENT,
     ACTION_SERVER,
     EXECUTOR,
-    LIFECYCLE,
     SWITCH,
     Part,
     Use,
@@ -26,7 +25,7 @@ from flexbt_common.runtime.rclpy_private import (
 )
 
 CASE = Path(__file__).with_name('changed_rclpy.py')
-USES = {'EXECUTOR': EXECUTOR, 'ACTION_CLIENT': ACTION_CLIENT, 'ACTION_SERVER': ACTION_SERVER, 'LIFECYCLE': LIFECYCLE}
+USES = {'EXECUTOR': EXECUTOR, 'ACTION_CLIENT': ACTION_CLIENT, 'ACTION_SERVER': ACTION_SERVER}
 PARTS = [(name, part) for name, use in USES.items() for part in use.parts]
 OF_PYTHON = [(name, part) for name, part in PARTS if part.name.startswith('_')]
 """The others are members of compiled classes."""
@@ -69,7 +68,7 @@ def test_without_a_part_its_use_is_left_out_and_everything_works(use: str, part:
 
 def test_with_another_signature_a_part_is_not_used() -> None:
     *usable, warning = run(r'def _take_timer\(self, tmr\)', 'def _take_timer(self, tmr, more=None)')
-    assert usable == ['ACTION_CLIENT', 'ACTION_SERVER', 'LIFECYCLE']
+    assert usable == ['ACTION_CLIENT', 'ACTION_SERVER']
     assert '_take_timer(self, tmr, more=None) has another signature' in warning
 
 

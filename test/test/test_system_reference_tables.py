@@ -3,6 +3,7 @@
 
 import re
 import subprocess
+import sys
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -105,3 +106,10 @@ def shown(parameter: Parameter) -> str:
     if len(values) > LONG_LIST:
         return f'{len(values)} keys'
     return f'`[{", ".join(values)}]`' if values else '–'
+
+
+def test_commands_of_the_operator_link(tmp_path: Path) -> None:
+    file = tmp_path / 'page.md'
+    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / 'make_commands.py', file], check=True)
+    page = (ROOT / 'docs' / 'explanation' / 'operator_link.md').read_text(encoding='utf-8')
+    assert page == file.read_text(encoding='utf-8'), 'run docs/tools/make_commands.py'

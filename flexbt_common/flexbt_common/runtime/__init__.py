@@ -10,8 +10,8 @@ from .rclpy_private import (
     ACTION_SERVER,
     OpenActionClient,
     OpenActionServer,
-    destroy_lifecycle_services,
     is_usable,
+    let_go_of_lifecycle,
 )
 from .received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
 from .resources import resolve_file
@@ -37,8 +37,8 @@ __all__ = [
     'RosClock',
     'SenderRates',
     'Watched',
-    'destroy_lifecycle_services',
     'is_usable',
+    'let_go_of_lifecycle',
     'refuse_while_configured',
     'resolve_file',
     'run_node',

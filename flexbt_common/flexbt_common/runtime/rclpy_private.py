@@ -25,7 +25,6 @@ from rclpy.action.server import GoalEvent, RCLError, ServerGoalHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.lifecycle import LifecycleNodeMixin
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.task import Task
@@ -35,7 +34,6 @@ __all__ = [
     'ACTION_CLIENT',
     'ACTION_SERVER',
     'EXECUTOR',
-    'LIFECYCLE',
     'SWITCH',
     'Use',
     'is_usable',
@@ -78,6 +76,7 @@ def _named_in_methods(owner: type) -> set[str]:
     return {name for function in functions for name in function.__code__.co_names}
 
 
+_STATE_MACHINE: Final = getattr(rclpy_implementation, 'LifecycleStateMachine', ())
 _WAIT_SET: Final = getattr(rclpy_implementation, 'WaitSet', object)
 _WAIT_SET_MEMBERS: Final = (
     'add_client',
@@ -125,11 +124,7 @@ ACTION_SERVER: Final = Use(
     'results are sent some turns of the executor later, lists of goals are as long as results are kept, and a goal '
     'that comes before its client has been discovered is not begun',
 )
-LIFECYCLE: Final = Use(
-    (Part(LifecycleNodeMixin, '_state_machine'),),
-    'the lifecycle services of a node that has ended are in the graph until Python collects them',
-)
-_USES: Final = (EXECUTOR, ACTION_CLIENT, ACTION_SERVER, LIFECYCLE)
+_USES: Final = (EXECUTOR, ACTION_CLIENT, ACTION_SERVER)
 
 
 @cache
@@ -309,7 +304,12 @@ class OpenActionServer(ActionServer):
 # -------------------------------------------------------------------------------------------------------- lifecycle
 
 
-def destroy_lifecycle_services(node: Node) -> None:
-    """Take the services of a lifecycle node, which is destroyed, out of the graph now."""
-    if is_usable(LIFECYCLE):
-        node._state_machine.destroy_when_not_in_use()
+def let_go_of_lifecycle(node: Node) -> None:
+    """Take what the lifecycle of a node has in the graph out of it, after the node is destroyed.
+
+    rclpy's state machine, a compiled object, keeps the services of the lifecycle, and with them the participant and
+    its threads, until Python collects the node. It is found by its type, whatever rclpy calls it.
+    """
+    for name, part in tuple(vars(node).items()):
+        if isinstance(part, _STATE_MACHINE):
+            delattr(node, name)

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes the table of commands in docs/explanation/operator_link.md, from the registries of executive and console.
+
+Usage: make_commands.py [FILE]     in a shell with the environment of the workspace
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from flexbt_console.commands import COMMANDS as CONSOLE_COMMANDS
+from flexbt_console.commands import CommandSpec, Send
+from flexbt_onboard.commands import COMMANDS
+
+PAGE: Final = Path(__file__).parents[1] / 'explanation' / 'operator_link.md'
+BEGIN: Final = '<!-- written by docs/tools/make_commands.py -->\n'
+END: Final = '<!-- end of what is written -->\n'
+HEAD: Final = """\
+| Command | `run_id` names | Needs the authority | At the console | Effect |
+|---|---|---|---|---|
+"""
+
+
+def rows() -> Iterator[str]:
+    """A row for each command of the executive."""
+    specs: dict[str, CommandSpec] = {}
+    for spec in CONSOLE_COMMANDS:
+        if isinstance(spec.action, Send):
+            for kind in spec.action.kinds:
+                specs[kind.name] = spec  # the last one: a command of its own after one that knows several
+    for command in COMMANDS:
+        spec = specs[command.name]
+        authority = 'yes' if command.needs_authority else '**no**'
+        yield f'| `{command.name}` | {command.run.value} | {authority} | `{spec.name}` | {spec.summary} |\n'
+
+
+def page() -> str:
+    """The whole page, with the table as it is to be."""
+    before, _, rest = PAGE.read_text(encoding='utf-8').partition(BEGIN)
+    after = rest.partition(END)[2]
+    return ''.join([before, BEGIN, '\n', HEAD, *rows(), '\n', END, after])
+
+
+if __name__ == '__main__':
+    (Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE).write_text(page(), encoding='utf-8')
