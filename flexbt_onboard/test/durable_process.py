@@ -6,7 +6,10 @@ Usage: durable_process.py JOURNAL_DIRECTORY
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+from pathlib import Path
 from typing import Any
 
 from flexbt_common.runtime import NodeRuntime, run_node
@@ -80,10 +83,31 @@ def spoiling() -> OperatableStateMachine:
     return machine
 
 
+class Crash(EventState):
+    """Ends the process the first time that it is started."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+
+    def on_start(self) -> None:
+        told = Path(sys.argv[1]) / 'has_crashed'
+        if not told.exists():
+            told.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def crashing() -> OperatableStateMachine:
+    """Does not get to its first state before a crash."""
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('Crash', Crash(), {'done': 'finished'})
+    return machine
+
+
 def setup(runtime: NodeRuntime) -> Any:
     """Make the executive."""
-    behaviors = (behavior_of(counting), behavior_of(counting, 'Changed'), behavior_of(spoiling, 'Spoil'))
-    library = BehaviorLibrary(map(entry_of, behaviors))
+    machines = {'Test': counting, 'Changed': counting, 'Spoil': spoiling, 'Crash': crashing}
+    library = BehaviorLibrary(entry_of(behavior_of(make, name)) for name, make in machines.items())
     parameters = ExecutiveParameters(peers=(), journal_directory=sys.argv[1], event_log_directory=sys.argv[1])
     return open_executive(runtime, parameters, library)
 

@@ -21,6 +21,7 @@ import pytest
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log.run_metrics import metrics_of, read_events
+from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.waiting import wait_until
 
@@ -68,7 +69,12 @@ class DurableBench(Operator):
         """End the process; gives its exit code."""
         assert self._process is not None
         self._process.send_signal(number)
-        return self._process.wait(10.0)
+        return self.wait_end()
+
+    def wait_end(self) -> int:
+        """Wait for the end of the process; gives its exit code."""
+        assert self._process is not None
+        return self._process.wait(20.0)
 
     def answer(self, command_id: str) -> CommandResult | None:
         """What is known of a command."""
@@ -168,6 +174,28 @@ def test_what_was_set_for_a_run_holds_again_and_a_stop_is_not_forgotten(bench: D
     bench.applied(C.STOP, id='stop')
     bench.kill()
     assert bench.launch() == ExecutiveStatus.IDLE
+
+
+def test_a_crash_before_the_first_state_keeps_the_autonomy_of_the_start(bench: DurableBench) -> None:
+    bench.launch()
+    bench.send(C.START, behavior='Crash', autonomy=3)
+    assert bench.wait_end() == -signal.SIGKILL
+    assert bench.launch() == ExecutiveStatus.INTERRUPTED
+    assert (bench.status.behavior, bench.status.autonomy) == ('Crash', 3)
+    bench.applied(C.RESUME_RUN)
+    bench.wait_active('/Crash')
+    assert bench.status.autonomy == 3
+
+
+def test_the_autonomy_that_was_set_for_the_next_run_outlives_a_crash_and_not_an_end(bench: DurableBench) -> None:
+    bench.launch()
+    bench.applied(C.AUTONOMY, autonomy=3)
+    bench.kill()
+    bench.launch()
+    assert bench.status.autonomy == 3
+    assert bench.kill(signal.SIGTERM) == 0
+    bench.launch()
+    assert bench.status.autonomy == ExecutiveParameters().autonomy
 
 
 def test_an_interrupted_run_is_aborted_and_one_that_cannot_go_on_says_why(bench: DurableBench) -> None:

@@ -61,6 +61,7 @@ LINES = st.one_of(
     st.fixed_dictionaries({'run': RUNS, 'position': st.builds(position_of, TEXTS)}),
     st.fixed_dictionaries({'run': RUNS, 'end': TEXTS}),
     st.fixed_dictionaries({'commands': COMMANDS}),
+    st.fixed_dictionaries({'autonomy': st.one_of(st.none(), st.integers(0, 3))}),
     st.fixed_dictionaries({'run': RUNS, 'position': st.builds(position_of, TEXTS), 'commands': COMMANDS}),
 )
 STORY: list[Line] = [
@@ -209,6 +210,7 @@ BAD_PARTS: list[tuple[Line, str]] = [
     ({'end': 'x'}, 'which run'),
     ({'commands': [['a', 1]]}, 'commands'),
     ({'commands': [['a', 300, '']]}, 'commands'),
+    ({'autonomy': 4}, 'autonomy'),
     ({'new': 1}, 'new'),
 ]
 

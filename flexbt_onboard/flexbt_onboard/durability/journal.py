@@ -52,10 +52,12 @@ Callback = Callable[[], object]
 
 @dataclass
 class JournalState:
-    """What the lines say: the run that has begun and not ended, where it was, and the commands that were decided."""
+    """What the lines say: the run that has begun and not ended, where it was, the level for the next one if an operator
+    has set it, and the commands that were decided."""
 
     begin: dict[str, Any] | None = None
     position: Any = None
+    autonomy: int | None = None
     commands: OrderedDict[str, tuple[int, str]] = field(default_factory=OrderedDict)
 
     def apply(self, line: Line) -> None:
@@ -67,6 +69,8 @@ class JournalState:
                 self.position = line['position']
             if 'end' in line:
                 self.begin = self.position = None
+        if 'autonomy' in line:
+            self.autonomy = line['autonomy']
         for command_id, code, reason in line.get('commands', ()):
             self.commands[command_id] = (code, reason)
             self.commands.move_to_end(command_id)
@@ -77,6 +81,8 @@ class JournalState:
         """The fewest lines that say the same."""
         commands = [[command_id, code, reason] for command_id, (code, reason) in self.commands.items()]
         lines: list[Line] = [{'commands': commands}] if commands else []
+        if self.autonomy is not None:
+            lines.append({'autonomy': self.autonomy})
         if self.begin is not None:
             lines.append({'begin': self.begin})
             if self.position is not None:
@@ -160,13 +166,11 @@ class Journal:
         return done.wait(within)
 
     def close(self) -> None:
-        """Write what waits, for a limited time, and give the journal up to another process."""
+        """Have what waits written, and give the journal up to another process; waits for a limited time."""
         with self._changed:
             self._is_closed = True
             self._changed.notify()
         self._thread.join(_CLOSE_SECONDS)
-        if not self._thread.is_alive():
-            self._release_files()  # else they are given up with the process: a write may still come
 
     def _read(self, data: bytes) -> None:
         found = read_journal(data)
@@ -191,6 +195,12 @@ class Journal:
     # -- the thread that writes ---------------------------------------------------------------------------------------
 
     def _write_all(self) -> None:
+        try:
+            self._write_until_closed()
+        finally:
+            self._release_files()
+
+    def _write_until_closed(self) -> None:
         while True:
             with self._changed:
                 if self._has_problem:

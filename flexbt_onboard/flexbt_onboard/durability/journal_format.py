@@ -8,6 +8,7 @@ them. The first line, number 0, is the head, ``{"format": 2}``; the others have 
 begin     a run has begun, or goes on with another behavior: its request, as the executive gave it
 position  of the run that ``run`` names: what the machine needs to go on from there
 end       the run that ``run`` names has ended, or will not go on: why
+autonomy  the level for the next run, as an operator set it; null for that of the parameter
 commands  lists of id, code and reason: commands that were decided with what else is in the line
 ========  ==============================================================================================================
 
@@ -203,6 +204,7 @@ _CHECKS: Final[Mapping[str, Callable[[Any], bool]]] = {
         }
     ),
     'end': _is_text,
+    'autonomy': lambda value: value is None or _is_level(value),
     'commands': _is_list_of(
         _is_text, lambda code: type(code) is int and code in (CommandResult.APPLIED, CommandResult.REFUSED), _is_text
     ),

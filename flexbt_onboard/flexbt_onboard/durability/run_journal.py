@@ -187,6 +187,16 @@ class RunJournal:
         if self._journal is not None and self._has(run_id):
             self._journal.append(run=run_id, end=why)
 
+    @property
+    def next_autonomy(self) -> int | None:
+        """The level for the next run that an operator set before a crash; None if there is none."""
+        return self._journal.state.autonomy if self._journal is not None else None
+
+    def set_next_autonomy(self, level: int | None) -> None:
+        """The level for the next run has changed; None when the executive ends in order, and nobody has to know."""
+        if self._journal is not None and level != self._journal.state.autonomy:
+            self._journal.append(autonomy=level)
+
     def when_durable(self, then: Callable[[], object]) -> None:
         """Have ``then`` called when what was written before survives a crash; see :meth:`Journal.when_durable`."""
         if self._journal is None:

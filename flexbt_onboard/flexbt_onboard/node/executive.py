@@ -173,6 +173,7 @@ class Executive:
         except OnboardError as error:
             self._report.log(ExecutiveLog.ERROR, str(error), run_id=self.runs.shown.run_id)
             self._runtime.fail('it did not end in order')
+        self._journal.set_next_autonomy(None)  # who starts it again gives it the parameter
         self._report.event('executive', state='ended', executive=self._id)
 
     def _announce(self) -> None:

@@ -86,7 +86,8 @@ class RunSupervisor:
         self._operators = operators
         self._stops = stops
         self._display = display
-        self._last = LastRun(autonomy)
+        known = journal.next_autonomy
+        self._last = LastRun(autonomy if known is None else known)
 
     @property
     def snapshot(self) -> RunSnapshot | None:
@@ -105,6 +106,7 @@ class RunSupervisor:
 
     def set_next_autonomy(self, level: int) -> None:
         """The level for the next run."""
+        self._journal.set_next_autonomy(level)
         self._last = replace(self._last, autonomy=level)
         self._display.changed()
 
@@ -179,6 +181,7 @@ class RunSupervisor:
         self._stops.ended()
         self._operators.watch_over(None)
         last = run.snapshot
+        self._journal.set_next_autonomy(last.autonomy)
         self._last = replace(self._last, autonomy=last.autonomy)
         self._show_last(last.run_id, last.behavior, outcome, message)
 
