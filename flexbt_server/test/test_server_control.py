@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import random
 import re
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from nav2_msgs.action import BackUp
+from rclpy.action import CancelResponse
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
@@ -98,14 +101,14 @@ def test_a_paused_tree_is_not_ticked_and_gives_no_result_before_it_goes_on(world
     wait_until(lambda: spin.running)
     assert operator.ask(PAUSE) == ''
     wait_until(lambda: operator.shown, 'paused in the stream')
-    spin.end(0)  # what the leaf has begun ends; the tree does not hear of it
-    wait_until(lambda: not spin.running)
+    wait_until(lambda: spin.statuses == {0: 'canceled'}, 'the goal of the leaf canceled')
     known = len(goal.feedback)
     wait_until(lambda: len(goal.feedback) > known + 3, 'feedback')
     assert not goal.ended
     assert goal.feedback[-1].active_nodes
     assert operator.ask(PAUSE) == ''  # it is, already
     assert operator.ask(RESUME) == ''
+    spin.end(1)  # it was sent again
     assert goal.result.code == Result.SUCCESS
     wait_until(lambda: operator.statuses[-1].finished)
     assert [message.paused for message in operator.statuses].count(True) == 1
@@ -221,14 +224,16 @@ def test_a_paused_tree_is_taken_over_and_stays_paused(world: World, operator: Op
     assert operator.ask(PAUSE) == ''
     new = world.client.execute(goals=[pose(2)], outputs=['goal'], output_encoding=BtExecute.Goal.BINARY)
     assert 'newer goal' in old.result.message
-    follow.end(0)
-    wait_until(lambda: not follow.running)
+    wait_until(lambda: follow.statuses == {0: 'canceled'})
     assert not new.ended
     # The run has the ID of the goal that began it, and is known by that of its present one as well.
     structure_id = operator.statuses[-1].run_id
     assert structure_id == goal_id(old)
     assert operator.ask(PAUSE, structure_id) == operator.ask(PAUSE, goal_id(new)) == ''
     assert operator.ask(STEP, goal_id(new)) == ''
+    assert len(follow.goals) == 1  # a step is no reason to drive
+    assert operator.ask(RESUME, goal_id(new)) == ''
+    follow.end(1)
     assert new.result.code == Result.SUCCESS
     assert from_entry(new.result.outputs[0]) == pose(2)
 
@@ -242,6 +247,100 @@ def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Oper
         assert operator.ask(PAUSE) == ''
     assert goal.result.code == Result.CANCELED
     assert '/owner' in goal.result.message
+
+
+def test_what_is_left_of_a_motion_is_sent_when_the_tree_goes_on(world: World, operator: Operator) -> None:
+    world.navigation.hold.add(names.BACKUP)
+    backup = world.navigation.actions[names.BACKUP]
+    world.client.load_tree('<BackUp backup_dist="1.0" backup_speed="0.1"/>')
+    goal = world.client.execute()
+    wait_until(lambda: backup.running)
+    for driven in (0.25, 0.5):
+        left = backup.goals[-1].target.x
+        backup.feedback(len(backup.goals) - 1, BackUp.Feedback(distance_traveled=driven))
+        leaf = leaf_of(world, 'BackUp')
+        wait_until(lambda leaf=leaf: leaf._goal.feedback is not None, 'feedback')  # type: ignore[misc]
+        assert operator.ask(PAUSE) == ''
+        wait_until(lambda: not backup.running, 'the goal canceled')
+        assert operator.ask(RESUME) == ''
+        wait_until(lambda: backup.running, 'the rest of the motion')
+        assert backup.goals[-1].target.x == pytest.approx(left - driven)
+    assert backup.statuses == {0: 'canceled', 1: 'canceled'}
+    backup.end(2)
+    assert goal.result.code == Result.SUCCESS
+
+
+def test_a_goal_that_ends_while_it_is_canceled_for_a_pause_has_its_result(world: World, operator: Operator) -> None:
+    world.navigation.hold.add(names.SPIN)
+    spin = world.navigation.actions[names.SPIN]
+    spin.on_cancel = lambda _handle: CancelResponse.ACCEPT  # and it goes on
+    world.client.load_tree('<Spin/>')
+    goal = world.client.execute()
+    wait_until(lambda: spin.running)
+    assert operator.ask(PAUSE) == ''
+    wait_until(lambda: spin.cancels > 0)
+    spin.end(0)
+    wait_until(lambda: not spin.running)
+    assert not goal.ended
+    assert operator.ask(RESUME) == ''
+    assert goal.result.code == Result.SUCCESS
+    assert len(spin.goals) == 1
+
+
+@pytest.mark.parametrize('command', [PAUSE, RESUME])
+def test_a_tree_that_is_stopped_in_a_pause_sends_nothing_again(world: World, operator: Operator, command: int) -> None:
+    """Also when it goes on, before the goal that was canceled for the pause has ended."""
+    world.navigation.hold.add(names.SPIN)
+    spin = world.navigation.actions[names.SPIN]
+    spin.delay_cancel = 0.3
+    world.client.load_tree('<Spin/>')
+    goal = world.client.execute()
+    wait_until(lambda: spin.running)
+    assert operator.ask(PAUSE) == ''
+    assert operator.ask(command) == ''
+    goal.call.cancel(DEADLINE)
+    assert goal.wait().status is GoalStatus.CANCELED
+    assert spin.statuses == {0: 'canceled'} and len(spin.goals) == 1
+
+
+def test_what_goes_on_in_a_pause_is_told(world: World, operator: Operator) -> None:
+    world.client.load_tree('<Parallel success_count="2"><Naps seconds="100"/><Sleep msec="100000"/></Parallel>')
+    goal = world.client.execute()
+    wait_until(lambda: goal.feedback and len(goal.feedback[-1].active_nodes) > 2)
+    future = operator.send(PAUSE)
+    assert answer(future) == ''
+    (told,) = future.result().not_paused
+    assert told.startswith('Naps') and told.endswith(': its thread goes on')
+    goal.call.cancel(DEADLINE)
+    goal.wait()
+
+
+def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone(world: World) -> None:
+    """Apart from the pause that an operator asks for."""
+    operator = Operator(world.client.runtime)
+    world.navigation.hold.add(names.SPIN)
+    spin = world.navigation.actions[names.SPIN]
+    world.client.load_tree('<Spin/>')
+    go_on = threading.Event()
+    with NodeRuntime.open('owner') as owner:
+        LivelinessToken(owner)
+        goal = world.client.execute(owner='/owner')
+        wait_until(lambda: world.server.execute._owners.sees('/owner'))
+        wait_until(lambda: spin.running)
+        owner.post(lambda: go_on.wait(DEADLINE))  # its executor hangs
+        wait_until(lambda: operator.shown and spin.statuses == {0: 'canceled'}, 'held')
+        assert operator.ask(RESUME) == ''  # of the operator's pauses, there is none
+        assert 'is late' in operator.ask(STEP)
+        assert operator.shown and not goal.ended and len(spin.goals) == 1
+        go_on.set()
+        wait_until(lambda: len(spin.goals) == 2, 'sent again')
+    assert goal.result.code == Result.CANCELED and 'is gone' in goal.result.message
+
+
+def leaf_of(world: World, node_id: str) -> Any:
+    (running,) = world.server.execute._running.all()
+    assert running.run.tree is not None
+    return next(node for node in running.run.tree.nodes if node.id == node_id)
 
 
 def test_the_end_of_the_server_does_not_wait_for_a_paused_tree() -> None:

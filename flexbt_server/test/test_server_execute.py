@@ -419,7 +419,7 @@ def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: World
     result = world.client.execute(owner=owner).result
     assert result.code == Result.ERROR and repr(owner) in result.message and 'name of a node' in result.message
     owners = world.server.execute._owners
-    assert not faults and not owners._stops and not owners._watches
+    assert not faults and not owners._goals and not owners._watches
 
 
 def test_the_end_of_the_server_stops_the_robot_and_tells_the_client() -> None:

@@ -19,6 +19,7 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree import NodeStatus
@@ -103,6 +104,23 @@ def test_the_path_of_a_leaf_that_does_not_return_is_the_failed_node(world: World
     goal.call.cancel(DEADLINE)
     assert goal.result.failed_node == 'arm'
     assert '[arm] does not return' in goal.result.message
+
+
+def test_a_leaf_that_does_not_return_makes_the_server_late_until_its_run_is_given_up(world: World) -> None:
+    """And then nothing that the other leaves have begun goes on."""
+    watch = LivelinessWatch(world.client.runtime, names.BT_SERVER)
+    world.navigation.hold.add(names.SPIN)
+    spin = world.navigation.actions[names.SPIN]
+    world.client.load_tree('<Parallel success_count="2"><Spin/><HeldInTick name="arm"/></Parallel>')
+    goal = world.client.execute()
+    wait_until(lambda: watch.late, 'the server late')
+    assert '[arm] does not return' in watch.problem
+    assert not goal.ended and spin.running
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.ERROR
+    wait_until(lambda: spin.statuses == {0: 'canceled'}, 'the goal of the other leaf canceled')
+    wait_until(lambda: not watch.late, 'the server as before')
+    Held.release.set()
 
 
 def test_a_leaf_that_does_not_return_from_its_halt_is_given_up(world: World) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -49,6 +50,19 @@ def test_the_robot_of_a_killed_owner_is_at_rest_within_a_second_and_its_successo
         assert uncontended_time() - killed < 1.0 + 0.3  # it has been at rest for 0.3 s
     with goal_giver(names.BT_SERVER):
         world.wait_driving()
+
+
+def test_the_robot_is_held_while_the_owner_is_late_and_goes_on_with_the_same_goal(world: Probe) -> None:
+    with goal_giver(names.BT_SERVER) as owner:
+        world.wait_driving()
+        owner.send_signal(signal.SIGSTOP)
+        there = world.now
+        rest = world.wait_at_rest()
+        assert rest.time - there.time < 1.0
+        owner.send_signal(signal.SIGCONT)
+        world.wait_driving()  # nobody has sent another goal
+        owner.kill()
+        world.wait_at_rest()
 
 
 def test_the_goals_of_others_outlive_them(world: Probe) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,26 @@ def test_what_cannot_work_is_refused_in_one_line() -> None:
         out, err = process.communicate(timeout=DEADLINE)
         assert (process.returncode, out) == (1, ''), err
         assert err.startswith(f'{executable}: cannot start: ') and err.count('\n') == 1, err
+
+
+BROKEN = """
+import sys
+from flexbt_sim.nodes import simulator
+
+def step(*_):
+    raise ZeroDivisionError('a wheel came off')
+
+simulator.Robot.step = step
+sys.exit(simulator.main([]))
+"""
+
+
+def test_a_simulator_whose_world_raises_ends_and_says_why() -> None:
+    words = [sys.executable, '-c', BROKEN]
+    process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    _, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 1
+    assert 'simulator: cannot go on' in err and 'a wheel came off' in err
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

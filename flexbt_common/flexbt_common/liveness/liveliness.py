@@ -54,6 +54,9 @@ LEASE_SECONDS: Final = 0.5
 PEER_TIMEOUT: Final = 5.0
 """After this time a node that is late is taken for gone, s of wall time; unless the watcher sets another one."""
 
+PEER_TIMEOUT_TEXT: Final = 'how long a node may be late before it is taken for gone, s of wall time'
+"""Description of the parameter ``peer_timeout`` of nodes that watch others."""
+
 START_SECONDS: Final = 5.0
 """In this time of its own life, a process waits for the first assertion of a token: when it takes the place of one that
 was killed, the middleware of the others does not reach it for up to 2.5 s (measured; Fast DDS over shared memory)."""

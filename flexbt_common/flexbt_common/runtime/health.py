@@ -87,13 +87,16 @@ class Loop:
     """A thread that works in a loop, from one rest to the next: it has to come to rest again soon.
 
     In its ``with`` block the thread that entered it is watched; in that of :meth:`resting` it may take any time,
-    because it waits for somebody to wake it.
+    because it waits for somebody to wake it. So it may while ``is_held_up()``, by a debugger for example.
     """
 
-    def __init__(self, health: Health, name: str, where: Callable[[], str] | None) -> None:
+    def __init__(
+        self, health: Health, name: str, where: Callable[[], str] | None, is_held_up: Callable[[], bool] | None
+    ) -> None:
         self._health = health
         self._name = name
         self._where = where
+        self._is_held_up = is_held_up
         self._lock = threading.Lock()
         self._is_resting = False
         self._answer: Callable[[], None] | None = None
@@ -127,8 +130,8 @@ class Loop:
 
     def _ping(self, answer: Callable[[], None]) -> None:
         with self._lock:
-            if not self._is_resting:
-                self._answer = answer
+            self._answer = answer
+            if not self._is_resting and not (self._is_held_up and self._is_held_up()):
                 return
         answer()
 
@@ -168,9 +171,11 @@ class Health:
             self._watched.append(watched)
         return watched
 
-    def loop(self, name: str, where: Callable[[], str] | None = None) -> Loop:
-        """For a thread that works in a loop; see :class:`Loop`."""
-        return Loop(self, name, where)
+    def loop(
+        self, name: str, where: Callable[[], str] | None = None, is_held_up: Callable[[], bool] | None = None
+    ) -> Loop:
+        """For a thread that works in a loop; see :class:`Loop`. ``where`` as for :meth:`register`."""
+        return Loop(self, name, where, is_held_up)
 
     def forget(self, watched: Watched) -> None:
         """See :meth:`Watched.close`."""

@@ -50,6 +50,7 @@ def tree(body: str, **options: Any) -> Tree:
     registry = builtin_registry()
     registry.register('Runs', Runs)
     registry.register('Raises', Raises)
+    registry.register('Motor', Motor)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
     return Tree(TreeLibrary([load_xml(text, 't.xml', registry)]), 'T', **options)
 
@@ -105,6 +106,84 @@ def test_a_step_is_one_tick_and_what_yields_goes_on_at_the_next() -> None:
         statuses.append(control.tick(running))
         assert control.tick(running) is None
     assert statuses == [NodeStatus.RUNNING, NodeStatus.RUNNING, NodeStatus.SUCCESS]
+
+
+class Motor(StatefulAction):
+    """Says in ``services`` what it does; it goes on in a pause when they say so."""
+
+    def on_start(self) -> NodeStatus:
+        self.services['deeds'].append('started')
+        return NodeStatus.RUNNING
+
+    def on_running(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+    def on_halted(self) -> None:
+        self.services['deeds'].append('halted')
+
+    def on_pause(self) -> str:
+        self.services['deeds'].append('paused')
+        if 'raises' in self.services:
+            raise RuntimeError('no brake')
+        return str(self.services.get('goes_on', ''))
+
+    def on_resume(self) -> None:
+        self.services['deeds'].append('resumed')
+
+
+def motor(**services: Any) -> tuple[Tree, TickControl, list[str]]:
+    deeds: list[str] = []
+    running = tree('<Motor name="motor"/>', services={'deeds': deeds, **services})
+    control = TickControl(lambda: None, lambda paused: None)
+    assert control.tick(running) is NodeStatus.RUNNING
+    return running, control, deeds
+
+
+def test_leaves_hold_what_they_have_begun_until_the_tree_goes_on() -> None:
+    running, control, deeds = motor()
+    for command in (PAUSE, PAUSE, RESUME, RESUME):
+        control.command(command, lambda reason: None)
+        control.tick(running)
+    assert deeds == ['started', 'paused', 'resumed']
+
+
+def test_the_hold_of_a_host_and_the_pause_of_a_command_are_apart() -> None:
+    running, control, deeds = motor()
+    control.hold('its owner is late')
+    assert control.pending and control.tick(running) is None and control.paused
+    answers: list[str] = []
+    for command in (RESUME, STEP, PAUSE):
+        control.command(command, answers.append)
+        control.tick(running)
+    assert answers == ['', 'the tree is held: its owner is late', '']
+    control.hold('')
+    assert control.tick(running) is None and control.paused
+    control.command(RESUME, answers.append)
+    assert control.tick(running) is NodeStatus.RUNNING
+    assert deeds == ['started', 'paused', 'resumed']
+
+
+@pytest.mark.parametrize(
+    ('services', 'why'), [({'goes_on': 'it has no brake'}, 'it has no brake'), ({'raises': True}, 'no brake')]
+)
+def test_what_goes_on_in_a_pause_is_told(services: dict[str, Any], why: str) -> None:
+    running, control, _ = motor(**services)
+    control.command(PAUSE, lambda reason: None)
+    control.tick(running)
+    (told,) = control.not_paused
+    assert told.startswith('motor') and why in told
+    control.command(RESUME, lambda reason: None)
+    control.tick(running)
+    assert not control.not_paused
+
+
+def test_a_leaf_that_says_nothing_of_pauses_goes_on() -> None:
+    running = tree('<Runs/>', services={'ticks': 0})
+    control = TickControl(lambda: None, lambda paused: None)
+    control.tick(running)
+    control.command(PAUSE, lambda reason: None)
+    control.tick(running)
+    assert 'does not declare' in control.not_paused[0]
 
 
 def test_time_goes_on_while_a_tree_is_paused() -> None:

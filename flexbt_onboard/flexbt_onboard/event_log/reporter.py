@@ -87,6 +87,13 @@ class Reporter:
         severity, text = (ExecutiveLog.INFO, 'ready') if ready else (ExecutiveLog.WARN, 'alive, but not ready any more')
         self.log(severity, f'{name} is {text}', run_id=run_id)
 
+    def peer_late(self, name: str, problem: str, run_id: str) -> None:
+        """A node that is alive is late, for this reason; or, for '', is not any more."""
+        severity, text = (
+            (ExecutiveLog.WARN, f'late: {problem}') if problem else (ExecutiveLog.INFO, 'not late any more')
+        )
+        self.log(severity, f'{name} is {text}', run_id=run_id)
+
     # -- operators ----------------------------------------------------------------------------------------------------
 
     def command(self, fields: Mapping[str, Any], effect: str, why: str = '') -> None:

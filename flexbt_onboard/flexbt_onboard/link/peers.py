@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The nodes that the executive depends on: whether they are alive and ready, for the operator and for a start."""
+"""The nodes that the executive depends on: whether they are alive, late, ready; for the operator and for a start."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from builtin_interfaces.msg import Time
 from flexbt_common import names as table
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.values import sendable
 from flexbt_msgs.msg import PeerStatus
 
 
@@ -28,7 +29,8 @@ class PeersWatch:
     """Watches nodes by name. Used on the executor thread, except where it says otherwise.
 
     ``on_change`` is called with a node's name, whether it is alive now, and whether it had been seen before;
-    ``on_ready`` with a node's name when it has become ready, or is not any more.
+    ``on_ready`` with a node's name when it has become ready, or is not any more; ``on_late`` with a node's name when it
+    is late, and why, or '' when it is not any more. ``timeout``: how long one may be late, s of wall time.
     """
 
     def __init__(
@@ -37,16 +39,28 @@ class PeersWatch:
         names: Sequence[str],
         on_change: Callable[[str, bool, bool], None],
         on_ready: Callable[[str, bool], None],
+        on_late: Callable[[str, str], None],
+        timeout: float,
     ) -> None:
         self._runtime = runtime
         self._on_change = on_change
         self._on_ready = on_ready
+        self._on_late = on_late
         self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
-        self._watches = [
+        # On the executor thread, so that nothing is told before all of them are there.
+        self._watches = runtime.call(lambda: self._watch(timeout))
+
+    def _watch(self, timeout: float) -> list[LivelinessWatch]:
+        return [
             LivelinessWatch(
-                runtime, name, functools.partial(self._changed, peer), functools.partial(self._ready_changed, peer)
+                self._runtime,
+                peer.name,
+                functools.partial(self._changed, peer),
+                functools.partial(self._ready_changed, peer),
+                functools.partial(self._late_changed, peer),
+                timeout,
             )
-            for name, peer in zip(names, self._peers, strict=True)
+            for peer in self._peers
         ]
 
     def statuses(self) -> list[PeerStatus]:
@@ -58,7 +72,7 @@ class PeersWatch:
                 late=watch.late,
                 age=watch.age,
                 ready=peer.ready,
-                problem=watch.problem or self._gone(peer),
+                problem=sendable(watch.problem) or self._gone(peer),
                 since=peer.since,
             )
             for peer, watch in zip(self._peers, self._watches, strict=True)
@@ -75,7 +89,7 @@ class PeersWatch:
         return f'its process ended, or is out of reach, since {seconds:.0f} s; restart it'
 
     def unready(self) -> list[str]:
-        """The names of those that are alive, and not ready; from any thread."""
+        """The names of those that are alive, and not ready: they are starting, or late. From any thread."""
         return [peer.name for peer in self._peers if peer.alive and not peer.ready]
 
     def _changed(self, peer: _Peer, alive: bool) -> None:
@@ -86,9 +100,17 @@ class PeersWatch:
         peer.gone_at = self._runtime.steady.now()
         self._on_change(peer.name, alive, seen_before)
 
+    def _late_changed(self, peer: _Peer, late: bool) -> None:
+        self._on_late(peer.name, self._watch_of(peer).problem if late else '')
+
     def _ready_changed(self, peer: _Peer, ready: bool) -> None:
         peer.ready = ready
-        self._on_ready(peer.name, ready)
+        watch = self._watch_of(peer)
+        if ready or (watch.alive and not watch.late):  # that it is late or gone is told already
+            self._on_ready(peer.name, ready)
+
+    def _watch_of(self, peer: _Peer) -> LivelinessWatch:
+        return self._watches[self._peers.index(peer)]
 
 
 def _qualified(runtime: NodeRuntime, name: str) -> str:

@@ -92,7 +92,14 @@ class Executive:
         runtime.on_close(journal.close)
 
         # The robot, and who watches it.
-        self._peers = PeersWatch(runtime, parameters.peers, self._peer_changed, self._peer_ready)
+        self._peers = PeersWatch(
+            runtime,
+            parameters.peers,
+            self._peer_changed,
+            self._peer_ready,
+            self._peer_late,
+            parameters.peer_timeout,
+        )
         self._pose = RobotPose(runtime, parameters.pose_topic)
         self._presence = presence = PresenceWatch(runtime)
         self._authority = Authority(runtime, presence, parameters.authority_timeout, self._authority_changed)
@@ -244,9 +251,12 @@ class Executive:
         self._report.peer(name, alive, seen_before, self._run_id)
         self._nodes_changed()
 
+    def _peer_late(self, name: str, problem: str) -> None:
+        self._report.peer_late(name, problem, self._run_id)
+        self._nodes_changed()
+
     def _peer_ready(self, name: str, ready: bool) -> None:
-        if ready or name in self._peers.unready():  # not when it has died, which is told already
-            self._report.peer_ready(name, ready, self._run_id)
+        self._report.peer_ready(name, ready, self._run_id)
         self._nodes_changed()
 
     def _nodes_changed(self) -> None:

@@ -13,6 +13,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
+from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.state_machine import STOP_TIMEOUT
 from flexbt_core.values import Place, load_places
@@ -26,6 +27,7 @@ class ExecutiveParameters:
     """Values of the parameters; see :func:`declare_parameters` for what each means."""
 
     peers: tuple[str, ...] = (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR)
+    peer_timeout: float = PEER_TIMEOUT
     pose_topic: str = names.POSE
     places: Mapping[str, Place] = field(default_factory=dict)
     heartbeat_period: float = 0.5
@@ -84,6 +86,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
                 raise OnboardError(f'parameter {parameter}: {name!r} is not a name: {error}') from None
     return ExecutiveParameters(
         peers=tuple(dict.fromkeys(peers)),
+        peer_timeout=declare.real('peer_timeout', defaults.peer_timeout, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
         pose_topic=pose_topic,
         places=_places(
             declare.text(

@@ -14,6 +14,7 @@ from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.behavior_tree import TickCommand
+from flexbt_core.values import sendable
 from flexbt_msgs.srv import ControlTree
 from flexbt_server.errors import UnknownRunError
 from flexbt_server.runs import TreeRun
@@ -44,11 +45,11 @@ class ControlServer:
         )
 
     async def _serve(self, request: Any, response: Any) -> Any:
-        response.message = await self._obey(request)
+        response.message = await self._obey(request, response)
         response.success = not response.message
         return response
 
-    async def _obey(self, request: Any) -> str:
+    async def _obey(self, request: Any, response: Any) -> str:
         """'' when the command has had its effect; otherwise why not."""
         try:
             check_limits(request)
@@ -64,4 +65,7 @@ class ControlServer:
             return str(error)
         answered = Future(executor=self._runtime.node.executor)
         run.control(command, lambda reason: self._runtime.post(lambda: answered.set_result(reason)))
-        return str(await answered)
+        refusal = str(await answered)
+        if command is not TickCommand.RESUME and not refusal:
+            response.not_paused = [sendable(line) for line in run.not_paused]
+        return refusal

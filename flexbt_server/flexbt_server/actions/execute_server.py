@@ -55,6 +55,9 @@ class ExecuteParameters(Protocol):
     def cancel_timeout(self) -> float: ...
 
     @property
+    def peer_timeout(self) -> float: ...
+
+    @property
     def pose_topic(self) -> str: ...
 
     @property
@@ -89,7 +92,7 @@ class ExecuteServer:
         self._pose = services.topics.cache(PoseStamped, parameters.pose_topic, 1)  # as the leaves do
         self._running = RunningTrees()
         self._goals: dict[bytes, TreeGoal] = {}
-        self._owners = GoalOwners(runtime)
+        self._owners = GoalOwners(runtime, parameters.peer_timeout)
         self._no_goals = threading.Event()
         self._no_goals.set()
         serve = admission.guard(self._serve, _refused)
@@ -177,7 +180,9 @@ class ExecuteServer:
             goal.end(RunOutcome(Result.CANCELED, goal.stop_reason))
             return
         if request.owner:
-            self._owners.watch(request.owner, goal, lambda reason: self._stop(goal, reason))
+            self._owners.watch(
+                request.owner, goal, lambda reason: self._stop(goal, reason), lambda reason: self._hold(goal, reason)
+            )
         goal.found = (library, key, values)
         running = self._running.get(key, request.blackboard)
         if running is None:
@@ -200,6 +205,7 @@ class ExecuteServer:
             values,
             clock=self._runtime.clock,
             steady=self._runtime.steady,
+            health=self._runtime.health,
             services=self._services,
             observer=watched_by(self._stream.open(run_id, name), run_id, self._watchers),
             error_code_names=self._parameters.error_code_names,
@@ -213,12 +219,14 @@ class ExecuteServer:
             on_overrun=self._runtime.node.get_logger().warning,
         )
         running = goal.running = RunningTree(run_id, key, name, board, run, goal)
+        run.hold(self._owners.problem(goal.request.owner))
         run.start()
         self._running.add(running)
         self._schedule_feedback(running)
 
     def _on_adopted(self, running: RunningTree, newer: TreeGoal) -> None:
         older, running.goal = running.goal, newer
+        running.run.hold(self._owners.problem(newer.request.owner))
         older.end(_replaced())
         if newer.stop_reason is not None:
             running.run.stop(newer, newer.stop_reason)
@@ -248,6 +256,10 @@ class ExecuteServer:
             goal.running.run.stop(goal, reason, within)
         elif goal.running.run.withdraw(goal):
             goal.end(RunOutcome(Result.CANCELED, reason))
+
+    def _hold(self, goal: TreeGoal, reason: str) -> None:
+        if goal.running is not None and goal.running.goal is goal:
+            goal.running.run.hold(reason)
 
     def _finish(self, goal: TreeGoal, outcome: RunOutcome) -> None:
         try:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes on whose behalf trees run (the ``owner`` of a goal): when one is not there any more, its trees are to stop."""
+"""Nodes on whose behalf trees run (the ``owner`` of a goal): when one is gone, its trees are to stop; while it is late,
+they are to be held.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +22,8 @@ OWNER_SECONDS: Final = 5.0
 Stop = Callable[[str], None]
 """Told the reason why a goal has to stop."""
 
+Hold = Callable[[str], None]
+"""Told the reason why a goal has to be held; '' when it may go on."""
 
 MOST_IDLE: Final = 50
 """Owners without goals that are watched for OWNER_SECONDS more, since they may give the next goal soon."""
@@ -28,14 +32,17 @@ MOST_IDLE: Final = 50
 class GoalOwners:
     """Used on the executor thread only."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: NodeRuntime, peer_timeout: float) -> None:
+        """``peer_timeout``: for how long an owner may be late before it is taken for gone, s of wall time."""
         self._runtime = runtime
+        self._peer_timeout = peer_timeout
         self._watches: dict[str, LivelinessWatch] = {}
-        self._stops: dict[str, dict[Hashable, Stop]] = {}
+        self._goals: dict[str, dict[Hashable, tuple[Stop, Hold]]] = {}
         self._idle: dict[str, Timer] = {}  # the longest first
 
-    def watch(self, owner: str, goal: Hashable, stop: Stop) -> None:
-        """Call ``stop`` when the owner has died, or is not seen in time, until the goal is released.
+    def watch(self, owner: str, goal: Hashable, stop: Stop, hold: Hold) -> None:
+        """Call ``stop`` when the owner is gone, or is not seen in time, and ``hold`` when it is late, or not any more;
+        until the goal is released.
 
         Raises:
             FlexbtError: no node can have this name.
@@ -46,9 +53,13 @@ class GoalOwners:
         if owner not in self._watches:
             self._check(owner)
             self._watches[owner] = LivelinessWatch(
-                self._runtime, owner, lambda alive: self._runtime.post(lambda: self._changed(owner, alive))
+                self._runtime,
+                owner,
+                lambda alive: self._runtime.post(lambda: self._changed(owner, alive)),
+                on_late=lambda _late: self._runtime.post(lambda: self._hold(owner)),
+                timeout=self._peer_timeout,
             )
-        self._stops.setdefault(owner, {})[goal] = stop
+        self._goals.setdefault(owner, {})[goal] = (stop, hold)
         if not self.sees(owner):
             # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
             steady = self._runtime.steady
@@ -58,8 +69,8 @@ class GoalOwners:
 
     def release(self, owner: str, goal: Hashable) -> None:
         """The goal has ended."""
-        stops = self._stops.get(owner)
-        if stops is None or stops.pop(goal, None) is None or stops:
+        goals = self._goals.get(owner)
+        if goals is None or goals.pop(goal, None) is None or goals:
             return
         steady = self._runtime.steady
         self._idle[owner] = steady.call_at(
@@ -73,11 +84,18 @@ class GoalOwners:
         if timer is not None:
             timer.cancel()
             self._watches.pop(owner).close()
-            del self._stops[owner]
+            del self._goals[owner]
 
     def sees(self, owner: str) -> bool:
         """Whether the owner is watched, and alive."""
         return owner in self._watches and self._watches[owner].alive is True
+
+    def problem(self, owner: str) -> str:
+        """Why goals of the owner are to be held; '' when they are not."""
+        watch = self._watches.get(owner)
+        if watch is None or not (watch.late or watch.alive is False):
+            return ''
+        return f'{owner}, on whose behalf the tree runs, is {f"late: {watch.problem}" if watch.late else "gone"}'
 
     def _check(self, owner: str) -> None:
         try:
@@ -88,14 +106,24 @@ class GoalOwners:
             ) from error
 
     def _look_for(self, owner: str, goal: Hashable) -> None:
-        stop = self._stops.get(owner, {}).get(goal)
-        if stop is not None and not self.sees(owner):
+        found = self._goals.get(owner, {}).get(goal)
+        if found is not None and not self.sees(owner):
+            stop, _ = found
             stop(
                 f'{owner}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
                 'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)'
             )
 
     def _changed(self, owner: str, alive: bool) -> None:
+        self._hold(owner)
         if not alive:
-            for stop in list(self._stops.get(owner, {}).values()):
-                stop(f'{owner}, on whose behalf the tree ran, has died')
+            for stop, _ in list(self._goals.get(owner, {}).values()):
+                stop(f'{owner}, on whose behalf the tree ran, is gone: it has ended or died, or was late for too long')
+
+    def _hold(self, owner: str) -> None:
+        problem = self.problem(owner)
+        goals = list(self._goals.get(owner, {}).values())
+        if problem and goals:
+            self._runtime.node.get_logger().warning(f'trees are held: {problem}')
+        for _, hold in goals:
+            hold(problem)

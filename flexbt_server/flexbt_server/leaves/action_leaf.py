@@ -6,6 +6,9 @@ noticed. Halting cancels the goal, also one that is not accepted yet, and the tr
 confirmed. A goal is not sent while a halted goal of the same tree is still ending: two of them would move one robot.
 The leaf fails when the tree does not come to rest in time, such as one with a thread that does not return.
 
+While the tree is paused the goal is canceled; when the tree goes on it is sent again, or what is left of it. A goal
+that ended before its cancel had an effect has its result.
+
 Differences from Nav2's BtActionNode, on purpose: a goal that somebody else canceled is a FAILURE and not a SUCCESS;
 a goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails.
 """
@@ -65,6 +68,7 @@ class _LeafGoal:
         self._lock = threading.Lock()
         self._ended = False
         self._outcome: GoalOutcome | None = None
+        self.message = goal
         self.feedback: Any = None
         self._call = ActionCall(
             link,
@@ -80,10 +84,15 @@ class _LeafGoal:
         """How the goal ended; None while it has not."""
         return self._outcome
 
+    @property
+    def canceled(self) -> bool:
+        """Whether this leaf has canceled the goal."""
+        return self._call.cancel_requested
+
     def cancel(self, timeout: float) -> None:
-        """Cancel the goal and do not wait for it."""
+        """Cancel the goal and do not wait for it. From any thread; harmless when it was canceled."""
         with self._lock:
-            if self._ended:
+            if self._ended or self._unfinished is not None:
                 return
             self._unfinished = self._leaf.context.add_unfinished(f'canceling the goal of {self._name}')
         self._call.cancel(timeout)
@@ -114,6 +123,10 @@ class ActionLeaf(StatefulAction):
     action_type: ClassVar[type[Any]]
     default_server: ClassVar[str] = ''
     ports: ClassVar[Mapping[str, Port]] = ACTION_PORTS
+    goes_on = ''
+    cancels_on_pause: ClassVar[bool] = True
+    """Whether the goal is canceled while the tree is paused. If not, ``goes_on`` says why it goes on; '' when it moves
+    nothing."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -132,6 +145,13 @@ class ActionLeaf(StatefulAction):
     def newer_goal(self, feedback: Any) -> Any | None:
         """Called at each tick while the goal is worked on, with the latest feedback: a goal to replace it, or None."""
         return None
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        """The goal that is sent when the tree goes on after a pause, in place of ``goal``, which was canceled for it.
+
+        ``feedback`` is the latest of that goal, or None.
+        """
+        return goal
 
     def on_success(self, result: Any) -> NodeStatus:
         """The goal succeeded: write the output ports."""
@@ -156,31 +176,20 @@ class ActionLeaf(StatefulAction):
     def on_start(self) -> NodeStatus:
         self._goal = None
         self._superseded = []
-        self._waiting = True
-        self._rest_by = self._steady.now() + self.host.cancel_timeout + _REST_SECONDS
+        self._begin_to_wait()
         return self.on_running()
 
     def on_running(self) -> NodeStatus:
         if self._waiting:
-            unfinished = self.context.unfinished
-            if unfinished and self._steady.now() < self._rest_by:
-                if self._alarm is None:
-                    self._alarm = self._steady.call_at(self._rest_by, self.wake)
-                return NodeStatus.RUNNING
-            self._stop_waiting()
-            if unfinished:
-                return self._failed(
-                    f'the goal was not sent, because the tree is not at rest after a halt: {", ".join(unfinished)}'
-                )
-            try:
-                goal_message = self.make_goal()
-            except (PortError, ValueError) as error:
-                return self.fail(str(error))
-            self._send(goal_message)
-            return NodeStatus.RUNNING
+            return self._send_at_rest()
         goal = self._goal
         assert goal is not None  # sent when the waiting ended
         outcome = goal.outcome
+        if goal.canceled and (outcome is None or outcome.status is GoalStatus.CANCELED):  # for a pause
+            if outcome is None or self._is_held:
+                return NodeStatus.RUNNING
+            self._begin_to_wait()
+            return self._send_at_rest()
         if outcome is not None:
             return self._ended(outcome)
         try:
@@ -193,9 +202,56 @@ class ActionLeaf(StatefulAction):
             self._send(newer)
         return NodeStatus.RUNNING
 
+    def _begin_to_wait(self) -> None:
+        self._waiting = True
+        self._rest_by = self._steady.now() + self.host.cancel_timeout + _REST_SECONDS
+
+    def _send_at_rest(self) -> NodeStatus:
+        """Send the goal, or what is left of that which was canceled for a pause, when nothing else goes on."""
+        if self._is_held:
+            return NodeStatus.RUNNING
+        unfinished = self.context.unfinished
+        if unfinished and self._steady.now() < self._rest_by:
+            if self._alarm is None:
+                self._alarm = self._steady.call_at(self._rest_by, self.wake)
+            return NodeStatus.RUNNING
+        self._stop_waiting()
+        if unfinished:
+            return self._failed(
+                f'the goal was not sent, because the tree is not at rest after a halt: {", ".join(unfinished)}'
+            )
+        older = self._goal
+        try:
+            if older is None:
+                message = self.make_goal()
+            else:
+                message = self.newer_goal(older.feedback) or self.resumed_goal(older.message, older.feedback)
+        except (PortError, ValueError) as error:
+            return self.fail(str(error))
+        self._send(message)
+        return NodeStatus.RUNNING
+
     def on_halted(self) -> None:
         self._stop_waiting()
         self._cancel_all()
+
+    def on_resume(self) -> None:
+        if self._waiting:
+            self._begin_to_wait()
+
+    def on_pause(self) -> str:
+        if self.cancels_on_pause:
+            self.abandon()
+        return self.goes_on
+
+    def abandon(self) -> None:
+        for goal in (*self._superseded, self._goal):
+            if goal is not None:
+                goal.cancel(self.host.cancel_timeout)
+
+    @property
+    def _is_held(self) -> bool:
+        return self.context.paused and self.cancels_on_pause
 
     @property
     def _steady(self) -> Clock:
@@ -215,9 +271,7 @@ class ActionLeaf(StatefulAction):
         self._goal = _LeafGoal(self, link, goal, host.appear_timeout(timeout), timeout)
 
     def _cancel_all(self) -> None:
-        for goal in (*self._superseded, self._goal):
-            if goal is not None:
-                goal.cancel(self.host.cancel_timeout)
+        self.abandon()
         self._goal = None
         self._superseded = []
 

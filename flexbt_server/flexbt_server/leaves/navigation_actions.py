@@ -31,6 +31,7 @@ class ComputePathToPose(ActionLeaf):
 
     action_type = action.ComputePathToPose
     default_server = names.COMPUTE_PATH_TO_POSE
+    cancels_on_pause = False  # nothing moves by it
     ports = ACTION_PORTS | {
         'goal': input_port(POSE_STAMPED, description='where the path ends'),
         'start': input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose"),
@@ -63,6 +64,7 @@ class ComputePathThroughPoses(ActionLeaf):
 
     action_type = action.ComputePathThroughPoses
     default_server = names.COMPUTE_PATH_THROUGH_POSES
+    cancels_on_pause = False  # nothing moves by it
     ports = ACTION_PORTS | {
         'goals': input_port(POSES, description='poses to pass; the last is where the path ends'),
         'start': input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose"),
@@ -170,6 +172,24 @@ class Spin(_Recovery):
             time_allowance=duration_message(self.get_input('time_allowance')),
         )
 
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        turned = 0.0 if feedback is None else feedback.angular_distance_traveled
+        goal.target_yaw = float(_rest(goal.target_yaw, turned))
+        return goal
+
+
+def _rest(whole: float, done: float) -> float:
+    """What is left of a motion, of the sign that it has. Feedback comes now and then: what the robot has moved since
+    the last, and while it braked, is moved once more.
+    """
+    return math.copysign(max(0.0, abs(whole) - abs(done)), whole)
+
+
+def _rest_of_drive(goal: Any, feedback: Any) -> Any:
+    if feedback is not None:
+        goal.target.x = _rest(goal.target.x, feedback.distance_traveled)
+    return goal
+
 
 class BackUp(_Recovery):
     """Drives backward by ``backup_dist``."""
@@ -190,6 +210,9 @@ class BackUp(_Recovery):
             speed=float(self.get_input('backup_speed')),
             time_allowance=duration_message(self.get_input('time_allowance')),
         )
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        return _rest_of_drive(goal, feedback)
 
 
 class DriveOnHeading(ActionLeaf):
@@ -212,6 +235,9 @@ class DriveOnHeading(ActionLeaf):
             time_allowance=duration_message(self.get_input('time_allowance')),
         )
 
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        return _rest_of_drive(goal, feedback)
+
 
 class Wait(_Recovery):
     """Waits for ``wait_duration``, on the clock of the server."""
@@ -229,6 +255,9 @@ class Wait(_Recovery):
         if not (math.isfinite(seconds) and seconds > 0):
             raise ValueError(f'wait_duration has to be positive, not {seconds}')
         return self.action_type.Goal(time=duration_message(seconds))
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        return goal if feedback is None else self.action_type.Goal(time=feedback.time_left)
 
 
 NODES: Final = (

@@ -41,6 +41,7 @@ class ServiceLeaf(StatefulAction):
     service_type: ClassVar[type[Any]]
     default_service: ClassVar[str] = ''
     ports: ClassVar[Mapping[str, Port]] = SERVICE_PORTS
+    goes_on = 'its request was sent, and cannot be taken back'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from flexbt_common import names
 from flexbt_common.cli import home_path
+from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_core.behavior_tree.xml import MAX_BYTES, MAX_DEPTH
@@ -39,6 +40,7 @@ class ServerParameters:
     server_timeout: float
     cancel_timeout: float
     start_timeout: float
+    peer_timeout: float
     pose_topic: str
     error_code_names: tuple[str, ...]
     max_file_size: int
@@ -97,6 +99,7 @@ def declare_parameters(node: Node) -> ServerParameters:
         start_timeout=declare.real(
             'start_timeout', 10.0, 0.0, 600.0, 'age of this process up to which a server of a leaf is waited for, s'
         ),
+        peer_timeout=declare.real('peer_timeout', PEER_TIMEOUT, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
         error_code_names=declare.texts(
             'error_code_names',

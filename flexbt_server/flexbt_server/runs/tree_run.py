@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final, Generic, TypeVar
 
+from flexbt_common.runtime import Health
 from flexbt_core.behavior_tree import (
     BehaviorTreeError,
     Blackboard,
@@ -60,6 +61,9 @@ class TreeRun(Generic[Client]):
     ``board`` is the run's own for the number of recoveries and for ``error_code_names``, as a board of Nav2, where one
     tree runs at a time; for all other keys it is the blackboard that the run was given.
 
+    Its thread is part of the ``health`` of the process, as long as the run is, and unless a callback of the tree holds
+    it up (a breakpoint).
+
     ``on_overrun(message)`` is told, once a second at most, of ticks that take longer than the period of ``tick_rate``.
     """
 
@@ -73,6 +77,7 @@ class TreeRun(Generic[Client]):
         *,
         clock: Clock,
         steady: Clock,
+        health: Health,
         services: Any,
         observer: TreeObserver,
         error_code_names: Sequence[str],
@@ -102,6 +107,7 @@ class TreeRun(Generic[Client]):
         self._overruns = Overruns(key, self._tick_period, on_overrun)
         self._wake_event = WakeEvent()
         self._control = TickControl(self._wake_event.set, observer.paused)
+        self._loop = health.loop(f'the thread of tree {key.id!r}', self._where, self._has_callbacks)
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._rest_by = math.inf
@@ -164,16 +170,37 @@ class TreeRun(Generic[Client]):
         """Pause, resume or step; from any thread. See :class:`flexbt_core.behavior_tree.TickControl`."""
         self._control.command(command, answer)
 
+    @property
+    def not_paused(self) -> tuple[str, ...]:
+        """What goes on while the tree is paused, as 'path: why'."""
+        return self._control.not_paused
+
+    def hold(self, reason: str) -> None:
+        """Keep the tree paused for a reason of the host's own, until that is ''. From any thread."""
+        self._control.hold(reason)
+
     def join(self, timeout: float) -> None:
         """Wait until the run is over, at most ``timeout`` seconds."""
         self._thread.join(timeout)
 
     def _abort(self) -> None:
         """The thread of the run should be at its end, or near it."""
+        if self._ended:
+            return
         node = node_on_stack(self._thread)
         path = '' if node is None else node.path
-        what = f'[{path}] does not return' if path else 'the run does not come to its end'
+        what = self._where()
+        self._loop.close()  # it drives nothing any more
+        if self.tree is not None:
+            self.tree.abandon()
         self._end(RunOutcome(BtExecute.Result.ERROR, f'{self._stop_reason}; {_NOT_HALTED}: {what}', path))
+
+    def _where(self) -> str:
+        node = node_on_stack(self._thread)
+        return 'the run does not come to its end' if node is None else f'[{node.path}] does not return'
+
+    def _has_callbacks(self) -> bool:
+        return self.tree is not None and self.tree.callbacks.active
 
     def _end(self, outcome: RunOutcome) -> None:
         with self._lock:
@@ -193,8 +220,9 @@ class TreeRun(Generic[Client]):
     # -- on the thread of the run ------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        executed = outcome_of(self._execute)
-        self._end(outcome_of(lambda: self._await_halt(executed)))
+        with self._loop:
+            executed = outcome_of(self._execute)
+            self._end(outcome_of(lambda: self._await_halt(executed)))
 
     def _execute(self) -> RunOutcome:
         write_all(self.board, [*self._values, NO_RECOVERIES])
@@ -262,7 +290,8 @@ class TreeRun(Generic[Client]):
     def _wait(self, tree: Tree, due: float) -> None:
         next_wake = tree.next_wake
         until = due if next_wake is None else min(due, next_wake)
-        self._wake_event.wait(self._clock, None if self._control.paused else until)
+        with self._loop.resting():
+            self._wake_event.wait(self._clock, None if self._control.paused else until)
 
     def _await_halt(self, outcome: RunOutcome) -> RunOutcome:
         """Halt everything and wait until the leaves have confirmed it."""
@@ -273,7 +302,10 @@ class TreeRun(Generic[Client]):
         outcome = outcome_after(tree.halt, outcome)
         deadline = self._steady.now() + self._cancel_timeout
         while tree.unfinished and self._steady.now() < min(deadline, self._rest_by):
-            self._wake_event.wait(self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period))
+            with self._loop.resting():
+                self._wake_event.wait(
+                    self._steady, min(deadline, self._rest_by, self._steady.now() + self._tick_period)
+                )
             outcome = outcome_after(tree.advance_unfinished, outcome)
         if tree.unfinished:
             message = f'{_NOT_HALTED}: {", ".join(tree.unfinished)}'

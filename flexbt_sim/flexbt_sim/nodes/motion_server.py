@@ -57,6 +57,7 @@ class MotionArbiter:
         self.robot = robot
         self._watch: Timer | None = None
         self.running: RunningMotion | None = None
+        self._is_held = False
         robot.on_pose, robot.on_map = self._on_pose, self._on_map
 
     def start(self, newer: RunningMotion) -> None:
@@ -67,6 +68,12 @@ class MotionArbiter:
         self.running = newer
         self._check_pose_after(self._pose_timeout, newer)
 
+    def hold(self, is_held: bool) -> None:
+        """Bring the robot to rest, and let no motion drive until that is over; none is ended."""
+        self._is_held = is_held
+        if is_held and self.running is not None:
+            self.robot.drive(STOP)
+
     def _on_pose(self, pose: Pose, now: float) -> None:
         running = self.running
         if running is None:
@@ -75,6 +82,9 @@ class MotionArbiter:
             running.began = now
         running.poses += 1
         running.now = now
+        if self._is_held:
+            self.robot.drive(STOP)
+            return
         try:
             velocity = running.motion.step(pose, now)
         except Exception as error:
@@ -109,9 +119,10 @@ class MotionArbiter:
             self.end(CANCELED)
 
     def _check_pose_after(self, seconds: float, running: RunningMotion) -> None:
-        steady = self._runtime.steady
-        self._watch = steady.call_at(
-            steady.now() + seconds, lambda: self._runtime.post(lambda: self._check_pose(running))
+        clock = self._runtime.clock
+        # By a post: a pose that has come together with the time is seen before.
+        self._watch = clock.call_at(
+            clock.now() + seconds, lambda: self._runtime.post(lambda: self._check_pose(running))
         )
 
     def _check_pose(self, running: RunningMotion) -> None:
@@ -159,6 +170,7 @@ class MotionServer:
             on_end(CANCELED)
             return
         try:
+            self._arbiter.robot.check_pose()
             motion = self._make(goal.request)
         except Exception as error:
             on_end(end_by(self._runtime, error, f'a goal of {self._name}'))

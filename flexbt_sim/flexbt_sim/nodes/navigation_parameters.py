@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from rclpy.node import Node
 
 from flexbt_common import names
+from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_sim.navigation import FollowerLimits, Inflation
 
@@ -17,6 +18,8 @@ class NavigationParameters:
     """Values of the parameters; see :func:`declare_navigation_parameters` for meaning and unit."""
 
     owner_nodes: tuple[str, ...]
+    robot_nodes: tuple[str, ...]
+    peer_timeout: float
     planner_ids: tuple[str, ...]
     controller_ids: tuple[str, ...]
     goal_checker_ids: tuple[str, ...]
@@ -41,8 +44,15 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
     inflation, follower = Inflation(), FollowerLimits()
     return NavigationParameters(
         owner_nodes=declare.texts(
-            'owner_nodes', [names.BT_SERVER], 'nodes whose death cancels every goal; [""] for none'
+            'owner_nodes',
+            [names.BT_SERVER],
+            'nodes that give the goals: while one is late the robot is held, and when one is gone every goal is ended; '
+            '[""] for none',
         ),
+        robot_nodes=declare.texts(
+            'robot_nodes', [names.SIMULATOR], 'nodes without which there is no robot: when one is gone every goal fails'
+        ),
+        peer_timeout=declare.real('peer_timeout', PEER_TIMEOUT, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
         planner_ids=declare.texts('planner_ids', ['GridBased'], 'names under which the planner is known'),
         controller_ids=declare.texts('controller_ids', ['FollowPath'], 'names under which the controller is known'),
         goal_checker_ids=declare.texts(
@@ -76,6 +86,6 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         pose_timeout=declare.real(
-            'pose_timeout', 1.0, 0.1, 60.0, 'wall time without a pose after which requests and motions fail, s'
+            'pose_timeout', 1.0, 0.1, 60.0, "time of the node's clock without a pose after which motions fail, s"
         ),
     )

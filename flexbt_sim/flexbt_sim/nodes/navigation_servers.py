@@ -2,8 +2,8 @@
 """The node ``navigation``: navigation servers with the interfaces of Nav2, for the simulated robot.
 
 Actions compute_path_to_pose, compute_path_through_poses, follow_path, spin, backup, drive_on_heading and wait; services
-to clear the costmaps and is_path_valid; topic plan. When a node of the parameter ``owner_nodes`` dies, every goal is
-ended and the robot stopped: nobody is left to stop it.
+to clear the costmaps and is_path_valid; topic plan. While a node of the parameter ``owner_nodes`` is late the robot
+is held; when it is gone every goal is ended: nobody is left to stop it.
 """
 
 from __future__ import annotations
@@ -45,9 +45,13 @@ class Navigation:
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
         runtime.call(self._serve)
-        self._watches = [
-            LivelinessWatch(runtime, owner, partial(self._on_owner, owner)) for owner in self._parameters.owner_nodes
+        timeout = self._parameters.peer_timeout
+        self._owners = [
+            LivelinessWatch(runtime, owner, partial(self._on_owner, owner), on_late=self._on_late, timeout=timeout)
+            for owner in self._parameters.owner_nodes
         ]
+        for robot in self._parameters.robot_nodes:
+            LivelinessWatch(runtime, robot, partial(self._on_robot, robot), timeout=timeout)
         runtime.on_close(self._close)
         LivelinessToken(runtime).set_ready(True)
         runtime.node.get_logger().info('ready')
@@ -156,17 +160,29 @@ class Navigation:
 
     def _on_owner(self, owner: str, alive: bool) -> None:
         if not alive:
-            self._end_all(f'{owner}, which gives the goals, has died')
+            self._end_all(f'{owner}, which gives the goals, is gone: it has ended or died, or was late for too long')
+
+    def _on_late(self, _is_late: bool) -> None:
+        late = [owner for owner in self._owners if owner.late]
+        self._arbiter.hold(bool(late))
+        if self._arbiter.running is not None:
+            told = '; '.join(f'{owner.node_name} is late: {owner.problem}' for owner in late)
+            self._runtime.node.get_logger().warning(f'the robot is held: {told}' if told else 'the robot goes on')
+
+    def _on_robot(self, robot: str, alive: bool) -> None:
+        if not alive:
+            self._robot.forget_pose()
+            self._end_all(f'no pose of the robot: {robot} is gone', code='TF_ERROR')
 
     def _close(self) -> None:
         self._runtime.call(lambda: self._end_all('the navigation servers are shutting down'))
         for _ in range(2):  # on one turn of the executor the goals end, on the next their results leave
             self._runtime.call(lambda: None)
 
-    def _end_all(self, reason: str) -> None:
+    def _end_all(self, reason: str, code: str = 'UNKNOWN') -> None:
         if self._arbiter.running is not None or self._waits.busy:
             self._runtime.node.get_logger().error(f'every goal is ended: {reason}')
-        end = GoalEnd(code='UNKNOWN', message=reason)
+        end = GoalEnd(code=code, message=reason)
         self._arbiter.end(end)
         self._waits.end_all(end)
 

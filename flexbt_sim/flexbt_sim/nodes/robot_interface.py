@@ -50,8 +50,8 @@ class RobotInterface:
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
 
     def when_known(self, go_on: Callable[[], None]) -> None:
-        """Go on when pose and map are known, or after the pose timeout: a server that has just started has neither, and
-        as in Nav2 that is a reason to wait for a moment, not to fail.
+        """Go on when pose and map are known, or after the pose timeout, of wall time: a server that has just started
+        has neither, and as in Nav2 that is a reason to wait for a moment, not to fail.
         """
         if self._is_known:
             go_on()
@@ -76,6 +76,10 @@ class RobotInterface:
             for go_on in waiting:
                 go_on()
 
+    def check_pose(self) -> None:
+        """Raises NavigationError, as :attr:`pose`."""
+        _ = self.pose
+
     @property
     def pose(self) -> Pose:
         """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
@@ -88,8 +92,12 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """Since when there has been no pose, s of wall time; infinite before the first."""
-        return self._runtime.steady.now() - self._pose_at
+        """Since when there has been no pose, s of the node's clock; infinite before the first."""
+        return self._runtime.clock.now() - self._pose_at
+
+    def forget_pose(self) -> None:
+        """What told the pose is gone."""
+        self._pose, self._pose_at = None, -math.inf
 
     @property
     def costmap(self) -> Costmap:
@@ -122,7 +130,7 @@ class RobotInterface:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
-        self._pose_at = self._runtime.steady.now()
+        self._pose_at = self._runtime.clock.now()
         self._tell_waiting()
         self.on_pose(self._pose, seconds_of(message.header.stamp))
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -145,15 +146,14 @@ class Simulator:
 
     def _run(self) -> None:
         try:
-            while not self._pacer.stopped:
-                for _ in range(STEPS_PER_CLOCK):
-                    self._step()
-                self._pacer.wait(STEPS_PER_CLOCK * STEP)
-        except Exception as error:
-            # Without a world there is nothing to simulate: the process must not look alive.
-            self._runtime.report_fault(error, 'the world')
-            self._runtime.post(lambda: self._runtime.node.destroy_publisher(self._clock))
-            raise
+            with self._runtime.health.loop('the world') as loop:
+                while not self._pacer.stopped:
+                    for _ in range(STEPS_PER_CLOCK):
+                        self._step()
+                    with loop.resting():
+                        self._pacer.wait(STEPS_PER_CLOCK * STEP)
+        except BaseException as error:  # without a world there is nothing to simulate
+            self._runtime.give_up(f'the world raised: {"".join(traceback.format_exception(error)).rstrip()}')
 
     def _step(self) -> None:
         with self._lock:

@@ -45,7 +45,8 @@ class TreeContext:
 
     ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
-    work that needs ticks. ``rewrapped`` are nodes for which their parents have to fetch another tick function.
+    work that needs ticks. ``paused`` is whether leaves hold what they begin elsewhere.
+    ``rewrapped`` are nodes for which their parents have to fetch another tick function.
     ``stopping`` is whether the host wants to stop the tree: a tick that may take long looks at it.
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
@@ -68,6 +69,7 @@ class TreeContext:
         self.rewrapped: list[object] = []
         self.callbacks: CallbackWrapping | None = None
         self.advancing = False
+        self.paused = False
         self._unfinished: list[UnfinishedWork] = []
         self._lock = threading.Lock()
 

@@ -40,6 +40,8 @@ class CoroutineAction(LeafNode):
 
     __slots__ = ('_coroutine', '_halted', '_unfinished')
 
+    goes_on = ''  # it is the ticks that advance it
+
     kind = NodeKind.ACTION
 
     def __init__(self, config: NodeConfig) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import ClassVar
 
 from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 
@@ -15,9 +16,17 @@ class Halted(BaseException):
 
 
 class LeafNode(TreeNode):
-    """A node without children."""
+    """A node without children.
+
+    While the tree is paused its leaves are not ticked. What a leaf has begun elsewhere (a goal, a motor) has to stand
+    still too: it says how by :meth:`on_pause` and :meth:`on_resume`. One whose work is all done in its ticks, or that
+    only waits, says so by ``goes_on = ''``; of any other it is told that it goes on, and why.
+    """
 
     __slots__ = ('_reason',)
+
+    goes_on: ClassVar[str] = 'it does not declare how it is paused'
+    """Why the work of this leaf goes on while the tree is paused; '' when there is none that could."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -31,11 +40,27 @@ class LeafNode(TreeNode):
     def failure_reason(self) -> str:
         return self._reason or super().failure_reason()
 
+    def on_pause(self) -> str:
+        """The tree is paused while the leaf is RUNNING: have what it has begun stand still. Must not block.
+
+        Gives why something goes on all the same, for people; ''. It may be called again in the same pause, after a
+        step. A pause ends by :meth:`on_resume`, or by a halt.
+        """
+        return self.goes_on
+
+    def on_resume(self) -> None:
+        """The tree goes on; the next tick follows. Must not block."""
+
+    def abandon(self) -> None:
+        """The thread that ticks the tree does not come back: end what was begun elsewhere. On another thread."""
+
 
 class SyncAction(LeafNode):
     """An action that is done within one tick: :meth:`tick` gives SUCCESS, FAILURE or SKIPPED, never RUNNING."""
 
     __slots__ = ()
+
+    goes_on = ''
 
     kind = NodeKind.ACTION
 
@@ -62,6 +87,8 @@ class Condition(LeafNode):
     """A test: :meth:`tick` gives SUCCESS when it holds and FAILURE when not."""
 
     __slots__ = ()
+
+    goes_on = ''
 
     kind = NodeKind.CONDITION
 

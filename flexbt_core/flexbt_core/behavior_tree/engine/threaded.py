@@ -25,6 +25,7 @@ class ThreadedAction(LeafNode):
     __slots__ = ('_call',)
 
     kind = NodeKind.ACTION
+    goes_on = 'its thread goes on'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

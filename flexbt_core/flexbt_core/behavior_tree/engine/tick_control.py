@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pause, resume and single-step a tree that its host ticks.
 
-A paused tree is not ticked, and that is all. What its leaves have begun goes on, and so does the time, as in FlexBE and
-in py_trees: a Timeout limits what happens in the world, and that does not stop. What has become due meanwhile is found
-by the next tick.
+A paused tree is not ticked, and its leaves hold what they have begun where they can (:meth:`LeafNode.on_pause`). The
+time goes on, as in FlexBE and in py_trees: a Timeout limits what happens in the world, and that does not stop. What has
+become due meanwhile is found by the next tick.
+
+A host may hold a tree for a reason of its own. That is a pause too, and apart from that of the commands: the tree goes
+on when neither is left.
 """
 
 from __future__ import annotations
@@ -42,8 +45,12 @@ class TickControl:
         self._on_change = on_change
         self._commands: deque[tuple[TickCommand, Answer]] = deque()
         self._lock = threading.Lock()
+        self._asked_to_pause = False
+        self._hold = ''
         self._paused = False
         self._closed: str | None = None
+        self.not_paused: tuple[str, ...] = ()
+        """Of a tree that is paused: the leaves that go on all the same, as 'path: why'."""
 
     @property
     def paused(self) -> bool:
@@ -51,8 +58,8 @@ class TickControl:
 
     @property
     def pending(self) -> bool:
-        """Whether there are commands that :meth:`tick` would obey."""
-        return bool(self._commands)
+        """Whether there is something that :meth:`tick` would obey."""
+        return bool(self._commands) or self._is_to_pause is not self._paused
 
     def command(self, command: TickCommand, answer: Answer) -> None:
         """Asks for something. PAUSE is answered when no tick is under way any more, STEP when its tick is over."""
@@ -64,6 +71,11 @@ class TickControl:
             self._on_command()
         else:
             answer(closed)
+
+    def hold(self, reason: str) -> None:
+        """Has the tree held for the host's ``reason``, until it is called with ''. From any thread."""
+        self._hold = reason
+        self._on_command()
 
     def close(self, reason: str) -> None:
         """The run is over: whatever was asked for, and will be, has no effect any more, for this reason."""
@@ -81,7 +93,7 @@ class TickControl:
 
         None when the tree is paused and was not ticked. Raises what the tick raises.
         """
-        step = self._obey()
+        step = self._obey(tree)
         if step is None:
             return None if self._paused else tree.tick_once()
         try:
@@ -89,25 +101,45 @@ class TickControl:
         except BaseException as error:
             step(f'the tick raised: {error}')
             raise
+        if status is NodeStatus.RUNNING:
+            self.not_paused = tree.pause()  # what the step has begun
         step('')
         return status
 
-    def _obey(self) -> Answer | None:
+    @property
+    def _is_to_pause(self) -> bool:
+        return self._asked_to_pause or bool(self._hold)
+
+    def _obey(self, tree: Tree) -> Answer | None:
         """Gives the answer to the STEP that is to be done now."""
         while True:
             with self._lock:
-                if not self._commands:
-                    return None
-                command, answer = self._commands.popleft()
+                command, answer = self._commands.popleft() if self._commands else (None, None)
+            if command is TickCommand.PAUSE or command is TickCommand.RESUME:
+                self._asked_to_pause = command is TickCommand.PAUSE
+            try:
+                self._settle(tree)
+            except BaseException as error:
+                if answer is not None:
+                    answer(f'a leaf raised: {error}')
+                raise
+            if answer is None:
+                return None
             if command is not TickCommand.STEP:
-                self._pause(command is TickCommand.PAUSE)
                 answer('')
+            elif self._hold:
+                answer(f'the tree is held: {self._hold}')
             elif self._paused:
                 return answer
             else:
                 answer('the tree is not paused; pause it before you step it')
 
-    def _pause(self, paused: bool) -> None:
-        if paused is not self._paused:
-            self._paused = paused
-            self._on_change(paused)
+    def _settle(self, tree: Tree) -> None:
+        paused = self._is_to_pause
+        if paused is self._paused:
+            return
+        self._paused = paused
+        self.not_paused = tree.pause() if paused else ()
+        self._on_change(paused)
+        if not paused:
+            tree.resume()

@@ -31,6 +31,7 @@ from .call_stack import with_room
 from .context import Tick, TreeContext
 from .control import ControlNode
 from .decorator import DecoratorNode
+from .leaf import LeafNode
 from .node import StatusObserver, TreeNode
 from .tick_callbacks import TickCallbacks
 from .ticking import tick_function
@@ -204,6 +205,41 @@ class Tree:
         self.context.stopping = False
         self._status = IDLE
         self._raise_halt_errors()
+
+    def pause(self) -> tuple[str, ...]:
+        """Has the RUNNING leaves hold what they have begun; the host does not tick the tree from now on.
+
+        Gives 'path: why' for each that goes on all the same. May be called again, after a tick in between.
+        """
+        self.context.paused = True
+        goes_on = []
+        for leaf in self._running_leaves():
+            try:
+                why = leaf.on_pause()
+            except Exception as error:
+                why = f'on_pause raised {error!r}'
+            if why:
+                goes_on.append(f'{leaf.path}: {why}')
+        return tuple(goes_on)
+
+    def resume(self) -> None:
+        """Has the RUNNING leaves go on; the next tick follows. Raises NodeExecutionError when a leaf raises."""
+        self.context.paused = False
+        for leaf in self._running_leaves():
+            try:
+                leaf.on_resume()
+            except Exception as error:
+                raise self._traced(leaf.fault(error)) from error
+
+    def abandon(self) -> None:
+        """Ends what the leaves have begun elsewhere: the thread that ticks the tree hangs in one of them, and cannot
+        halt it. From another thread; the tree is not to be used any more.
+        """
+        for leaf in self._running_leaves():
+            leaf.abandon()
+
+    def _running_leaves(self) -> list[LeafNode]:
+        return [node for node in self.nodes if node.status is RUNNING and isinstance(node, LeafNode)]
 
     def _raise_halt_errors(self) -> None:
         errors = self.context.halt_errors

@@ -135,6 +135,8 @@ class Sleep(StatefulAction):
 
     __slots__ = ('_deadline',)
 
+    goes_on = ''  # it only waits
+
     ports = {'msec': input_port(UNSIGNED, description='time to sleep in ms')}
     outcomes = OneOf((RUNNING, SUCCESS))
     example = Example('<Sleep msec="100"/>', ticks=(RUNNING, SUCCESS))
