@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 COMMAND = [sys.executable, '-m', 'flexbt_console']
 NAMESPACE = 'lines'
@@ -57,7 +58,7 @@ def test_a_whole_mission_by_script(executive: ScriptedExecutive, tmp_path: Path)
     executive_running(executive)
     status = json.loads(console('status', '--json').stdout)
     assert (status['link'], status['state'], status['autonomy']) == ('live', 'running', 1)
-    assert status['age'] < 5.0 and status['decisions'][0]['input_type'] == 'geometry_msgs/msg/PoseStamped'
+    assert status['age'] < DEADLINE and status['decisions'][0]['input_type'] == 'geometry_msgs/msg/PoseStamped'
     assert console('input', 'kitchen', '--places', str(places)).returncode == 0
     assert executive.values[-1].pose.position.y == 2.0
     confirmed = json.loads(console('confirm', '--json', '--reason', 'looks good').stdout)
@@ -71,12 +72,7 @@ def test_a_whole_mission_by_script(executive: ScriptedExecutive, tmp_path: Path)
 
 def executive_running(executive: ScriptedExecutive) -> None:
     """Wait until the scripted executive runs something."""
-    done = threading.Event()
-    for _ in range(2000):
-        if executive.do(lambda: executive.status.run_id):
-            return
-        done.wait(0.01)
-    raise AssertionError('nothing was started')
+    wait_until(lambda: executive.do(lambda: executive.status.run_id), 'a run')
 
 
 def test_exit_code_0_and_3_and_what_is_said(executive: ScriptedExecutive) -> None:
@@ -172,10 +168,7 @@ def test_a_command_that_is_interrupted_does_not_say_applied(executives: Any, num
     command = [*COMMAND, 'stop', '--namespace', f'wait{number}', '--timeout', '60']
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as waiting:
         assert waiting.stderr is not None
-        for _ in range(2000):
-            if executive.do(lambda: len(executive.received)):
-                break
-            threading.Event().wait(0.01)
+        wait_until(lambda: executive.do(lambda: len(executive.received)), 'the command')
         waiting.send_signal(number)
         assert waiting.wait(timeout=60) == 130
         assert waiting.stderr.read() == ''

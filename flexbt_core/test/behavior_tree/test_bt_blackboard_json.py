@@ -115,7 +115,7 @@ def boards(draw: st.DrawFn) -> Blackboard:
     return board
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(boards())
 def test_every_entry_comes_back_with_its_type_and_its_value(board: Blackboard) -> None:
     document, problems = export_blackboard(board, TYPES)
@@ -151,7 +151,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(boards(), st.dictionaries(KEYS | KEYS.map('@{}'.format), JSON, max_size=3), st.data())
 def test_a_document_is_taken_as_a_whole_or_not_at_all(
     board: Blackboard, document: dict[str, Any], data: st.DataObject

@@ -125,13 +125,13 @@ ASSIGNMENTS = st.tuples(
 ).map(' '.join)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(script=st.lists(ASSIGNMENTS, min_size=1, max_size=3).map('; '.join))
 def test_assignments(judge: Judge, script: str) -> None:
     check(judge, f'<Script code={quoteattr(script)}/>')
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(script=EXPRESSIONS, attribute=st.sampled_from(('code', '_skipIf', '_while')))
 def test_conditions(judge: Judge, script: str, attribute: str) -> None:
     if attribute == 'code':

@@ -61,7 +61,7 @@ def _outcome(bound: BoundScript, board: Blackboard) -> object:
     return result, [(key, type(e.value), repr(e.value), e.sequence) for key, e in entries if e is not None]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     script=SCRIPTS,
     values=st.lists(st.fixed_dictionaries(dict.fromkeys(KEYS, CONTENTS)), min_size=1, max_size=3),
@@ -149,7 +149,7 @@ def test_two_names_of_one_entry_stay_one() -> None:
     assert top.get('x') == 11
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(text=st.one_of(st.text(), st.text("ab1.0x' \n+-*/&|^~!<>=?:();@_eE"), SCRIPTS))
 @example('+6e66>6666.6+66\r6>6;6e62=6+6e66>66666\x27; en\x27;\x7fn\x80;@e66')
 def test_no_text_raises_anything_but_a_script_error(text: str) -> None:
