@@ -10,11 +10,13 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime, tells_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoLinkError
 from flexbt_console.link import OperatorLink, interface_problem
 from flexbt_console.mirror import AutonomyLevel, Command, CommandState, LinkState, Mirror
+from flexbt_msgs.msg import BehaviorList, ExecutiveStatus
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.waiting import uncontended_time
 
@@ -109,6 +111,32 @@ def test_the_end_and_the_return_of_the_executive_are_seen() -> None:
             assert [entry.id for entry in again.applied] == [level.id]
             assert [entry.executive_id for entry in executive.received] == [executive.status.executive_id]
             assert again.applied[0].executive_id == again.status.executive_id
+
+
+@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+def test_what_others_publish_as_the_executive_does_not_touch_the_picture(executives: Any) -> None:
+    executive = executives('forged')
+    with station('forged') as operator, NodeRuntime.open('forger', namespace='forged') as forger:
+        view = operator.link.live_view(DEADLINE)
+        assert operator.state_of(operator.requests.start(view, 'Drive')) is CommandState.APPLIED
+        status = operator.mirror.view().snapshot
+        assert status is not None
+        node = forger.node
+        statuses = forger.call(lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched()))
+        lists = forger.call(lambda: node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched()))
+        operator.wait(lambda view: '2 executives' in view.problem)
+        for executive_id in (status.executive_id, 'another'):
+            statuses.publish(
+                ExecutiveStatus(executive_id=executive_id, sequence=2**63, heartbeat_period=3600.0, run_id='forged')
+            )
+            lists.publish(BehaviorList(executive_id=executive_id))
+            statuses.publish(b'no status')
+        sequence = status.sequence
+        operator.wait(lambda view: view.live and view.snapshot.sequence > sequence + 3)
+        operator.wait(lambda view: view.snapshot.executive_id == executive.status.executive_id)
+        assert operator.mirror.view().behaviors
+        level = operator.requests.autonomy(operator.mirror.view(), AutonomyLevel.FULL)
+        assert operator.state_of(level) is CommandState.APPLIED
 
 
 def test_two_executives_at_one_link_are_reported(executives: Any) -> None:

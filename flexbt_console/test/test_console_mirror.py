@@ -277,3 +277,18 @@ def test_active_levels_from_the_outside_in() -> None:
     states = (ActiveState('/A/B/C'), ActiveState('/A/D'))
     mirror.receive_snapshot(Snapshot('e', 1, active_states=states))
     assert mirror.view().active_levels == ('/', '/A', '/A/B', '/A/B/C', '/A/D')
+
+
+def test_a_number_that_was_never_the_executives_is_in_the_way_only_until_the_picture_is_silent() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    for number in range(1, 100):
+        clock.set(number * 0.5)
+        transit = Transit(clock.now(), clock.now())
+        mirror.receive_snapshot(snapshot('e', number, period=0.5), transit)
+        if number == 10:
+            mirror.receive_snapshot(snapshot('e', 2**63, period=3600.0), transit)
+    view = mirror.view()
+    assert view.live and view.snapshot is not None and view.snapshot.sequence == 99
+    # One that comes late is still none.
+    assert not mirror.receive_snapshot(snapshot('e', 98), Transit(49.0, clock.now()))

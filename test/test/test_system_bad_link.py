@@ -11,14 +11,14 @@ import random
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import (
@@ -74,11 +74,11 @@ class BadLink(OperatorLink):
     def __init__(self, runtime: NodeRuntime, mirror: Mirror, nemesis: Nemesis) -> None:
         self._nemesis = nemesis
         super().__init__(runtime, mirror)
-        publisher, self._commands = self._commands, self
+        publisher, self._commands, self._stops = self._commands, self, self
         self._publisher = publisher
 
-    def _on_status(self, message: ExecutiveStatus, info: Mapping[str, int]) -> None:
-        self._nemesis.pass_on(lambda: super(BadLink, self)._on_status(message, info))
+    def _on_status(self, received: Received) -> None:
+        self._nemesis.pass_on(lambda: super(BadLink, self)._on_status(received))
 
     def publish(self, message: Any) -> None:
         self._nemesis.pass_on(lambda: self._publisher.publish(message))

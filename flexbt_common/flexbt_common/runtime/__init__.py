@@ -13,7 +13,7 @@ from .rclpy_private import (
     is_usable,
     let_go_of_lifecycle,
 )
-from .received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
+from .received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, tells_writers, writer_name
 from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import SenderRates
@@ -42,5 +42,6 @@ __all__ = [
     'refuse_while_configured',
     'resolve_file',
     'run_node',
+    'tells_writers',
     'writer_name',
 ]

@@ -24,8 +24,9 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from .loaded_library import loaded_function
+from .rclpy_private import EXECUTOR, is_usable
 
-__all__ = ['UNKNOWN_WRITER', 'Received', 'ReceivedMessages', 'writer_name']
+__all__ = ['UNKNOWN_WRITER', 'Received', 'ReceivedMessages', 'tells_writers', 'writer_name']
 
 UNKNOWN_WRITER: Final = b''
 """Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
@@ -122,6 +123,11 @@ def writer_name(node: Node, topic: str, writer: bytes) -> str:
         if bytes(endpoint.endpoint_gid)[: len(writer)] == writer:
             return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
     return ''
+
+
+def tells_writers() -> bool:
+    """Whether messages come with their writers in this process."""
+    return is_usable(EXECUTOR) and _Taker.make() is not None
 
 
 class _Gid(ctypes.Structure):

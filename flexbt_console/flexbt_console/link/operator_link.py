@@ -7,7 +7,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, writer_name
 from flexbt_console.errors import NoLinkError
 from flexbt_console.mirror import (
     LONGEST_RESEND,
@@ -31,8 +31,10 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_core.clock import Timer
+from flexbt_core.values import one_line
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, PlaceList
 
+from .executive_sender import ExecutiveSender
 from .interface_check import interface_problem, senders_problem
 from .messages import (
     behaviors_record,
@@ -44,6 +46,12 @@ from .messages import (
 )
 
 T = TypeVar('T')
+
+MESSAGE_BYTES: Final = 16_000_000
+"""Bytes of a message of the executive, at most."""
+
+TELL_SECONDS: Final = 10.0
+"""Between two lines about messages that cannot be read."""
 
 
 class OperatorLink:
@@ -66,6 +74,11 @@ class OperatorLink:
         self._executives = 0
         self._reachable = False
         self._id = uuid.uuid4().hex
+        self._sender = ExecutiveSender(
+            lambda participant: bool(writer_name(runtime.node, names.EXECUTIVE_STATUS, participant)),
+            mirror.is_silent,
+            runtime.steady.now,
+        )
         mirror.add_listener(self._note_change)
         runtime.call(lambda: self._join(gives_commands=operator is not None))
         # The executive sees by this whether anybody watches, and whether the holder of the authority does.
@@ -139,9 +152,16 @@ class OperatorLink:
             (PlaceList, names.PLACES, places_record, self._mirror.receive_places, 1),
             (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
         ):
-            node.create_subscription(type, topic, _forward(convert, receive), names.latched(depth))
-        node.create_subscription(
-            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(), event_callbacks=matched
+            on_message = self._forward(type, topic, convert, receive)
+            ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES)
+        ReceivedMessages(
+            node,
+            ExecutiveStatus,
+            names.EXECUTIVE_STATUS,
+            names.latched(),
+            self._on_status,
+            MESSAGE_BYTES,
+            event_callbacks=matched,
         )
         self._pings = node.create_publisher(Header, names.EXECUTIVE_PING, names.unacknowledged())
         node.create_subscription(Header, names.EXECUTIVE_PONG, self._on_pong, names.unacknowledged())
@@ -162,9 +182,32 @@ class OperatorLink:
             event_callbacks=PublisherEventCallbacks(matched=self._on_command_matched),
         )
 
-    def _on_status(self, message: ExecutiveStatus, info: Mapping[str, int]) -> None:
-        sent = info['source_timestamp'] * 1e-9
-        transit = Transit(sent, time.time()) if sent > 0.0 else None
+    def _forward(
+        self, message_type: Any, topic: str, convert: Callable[[Any], Any], receive: Callable[[Any], object]
+    ) -> Callable[[Received], None]:
+        def on_message(received: Received) -> None:
+            message = self._unpacked(received, message_type, topic, is_status=False)
+            if message is not None:
+                receive(convert(message))
+
+        return on_message
+
+    def _unpacked(self, received: Received, message_type: Any, topic: str, *, is_status: bool) -> Any | None:
+        """A message of the executive; None for what others have sent, and for what is none."""
+        if not self._sender.has_sent(received.participant, is_status=is_status):
+            return None  # that there are several senders is told when they come, see _find_problems
+        try:
+            return received.unpack(message_type)
+        except ValueError as error:
+            text = f'{topic}: left aside: {one_line(str(error))}'
+            self._runtime.node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
+            return None
+
+    def _on_status(self, received: Received) -> None:
+        message = self._unpacked(received, ExecutiveStatus, names.EXECUTIVE_STATUS, is_status=True)
+        if message is None:
+            return
+        transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
         self._mirror.receive_snapshot(snapshot_record(message), transit)
         if self._mirror.wants_ping():
             seconds, nanoseconds = divmod(time.time_ns(), 10**9)
@@ -227,10 +270,3 @@ def no_link_text(view: View, when: str) -> str:
             '(--namespace) and the same ROS_DOMAIN_ID?'
         )
     return f'no link: the executive was last heard {view.age or 0.0:.1f} s ago, and not again {when}'
-
-
-def _forward(convert: Callable[[Any], Any], receive: Callable[[Any], object]) -> Callable[[Any], None]:
-    def on_message(message: Any) -> None:
-        receive(convert(message))
-
-    return on_message

@@ -156,6 +156,11 @@ class Mirror:
             self._freshness.echoed(self._clock.now(), ahead)
         self._tell(Change.LINK)
 
+    def is_silent(self) -> bool:
+        """Whether the executive should have been heard again by now, or was never heard."""
+        with self._lock:
+            return self._freshness.silent(self._clock.now())
+
     def sender_gone(self) -> None:
         """The middleware says that nobody sends snapshots any more."""
         with self._lock:
@@ -253,9 +258,12 @@ class Mirror:
 
     def _is_newer(self, snapshot: Snapshot, transit: Transit | None, now: float) -> bool:
         newest = self._newest.get(snapshot.executive_id)
-        if newest is not None and snapshot.sequence <= newest:
-            return False
         current = self._snapshot
+        if newest is not None and snapshot.sequence <= newest:
+            # Who goes on with lower numbers when the picture is silent, and later, is the executive: the number that is
+            # in the way was never its own.
+            is_later = transit is not None and self._sent is not None and transit.sent > self._sent
+            return is_later and self._freshness.silent(now)
         if current is None or current.executive_id == snapshot.executive_id:
             return True
         # A straggler of the executive before: only the times of sending can tell. Once the executive is silent, a
