@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from flexbt_console.errors import ExitCode
+from flexbt_console.ui.console import main
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -172,6 +174,29 @@ def test_a_command_that_is_interrupted_does_not_say_applied(executives: Any, num
         waiting.send_signal(number)
         assert waiting.wait(timeout=60) == 130
         assert waiting.stderr.read() == ''
+
+
+def test_a_signal_while_ros_is_joined_ends_the_command_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Opening:
+        is_closed = False
+
+        def __init__(self, *words: Any, **options: Any) -> None:
+            sender = threading.Thread(target=os.kill, args=(os.getpid(), signal.SIGINT))
+            sender.start()
+            sender.join()
+            threading.Event().wait(0)  # where the interpreter looks for signals
+
+        def close(self) -> None:
+            Opening.is_closed = True
+
+    monkeypatch.setattr('flexbt_common.runtime.NodeRuntime', Opening)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        assert main(['status']) == ExitCode.INTERRUPTED
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert Opening.is_closed
 
 
 def test_terminal_injection_does_not_pass(executive: ScriptedExecutive) -> None:

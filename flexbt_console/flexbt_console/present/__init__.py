@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the console knows, as text for people and as JSON for programs, and what has changed in it."""
 
-from .events import Event, Follower
+from .events import SETTLE_SECONDS, Event, Follower
 from .json_form import encode_json, failure_json, result_json, status_json, structure_json
 from .rendering import (
     age_text,
@@ -30,6 +30,7 @@ from .rendering import (
 from .tone import Line, Tone, coloured, has_colours, tone_of
 
 __all__ = [
+    'SETTLE_SECONDS',
     'Event',
     'Follower',
     'Line',

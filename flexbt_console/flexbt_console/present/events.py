@@ -35,6 +35,10 @@ LATE_SECONDS: Final = 2.0
 """A node that is late is told of when it is so for so long, and once; on a busy computer all are late for a moment."""
 
 
+SETTLE_SECONDS: Final = 0.3
+"""What is latched beside the first status, such as the log, arrives within so many seconds of it."""
+
+
 class Event(NamedTuple):
     """Something that has changed: its name, what is told to programs, and lines for people."""
 

@@ -128,16 +128,21 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
     namespace = line.value('--namespace')
     if namespace:
         arguments += ['--ros-args', '-r', f'__ns:={full_namespace(namespace)}']
-    # A signal must not come between the start of the executor thread and our knowing of it.
-    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    # A signal must not come between the start of the executor thread and our knowing of it. (Threads of the middleware
+    # would take it while this one masks it.)
+    came: list[int] = []
+    for known in _SIGNALS:
+        signal.signal(known, lambda number, frame: came.append(number))
     try:
         name = names.OBSERVER if line.has('--observer') else names.CONSOLE
         runtime = NodeRuntime(name, args=[name, *arguments])
     except Exception as error:  # whatever rcl finds wrong with the arguments or the middleware
         raise UsageError(f'cannot join ROS: {error}') from error
     finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        _raise_at_signals()
     try:
+        if came:
+            raise _Interrupted
         yield runtime
     finally:
         _ignore_signals()

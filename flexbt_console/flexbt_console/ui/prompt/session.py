@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import signal
 import sys
 import threading
@@ -27,7 +28,16 @@ from prompt_toolkit.styles import Style
 from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, UserdataScope, View
-from flexbt_console.present import Follower, Line, Tone, coloured, command_result_lines, has_colours, tone_of
+from flexbt_console.present import (
+    SETTLE_SECONDS,
+    Follower,
+    Line,
+    Tone,
+    coloured,
+    command_result_lines,
+    has_colours,
+    tone_of,
+)
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -118,6 +128,7 @@ class Prompt:
         self._pending: list[str] = []
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
         self._refresh_planned = False
+        self._settled_at = math.inf
         self._ended = False
         self._has_colours = has_colours(sys.stdout)
         self._session: PromptSession[str] = PromptSession(
@@ -274,6 +285,11 @@ class Prompt:
         self._refresh_planned = False
         view = self._mirror.view()
         self._do_held()
+        if self._is_settled(view):
+            self._tell(view)
+        self._session.app.invalidate()
+
+    def _tell(self, view: View) -> None:
         for event in self._follower.events(view):
             self._print(event.text, view)
         for command_id in list(self._pending):
@@ -281,7 +297,15 @@ class Prompt:
             if tracked is not None and tracked.state is not CommandState.PENDING:
                 self._pending.remove(command_id)
                 self._print(command_result_lines(tracked))
-        self._session.app.invalidate()
+
+    def _is_settled(self, view: View) -> bool:
+        """Whether what is latched has arrived beside the first status, so that it is told in its order."""
+        if view.snapshot is None or self._settled_at <= self._loop.time():
+            return True
+        if self._settled_at == math.inf:
+            self._settled_at = self._loop.time() + SETTLE_SECONDS
+            self._loop.call_later(SETTLE_SECONDS, self._refresh)
+        return False
 
     def _print(self, text: list[str], view: View | None = None) -> None:
         decision = (view or self._mirror.view()).decision
