@@ -106,6 +106,11 @@ class Stack:
         process.wait()
         return killed
 
+    def send_signal(self, name: str, number: signal.Signals) -> float:
+        """Send a signal, as SIGSTOP and SIGCONT, by which a process hangs and goes on; the uncontended time when."""
+        self._processes[name].send_signal(number)
+        return uncontended_time()
+
     def running(self) -> set[str]:
         """The names of those that run."""
         return {name for name, process in self._processes.items() if process.poll() is None}

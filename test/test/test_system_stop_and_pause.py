@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An operator stops and pauses a robot that drives: it stands still, whatever hangs, and goes on where it was."""
+
+from __future__ import annotations
+
+import math
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack
+from flexbt_testing.waiting import uncontended_time
+
+GOAL = (3.8, 1.2)
+REST_SECONDS = 1.0
+"""From a stop, or the hang of what drives the robot, to rest."""
+
+
+@pytest.fixture(scope='module')
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stack, Probe]]:
+    with Stack(tmp_path_factory.mktemp('system')) as stack, NodeRuntime.open('probe') as runtime:
+        stack.start_all({'speed_factor': '3.0'})
+        yield stack, Probe(runtime)
+
+
+@pytest.fixture
+def stack(system: tuple[Stack, Probe]) -> Stack:
+    return system[0]
+
+
+@pytest.fixture
+def probe(system: tuple[Stack, Probe]) -> Iterator[Probe]:
+    """The robot drives."""
+    probe = system[1]
+    probe.wait_ready()
+    probe.reset()
+    probe.drive_to(*GOAL)
+    yield probe
+    if probe.status.state != ExecutiveStatus.IDLE:
+        probe.stop()
+        probe.wait_state(ExecutiveStatus.IDLE)
+
+
+def rest_after(probe: Probe, moment: float) -> float:
+    """Seconds of uncontended time from a moment to the robot's last movement."""
+    probe.wait_at_rest()
+    return probe.moved_at - moment
+
+
+def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
+    stack.send_signal('bt_server', signal.SIGSTOP)
+    try:
+        stopped = probe.stop()
+        probe.wait(lambda: 'goal of bt_executor not confirmed canceled' in probe.status.message, 'what has not stopped')
+        assert rest_after(probe, stopped) < REST_SECONDS
+        assert probe.status.state == ExecutiveStatus.STOPPING
+    finally:
+        stack.send_signal('bt_server', signal.SIGCONT)
+    probe.wait_state(ExecutiveStatus.IDLE)
+    assert probe.status.outcome == 'preempted'
+
+
+def pause(probe: Probe) -> float:
+    """The uncontended time when the robot is told to stand still."""
+    now = uncontended_time()
+    probe.applied(ExecutiveCommand.PAUSE)
+    return now
+
+
+def test_a_paused_robot_stands_still_and_goes_on_where_it_was(stack: Stack, probe: Probe) -> None:
+    paused = pause(probe)
+    probe.wait_state(ExecutiveStatus.PAUSED)
+    assert rest_after(probe, paused) < REST_SECONDS
+    probe.wait_at_rest()
+    assert [list(state.not_paused) for state in probe.status.active_states] == [[]]
+    where = probe.moved_stamp
+    run_id = probe.run_id
+    probe.applied(ExecutiveCommand.RESUME)
+    probe.wait(lambda: probe.moved_stamp > where, 'the robot drives on')
+    probe.wait(lambda: probe.status.decisions, 'the decision about the next goal')
+    assert probe.pose is not None
+    position = probe.pose.pose.position
+    assert math.dist((position.x, position.y), GOAL) < 0.3
+    assert (probe.run_id, probe.status.state) == (run_id, ExecutiveStatus.RUNNING)
+
+
+def test_a_paused_robot_is_stopped(stack: Stack, probe: Probe) -> None:
+    pause(probe)
+    probe.wait_at_rest()
+    probe.stop()
+    probe.wait_state(ExecutiveStatus.IDLE)
+    assert probe.status.outcome == 'preempted'
+    where = probe.moved_stamp
+    probe.wait_at_rest()
+    assert probe.moved_stamp == where, 'nothing goes on that was paused'
+    for action in ('bt_executor', 'follow_path'):
+        assert probe.active_goals(action) == 0, action
+
+
+def test_the_server_of_a_paused_robot_is_killed(stack: Stack, probe: Probe) -> None:
+    pause(probe)
+    probe.wait_at_rest()
+    where = probe.moved_stamp
+    stack.kill('bt_server')
+    probe.wait(lambda: probe.peer_alive('bt_server') is False, 'bt_server shown as dead')
+    stack.start('bt_server')
+    probe.wait_ready()
+    probe.applied(ExecutiveCommand.RESUME)
+    probe.wait(lambda: probe.status.decisions, 'the decision about the failed tree')
+    probe.wait_at_rest()
+    assert probe.moved_stamp == where
