@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,25 @@ def spoiling() -> OperatableStateMachine:
     return machine
 
 
+class Stuck(EventState):
+    """Never returns."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        threading.Event().wait()
+        return 'done'
+
+
+def sticking() -> OperatableStateMachine:
+    """Cannot be stopped."""
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('Stuck', Stuck(), {'done': 'finished'})
+    return machine
+
+
 class Crash(EventState):
     """Ends the process the first time that it is started."""
 
@@ -106,7 +126,7 @@ def crashing() -> OperatableStateMachine:
 
 def setup(runtime: NodeRuntime) -> Any:
     """Make the executive."""
-    machines = {'Test': counting, 'Changed': counting, 'Spoil': spoiling, 'Crash': crashing}
+    machines = {'Test': counting, 'Changed': counting, 'Spoil': spoiling, 'Crash': crashing, 'Stuck': sticking}
     library = BehaviorLibrary(entry_of(behavior_of(make, name)) for name, make in machines.items())
     parameters = ExecutiveParameters(peers=(), journal_directory=sys.argv[1], event_log_directory=sys.argv[1])
     return open_executive(runtime, parameters, library)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -174,6 +175,33 @@ def test_what_was_set_for_a_run_holds_again_and_a_stop_is_not_forgotten(bench: D
     bench.applied(C.STOP, id='stop')
     bench.kill()
     assert bench.launch() == ExecutiveStatus.IDLE
+
+
+def test_a_full_disk_ends_no_run_and_is_told_and_what_happened_is_written_when_it_can_be(bench: DurableBench) -> None:
+    bench.launch()
+    run_id = bench.start(autonomy=3)
+    bench.wait_for(lambda status: status.decisions, 'question')
+    assert bench._process is not None
+    size = (bench.directory / 'onboard_executive.journal').stat().st_size
+    resource.prlimit(bench._process.pid, resource.RLIMIT_FSIZE, (size + 10, resource.RLIM_INFINITY))
+    bench.applied(C.LOCK, path='/Inner', id='lock')
+    bench.wait_for(lambda status: 'the journal' in status.message and 'cannot be written' in status.message, 'notice')
+    assert bench.status.locked == ['/Inner']
+    resource.prlimit(bench._process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    bench.logged('the journal is written again')
+    bench.wait_for(lambda status: 'the journal' not in status.message, 'no notice')
+    bench.kill()
+    assert bench.launch() == ExecutiveStatus.INTERRUPTED
+    assert (bench.run_id, list(bench.status.locked)) == (run_id, ['/Inner'])
+    bench.resend('lock')
+    assert bench.result('lock').code == CommandResult.APPLIED
+
+
+def test_an_executive_that_leaves_a_run_behind_says_so_by_its_exit_code(bench: DurableBench) -> None:
+    bench.launch()
+    bench.start('Stuck')
+    bench.wait_active('/Stuck')
+    assert bench.kill(signal.SIGTERM) == 1
 
 
 def test_a_crash_before_the_first_state_keeps_the_autonomy_of_the_start(bench: DurableBench) -> None:

@@ -25,6 +25,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.PLACES: Topic('flexbt_msgs/msg/PlaceList', names.latched()),
     names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.latched(names.LOG_DEPTH)),
     names.EXECUTIVE_COMMAND: Topic('flexbt_msgs/msg/ExecutiveCommand', names.command()),
+    names.EXECUTIVE_STOP: Topic('flexbt_msgs/msg/ExecutiveCommand', names.stop()),
     names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.latched(16)),
     names.TREE_STATUS: Topic('flexbt_msgs/msg/TreeStatus', names.latched(16)),
     names.MAP: Topic('nav_msgs/msg/OccupancyGrid', names.latched()),
@@ -36,5 +37,5 @@ TOPICS: Final[Mapping[str, Topic]] = {
 }
 """By relative name. A late subscriber gets what is latched, so that a recording that begins in a run is complete."""
 
-NOT_REPLAYED: Final = frozenset({names.EXECUTIVE_COMMAND, names.CMD_VEL})
+NOT_REPLAYED: Final = frozenset({names.EXECUTIVE_COMMAND, names.EXECUTIVE_STOP, names.CMD_VEL})
 """Commands: shown in the file, and never given to anybody again."""
