@@ -251,3 +251,15 @@ def test_a_state_or_an_inner_machine_may_use_the_names_of_the_ends_of_runs() -> 
     inner = machine(Child('One', Scripted('error', outcome='error'), {'error': 'preempted'}), outcomes=['preempted'])
     bench = Bench(machine(Child('Inner', inner, {'preempted': 'Last'}), Child('Last', Scripted(), END)))
     assert (bench.outcome, bench.active) == (None, ('/Last',))
+
+
+def test_an_input_of_a_container_that_nothing_reads_need_not_be_given() -> None:
+    def inner(*read: str, outputs: tuple[str, ...] = (), writes: tuple[str, ...] = ()) -> OperatableStateMachine:
+        state = Scripted(input_keys=list(read), output_keys=list(writes))
+        return machine(Child('Go', state, END), input_keys=['used', 'unused'], output_keys=list(outputs))
+
+    assert define(machine(Child('In', inner(), {'ended': 'ended'}))).input_keys == ()
+    assert define(machine(Child('In', inner(outputs=('unused',), writes=('unused',)), {'ended': 'ended'})))
+    for made, key in ((inner('used'), 'used'), (inner(outputs=('unused',)), 'unused')):
+        with pytest.raises(MachineError, match=f"/In: reads userdata key '{key}'"):
+            define(machine(Child('In', made, {'ended': 'ended'})))

@@ -128,7 +128,7 @@ def structure_message(definition: MachineDefinition, run_id: str, behavior: str)
 
 
 def checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEntry]) -> dict[str, Any]:
-    """The values of the inputs by userdata key; all that are needed, and no others.
+    """The values of the inputs by userdata key; all that something reads and that have no default, and no unknown ones.
 
     Raises:
         ParameterError: one is missing, unknown or given twice.
@@ -143,7 +143,7 @@ def checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEnt
         if entry.key in values:
             raise ParameterError(f'input {entry.key!r} is given twice')
         values[entry.key] = from_entry(entry)
-    for key in definition.input_keys:
+    for key in definition.read_inputs:
         if key not in values and key not in definition.defaults:
             raise ParameterError(f'input {key!r} is needed and has no default; give it with the start')
     return values

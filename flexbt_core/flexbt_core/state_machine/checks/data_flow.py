@@ -114,11 +114,11 @@ def _reads(machine: MachineDefinition, *, is_sure: bool) -> Iterator[Read]:
 
 
 def _input_keys(node: Node) -> Iterator[str]:
-    """Keys that have to be there. A machine that has a default of its own does without."""
+    """Keys that have to be there. A machine does without what it has a default of, and what nothing in it reads."""
     if isinstance(node, StateDefinition):
         yield from node.state.input_keys
     else:
-        yield from (key for key in node.input_keys if key not in node.defaults)
+        yield from (key for key in node.read_inputs if key not in node.defaults)
 
 
 def _names(node: Node, among: Container[str] | None = None) -> set[str]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
 from flexbt_core.state_machine.model import (
@@ -137,13 +137,25 @@ def _reachability(path: str, machine: Machine) -> Iterator[str]:
             yield f'{child_path(path, child.label)}: no transition leads to it from the initial state'
 
 
+def _read_inputs(node: EventState | Machine, around: tuple[Machine, ...] = ()) -> Iterable[str]:
+    """The input keys that have to be given: of a machine, those that something in it reads, or that it hands out."""
+    if isinstance(node, EventState) or node in around:  # a machine in itself is told elsewhere
+        return node.input_keys
+    read, written = set[str](), set[str]()
+    for child in node.children:
+        read.update(child.remapping.get(key, key) for key in _read_inputs(child.state, (*around, node)))
+        written.update(child.remapping.get(key, key) for key in child.state.output_keys)
+    read.update(key for key in node.output_keys if key not in written)
+    return [key for key in node.input_keys if key in read]
+
+
 def _data_flow(path: str, machine: Machine) -> Iterator[str]:
     written = {*machine.input_keys, *(machine.userdata.values())}
     for child in machine.children:
         written.update(child.remapping.get(key, key) for key in child.state.output_keys)
     for child in machine.children:
         optional = child.state.userdata.values() if not isinstance(child.state, EventState) else {}
-        for key in child.state.input_keys:
+        for key in _read_inputs(child.state):
             name = child.remapping.get(key, key)
             if name not in written and key not in optional:
                 shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"

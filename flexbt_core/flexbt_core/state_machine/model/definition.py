@@ -91,6 +91,18 @@ class MachineDefinition:
     kind: StateKind = StateKind.MACHINE
     conditions: tuple[Condition, ...] = ()
 
+    @property
+    def read_inputs(self) -> tuple[str, ...]:
+        """The input keys that something in it reads, or that it hands out as they came: those that have to be given."""
+        read, written = set[str](), set[str]()
+        for child in self.children.values():
+            inputs = child.read_inputs if isinstance(child, MachineDefinition) else child.state.input_keys
+            outputs = child.output_keys if isinstance(child, MachineDefinition) else child.state.output_keys
+            read.update(child.remap.get(key, key) for key in inputs)
+            written.update(child.remap.get(key, key) for key in outputs)
+        read.update(key for key in self.output_keys if key not in written)
+        return tuple(key for key in self.input_keys if key in read)
+
     def outcome_of(self, ended: Mapping[str, str]) -> str | None:
         """Outcome by which a concurrency container ends, once children have ended; None when it goes on."""
         return next((one.outcome for one in self.conditions if one.holds(ended)), None)

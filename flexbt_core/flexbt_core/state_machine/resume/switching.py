@@ -109,7 +109,7 @@ def _changes_of_state(old: StateDefinition, new: StateDefinition) -> Iterator[st
 
 
 def _missing_inputs(new: MachineDefinition, position: Position) -> Iterator[str]:
-    for key in new.input_keys:
+    for key in new.read_inputs:
         if key not in new.defaults and key not in position.userdata[new.path]:
             yield f"nobody has given the input '{key}'"
 
