@@ -105,5 +105,6 @@ def test_without_the_private_parts_of_rclpy_writers_are_unknown(monkeypatch: pyt
             sender.publisher.publish(String(data='a'))
             large, small = receiver.wait_for(2)
             assert (large.data, small.unpack(String).data, small.writer) == (None, 'a', UNKNOWN_WRITER)
+            assert writer_name(runtime.node, TOPIC, UNKNOWN_WRITER) == ''
         finally:
             sender.runtime.close()

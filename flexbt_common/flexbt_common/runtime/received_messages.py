@@ -118,7 +118,9 @@ class ReceivedMessages:
 
 
 def writer_name(node: Node, topic: str, writer: bytes) -> str:
-    """The node that a writer on a topic belongs to, for people; '' when it is not there (any more)."""
+    """The node that a writer on a topic belongs to, for people; '' when it is unknown, or not there (any more)."""
+    if writer == UNKNOWN_WRITER:
+        return ''
     for endpoint in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
         if bytes(endpoint.endpoint_gid)[: len(writer)] == writer:
             return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
