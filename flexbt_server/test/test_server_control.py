@@ -194,7 +194,7 @@ def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(wo
     goal = world.client.execute()
     assert server_nodes.Blocks.entered.wait(DEADLINE)
     pause = operator.send(PAUSE)
-    run = world.server.execute.find_run('')
+    run = world.server_runtime.call(lambda: world.server.execute.find_run(''))
     wait_until(lambda: run._control.pending, 'the command at the run')
     server_nodes.Blocks.release.set()
     assert answer(pause) == 'the run has ended'
