@@ -44,6 +44,8 @@ def refuse(file: Path) -> MapError:
         ('resolution', '0'),
         ('resolution', '-0.05'),
         ('resolution', '1e9'),
+        ('resolution', '1e-16'),
+        ('origin', '[1e300, 0.0, 0.0]'),
         ('origin', '[0.0, 0.0]'),
         ('origin', '[0.0, 0.0, 0.0, 1.0]'),
         ('origin', '[0.0, 0.0, .nan]'),

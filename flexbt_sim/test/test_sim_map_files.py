@@ -84,7 +84,11 @@ def test_numbers_as_yaml_cpp_reads_and_writes_them(tmp_path: Path, text: str) ->
     """YAML 1.1, which PyYAML follows, takes 1e-16 for text; map_saver writes such numbers."""
     number = float(text.strip('"'))
     assert load_map(write(tmp_path, grey([0]), origin=f'[{text}, 0, {text}]')).origin == (number, 0.0, number)
-    assert load_map(write(tmp_path, grey([0]), resolution=text.lstrip('-'))).resolution == abs(number)
+
+
+@pytest.mark.parametrize('text', ['1e-3', '5e-2', '"0.05"', '1', '.5', '+1.5', '0.050000'])
+def test_resolutions_as_yaml_cpp_reads_and_writes_them(tmp_path: Path, text: str) -> None:
+    assert load_map(write(tmp_path, grey([0]), resolution=text)).resolution == float(text.strip('"'))
 
 
 def as_png(cells: NDArray[numpy.int8], mode: str) -> Image.Image:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
@@ -27,10 +27,15 @@ from .action_results import GoalEnd
 from .motion_server import MotionArbiter, MotionServer
 from .navigation_parameters import declare_navigation_parameters
 from .planner_server import PlannerServer
-from .request_checks import check_id, finite, path_in_map
+from .request_checks import bounded, check_id, path_in_map
 from .robot_interface import RobotInterface
 from .ros_messages import seconds_of
 from .wait_server import WaitServer
+
+MOST_TURN: Final = 10_000.0
+MOST_DISTANCE: Final = 100_000.0
+MOST_SPEED: Final = 10.0
+"""Of one motion: rad, m, m/s. For each pose of the robot collisions are looked for over two seconds of driving."""
 
 
 class Navigation:
@@ -74,7 +79,7 @@ class Navigation:
                 Spin,
                 names.SPIN,
                 lambda request: SpinMotion(
-                    finite(request.target_yaw, 'target_yaw'), seconds_of(request.time_allowance)
+                    bounded(request.target_yaw, 'target_yaw', MOST_TURN), seconds_of(request.time_allowance)
                 ),
                 lambda motion: Spin.Feedback(angular_distance_traveled=float(motion.turned)),
             ),
@@ -122,8 +127,8 @@ class Navigation:
         return self._straight(request.target.x, request.speed, request)
 
     def _straight(self, distance: float, speed: float, request: Any) -> DriveMotion:
-        finite(distance, 'target.x')
-        finite(speed, 'speed')
+        bounded(distance, 'target.x', MOST_DISTANCE)
+        bounded(speed, 'speed', MOST_SPEED)
         if request.target.y or request.target.z:
             raise NavigationError(
                 'INVALID_INPUT', 'only straight motions are possible: target.y and target.z have to be 0'

@@ -67,7 +67,7 @@ class PlannerServer:
 
             self._robot.when_known(lambda: self._plan(goal, goals_of(goal.request), on_end))
 
-        # A goal that is to be canceled ends when its path is there.
+        # A goal that is to be canceled ends when the leg is planned that is being planned.
         server = GoalServer(self._runtime, action_type, name, serve, on_cancel=lambda goal: None)
         self._runtime.on_close(lambda: self._runtime.call(server.close))
 
@@ -87,7 +87,7 @@ class PlannerServer:
 
         def work() -> None:
             try:
-                path = [] if goal.cancel_requested else self._path(costmap, start, poses)
+                path = self._path(costmap, start, poses, lambda: goal.cancel_requested)
             except Exception as error:
                 reason = error
                 self._runtime.post(lambda: failed(reason))
@@ -115,14 +115,18 @@ class PlannerServer:
             return pose_in_map(request.start, frame, 'the start', 'START_OUTSIDE_MAP'), poses
         return self._robot.pose, poses
 
-    def _path(self, costmap: Costmap, start: Pose, goals: Sequence[Pose]) -> list[Pose]:
-        """On the thread of the planner."""
+    def _path(
+        self, costmap: Costmap, start: Pose, goals: Sequence[Pose], is_unwanted: Callable[[], bool]
+    ) -> list[Pose]:
+        """On the thread of the planner. Of a path that nobody wants any more the rest is left out."""
         if self._planner is None or self._planner[0] is not costmap:
             self._planner = costmap, GridPlanner(costmap)
         planner = self._planner[1]
         path: list[Pose] = []
         here = start
         for goal in goals:
+            if is_unwanted():
+                break
             # A leg begins with the place where the one before it ends.
             path[-1:] = planner.plan(here, goal)
             here = goal

@@ -7,25 +7,24 @@ turn or drive for ever.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 from flexbt_common.values import shown
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose
+from flexbt_sim.world import FARTHEST, Pose
 
 from .ros_messages import pose_of
 
 
-def finite(value: float, name: str) -> float:
+def bounded(value: float, name: str, most: float) -> float:
     """``value`` as it is.
 
     Raises:
-        NavigationError: INVALID_INPUT when it is NaN or infinite.
+        NavigationError: INVALID_INPUT when it is NaN, or its size is more than ``most``.
     """
-    if not math.isfinite(value):
-        raise NavigationError('INVALID_INPUT', f'{name} is {value}; give a finite number')
+    if not abs(value) <= most:
+        raise NavigationError('INVALID_INPUT', f'{name} is {value:g}; give a number within ±{most:g}')
     return float(value)
 
 
@@ -33,11 +32,14 @@ def finite_pose(message: Any, name: str, code: str) -> Pose:
     """The pose of a geometry_msgs/Pose.
 
     Raises:
-        NavigationError: with ``code`` when it is no place: NaN or infinite.
+        NavigationError: with ``code`` when it is no place: NaN, infinite, or beyond FARTHEST.
     """
     pose = pose_of(message)
-    if not all(map(math.isfinite, pose)):
-        raise NavigationError(code, f'{name} is no place: x {pose.x}, y {pose.y}, yaw {pose.yaw}')
+    if not pose.is_place:
+        raise NavigationError(
+            code,
+            f'{name} is no place: x {pose.x}, y {pose.y}, yaw {pose.yaw}; give finite numbers, of at most {FARTHEST:g}',
+        )
     return pose
 
 

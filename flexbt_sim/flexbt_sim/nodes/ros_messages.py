@@ -15,7 +15,7 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.navigation import Velocity
-from flexbt_sim.world import OccupancyMap, Pose, wrap
+from flexbt_sim.world import MAX_RESOLUTION, MIN_RESOLUTION, OccupancyMap, Pose, wrap
 
 
 def time_message(seconds: float) -> Time:
@@ -107,7 +107,10 @@ def map_of(grid: OccupancyGrid) -> OccupancyMap:
     info, origin = grid.info, pose_of(grid.info.origin)
     if not info.width * info.height == len(grid.data) > 0:
         raise SimulationError(f'a map of {info.width} x {info.height} cells came with {len(grid.data)} of them')
-    if not 0.0 < info.resolution < math.inf or not all(map(math.isfinite, origin)):
-        raise SimulationError(f'a map with cells of {info.resolution} m at {tuple(origin)} is no map')
+    if not MIN_RESOLUTION <= info.resolution <= MAX_RESOLUTION or not origin.is_place:
+        raise SimulationError(
+            f'a map with cells of {info.resolution:g} m at {tuple(origin)} is no map; '
+            f'cells have {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m'
+        )
     cells = numpy.frombuffer(grid.data, numpy.int8).reshape(info.height, info.width)
     return OccupancyMap(cells, float(info.resolution), origin)

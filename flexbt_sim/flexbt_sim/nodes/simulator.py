@@ -8,6 +8,7 @@ transforms are in the namespace of the robot.
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import traceback
@@ -106,8 +107,14 @@ class Simulator:
 
     def _on_command(self, message: Any) -> None:
         command = message.twist if self._parameters.stamped_cmd_vel else message
+        linear, angular = float(command.linear.x), float(command.angular.z)
+        if not (math.isfinite(linear) and math.isfinite(angular)):
+            self._runtime.node.get_logger().error(
+                f'{self._parameters.cmd_vel_topic}: {linear:g} m/s, {angular:g} rad/s cannot be driven; the robot stops',
+                throttle_duration_sec=5.0,
+            )
         with self._lock:
-            self._robot.command(float(command.linear.x), float(command.angular.z), self.now)
+            self._robot.command(linear, angular, self.now)
         self._pacer.command_received()
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:

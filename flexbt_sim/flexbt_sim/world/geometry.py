@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+FARTHEST: Final = 1e7
+"""Greatest coordinate of a place, m: with greater ones distances and cells cannot be computed any more."""
 
 
 class Pose(NamedTuple):
@@ -13,6 +16,11 @@ class Pose(NamedTuple):
     x: float
     y: float
     yaw: float
+
+    @property
+    def is_place(self) -> bool:
+        """Whether these are numbers, and within FARTHEST."""
+        return all(map(math.isfinite, self)) and max(abs(self.x), abs(self.y)) <= FARTHEST
 
     def distance(self, other: Pose) -> float:
         """Distance of the positions, m."""

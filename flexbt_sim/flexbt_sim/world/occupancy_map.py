@@ -20,7 +20,7 @@ from scipy import ndimage
 from flexbt_core.values import load_yaml
 from flexbt_sim.errors import MapError
 
-from .geometry import Pose
+from .geometry import FARTHEST, Pose
 
 FREE: Final = 0
 OCCUPIED: Final = 100
@@ -30,6 +30,10 @@ MODES: Final = ('trinary', 'scale', 'raw')
 MAX_YAML_BYTES: Final = 20_000
 MAX_CELLS: Final = 10_000_000
 """Largest map, cells: a plan on it takes some 4 GB of memory."""
+
+MIN_RESOLUTION: Final = 0.001
+MAX_RESOLUTION: Final = 100.0
+"""Size of a cell, m. What is within reach of the robot is looked for cell by cell."""
 
 FAR: Final = 1e9
 """Distance, m, that stands for no obstacle at all."""
@@ -153,8 +157,10 @@ def load_map(file: Path) -> OccupancyMap:
     if not isinstance(image, str) or not image:
         raise MapError(file, 'image', f'expected a file name, got {_shown(image)}')
     resolution = _number(file, fields, 'resolution')
-    if not 0.0 < resolution < 100.0:
-        raise MapError(file, 'resolution', f'{resolution} m per pixel is not a resolution')
+    if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
+        raise MapError(
+            file, 'resolution', f'{resolution:g} m per pixel; expected {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g}'
+        )
     origin = fields.get('origin')
     numbers = [_finite(value) for value in origin] if isinstance(origin, list) and len(origin) == 3 else [None]
     if None in numbers:
@@ -176,8 +182,11 @@ def load_map(file: Path) -> OccupancyMap:
     if mode.lower() != 'raw':
         cells[transparent] = UNKNOWN
     x, y, yaw = (float(number) for number in numbers if number is not None)
+    pose = Pose(x, y, yaw)
+    if not pose.is_place:
+        raise MapError(file, 'origin', f'{_shown(origin)} is no place: more than {FARTHEST:g} m away')
     # The image has its first row at the top, the grid at the bottom.
-    return OccupancyMap(numpy.ascontiguousarray(cells[::-1]), resolution, Pose(x, y, yaw))
+    return OccupancyMap(numpy.ascontiguousarray(cells[::-1]), resolution, pose)
 
 
 def _occupancies(mode: str, negate: bool, occupied: float, free: float) -> Occupancy:

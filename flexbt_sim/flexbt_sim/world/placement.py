@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import math
-
 from flexbt_sim.errors import SimulationError
 
-from .geometry import Pose
+from .geometry import FARTHEST, Pose
 from .occupancy_map import OccupancyMap
 
 
@@ -18,8 +16,8 @@ def check_place(world: OccupancyMap, pose: Pose, radius: float) -> None:
         SimulationError: it does not; the message says why.
     """
     place = f'({pose.x:g}, {pose.y:g}, {pose.yaw:g})'
-    if not all(map(math.isfinite, pose)):
-        raise SimulationError(f'{place} is no pose; give finite numbers: m, m, rad')
+    if not pose.is_place:
+        raise SimulationError(f'{place} is no pose; give finite numbers, of at most {FARTHEST:g}: m, m, rad')
     if not world.contains(*world.cell(pose.x, pose.y)):
         raise SimulationError(
             f'{place} is outside of the map of {world.width * world.resolution:g} x {world.height * world.resolution:g}'
