@@ -11,7 +11,6 @@ from flexbt_console.mirror import (
     LinkState,
     LogLine,
     Mirror,
-    Peer,
     Snapshot,
     Structure,
     View,
@@ -30,10 +29,6 @@ from .rendering import (
     peer_line,
 )
 from .tone import Line, Tone, tone_of
-
-LATE_SECONDS: Final = 2.0
-"""A node that is late is told of when it is so for so long, and once; on a busy computer all are late for a moment."""
-
 
 SETTLE_SECONDS: Final = 0.3
 """What is latched beside the first status, such as the log, arrives within so many seconds of it."""
@@ -57,7 +52,6 @@ class Follower:
         self._mirror = mirror
         self._before: View | None = None
         self._told_link: tuple[LinkState, str] | None = None
-        self._late: set[str] = set()
         self._structure: Structure | None = None
         self._lines: tuple[LogLine, ...] = ()
 
@@ -82,10 +76,7 @@ class Follower:
                 events.append(Event('log', {'line': line}, told))
         self._lines = lines
         if view.snapshot is not None and (before is None or _essence(before) != _essence(view)):
-            text = _changes(before, view)
-            for peer in view.snapshot.peers:
-                text += self._peer_text(peer)
-            events.append(Event('status', status_json(view), text))
+            events.append(Event('status', status_json(view), _changes(before, view)))
         return events
 
     def _link_text(self, view: View) -> list[str]:
@@ -99,18 +90,14 @@ class Follower:
         problem = [Line(one_line(view.problem), Tone.ERROR)] if view.problem else []
         return [Line(f'link: {word}', tone_of(word)), *problem]
 
-    def _peer_text(self, peer: Peer) -> list[str]:
-        if not peer.late:
-            self._late.discard(peer.name)
-        elif peer.alive and peer.age >= LATE_SECONDS and peer.name not in self._late:
-            self._late.add(peer.name)
-            return [Line(f'node {peer_line(peer)}', Tone.WARNING)]
-        return []
-
 
 def _essence(view: View) -> Snapshot | None:
     """The snapshot without what a heartbeat alone changes."""
-    return view.snapshot and replace(view.snapshot, sequence=0, stamp=0.0, heartbeat_period=0.0, results=())
+    snapshot = view.snapshot
+    if snapshot is None:
+        return None
+    peers = tuple(replace(peer, age=0.0, problem='') for peer in snapshot.peers)  # which may tell since when
+    return replace(snapshot, sequence=0, stamp=0.0, heartbeat_period=0.0, results=(), peers=peers)
 
 
 def _run_essence(snapshot: Snapshot) -> tuple[Any, ...]:

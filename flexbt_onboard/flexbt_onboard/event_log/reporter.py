@@ -88,11 +88,8 @@ class Reporter:
         self.log(severity, f'{name} is {text}', run_id=run_id)
 
     def peer_late(self, name: str, problem: str, run_id: str) -> None:
-        """A node that is alive is late, for this reason; or, for '', is not any more."""
-        severity, text = (
-            (ExecutiveLog.WARN, f'late: {problem}') if problem else (ExecutiveLog.INFO, 'not late any more')
-        )
-        self.log(severity, f'{name} is {text}', run_id=run_id)
+        """A node that is alive is late, for this reason. That it is not any more, the status shows."""
+        self.log(ExecutiveLog.WARN, f'{name} is late: {problem}', run_id=run_id)
 
     # -- operators ----------------------------------------------------------------------------------------------------
 

@@ -6,14 +6,19 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from builtin_interfaces.msg import Time
 
 from flexbt_common import names as table
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import Timer
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import PeerStatus
+
+LATE_SECONDS: Final = 2.0
+"""A node that is late for so long is told of. On a busy computer all are late for a moment; the status shows it."""
 
 
 @dataclass
@@ -22,6 +27,8 @@ class _Peer:
     since: Time
     alive: bool | None = None
     ready: bool = False
+    told_ready: bool = False
+    tell_late: Timer | None = None
     gone_at: float = 0.0
 
 
@@ -29,8 +36,9 @@ class PeersWatch:
     """Watches nodes by name. Used on the executor thread, except where it says otherwise.
 
     ``on_change`` is called with a node's name, whether it is alive now, and whether it had been seen before;
-    ``on_ready`` with a node's name when it has become ready, or is not any more; ``on_late`` with a node's name when it
-    is late, and why, or '' when it is not any more. ``timeout``: how long one may be late, s of wall time.
+    ``on_ready`` with a node's name when it has become ready, or is not any more, and whether that is news: it is none
+    when it was late meanwhile; ``on_late`` with a node's name and '' when it is late, or is not any more, and with the
+    reason once in a spell of LATE_SECONDS. ``timeout``: how long one may be late, s of wall time.
     """
 
     def __init__(
@@ -38,7 +46,7 @@ class PeersWatch:
         runtime: NodeRuntime,
         names: Sequence[str],
         on_change: Callable[[str, bool, bool], None],
-        on_ready: Callable[[str, bool], None],
+        on_ready: Callable[[str, bool, bool], None],
         on_late: Callable[[str, str], None],
         timeout: float,
     ) -> None:
@@ -98,16 +106,30 @@ class PeersWatch:
         seen_before = peer.alive is not None
         peer.alive, peer.since = alive, self._runtime.clock.stamp()
         peer.gone_at = self._runtime.steady.now()
+        peer.told_ready = peer.told_ready and alive
         self._on_change(peer.name, alive, seen_before)
 
     def _late_changed(self, peer: _Peer, late: bool) -> None:
-        self._on_late(peer.name, self._watch_of(peer).problem if late else '')
+        if peer.tell_late is not None:
+            peer.tell_late.cancel()
+            peer.tell_late = None
+        if late:
+            steady = self._runtime.steady
+            told = functools.partial(self._runtime.post, functools.partial(self._tell_late, peer))
+            peer.tell_late = steady.call_at(steady.now() + LATE_SECONDS, told)
+        self._on_late(peer.name, '')
+
+    def _tell_late(self, peer: _Peer) -> None:
+        watch = self._watch_of(peer)
+        if watch.late:
+            self._on_late(peer.name, watch.problem)
 
     def _ready_changed(self, peer: _Peer, ready: bool) -> None:
         peer.ready = ready
         watch = self._watch_of(peer)
         if ready or (watch.alive and not watch.late):  # that it is late or gone is told already
-            self._on_ready(peer.name, ready)
+            is_news, peer.told_ready = ready != peer.told_ready, ready
+            self._on_ready(peer.name, ready, is_news)
 
     def _watch_of(self, peer: _Peer) -> LivelinessWatch:
         return self._watches[self._peers.index(peer)]

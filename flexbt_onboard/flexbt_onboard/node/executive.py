@@ -252,11 +252,13 @@ class Executive:
         self._nodes_changed()
 
     def _peer_late(self, name: str, problem: str) -> None:
-        self._report.peer_late(name, problem, self._run_id)
+        if problem:
+            self._report.peer_late(name, problem, self._run_id)
         self._nodes_changed()
 
-    def _peer_ready(self, name: str, ready: bool) -> None:
-        self._report.peer_ready(name, ready, self._run_id)
+    def _peer_ready(self, name: str, ready: bool, is_news: bool) -> None:
+        if is_news:
+            self._report.peer_ready(name, ready, self._run_id)
         self._nodes_changed()
 
     def _nodes_changed(self) -> None:

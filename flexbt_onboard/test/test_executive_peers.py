@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The nodes that the executive depends on: what is told of one that is late."""
+
+from __future__ import annotations
+
+import functools
+import threading
+from contextlib import ExitStack
+
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime
+from flexbt_onboard.link import PeersWatch
+from flexbt_testing.waiting import wait_until
+
+
+def test_a_node_that_is_late_is_told_once_in_a_spell_and_its_return_is_no_news() -> None:
+    told: list[tuple[str, object]] = []
+
+    def has_told(count: int) -> bool:
+        return len(told) == count
+
+    with ExitStack() as stack:
+        runtime, other = (stack.enter_context(NodeRuntime.open(name)) for name in ('watching', 'watched'))
+        watch = PeersWatch(
+            runtime,
+            ['watched'],
+            lambda name, alive, seen_before: told.append(('alive', alive)),
+            lambda name, ready, is_news: told.append(('ready', ready)) if is_news else None,
+            lambda name, problem: told.append(('late', name)) if problem else None,
+            timeout=60.0,
+        )
+        other.call(lambda: LivelinessToken(other).set_ready(True))
+        wait_until(lambda: told == [('alive', True), ('ready', True)], lambda: told)
+        for spell in (1, 2):
+            goes_on = threading.Event()
+            other.post(goes_on.wait)
+            try:
+                wait_until(functools.partial(has_told, 2 + spell), lambda: told)
+                assert runtime.call(watch.statuses)[0].late
+            finally:
+                goes_on.set()
+            wait_until(lambda: runtime.call(watch.statuses)[0].ready, 'ready again')
+    assert told[2:4] == [('late', '/watched')] * 2
+    assert all(what != 'ready' for what, _ in told[2:]), told
