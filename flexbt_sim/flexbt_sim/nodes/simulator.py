@@ -110,7 +110,7 @@ class Simulator:
         linear, angular = float(command.linear.x), float(command.angular.z)
         if not (math.isfinite(linear) and math.isfinite(angular)):
             self._runtime.node.get_logger().error(
-                f'{self._parameters.cmd_vel_topic}: {linear:g} m/s, {angular:g} rad/s cannot be driven; the robot stops',
+                f'{self._parameters.cmd_vel_topic}: {linear:g} m/s, {angular:g} rad/s cannot be driven: it stops',
                 throttle_duration_sec=5.0,
             )
         with self._lock:
