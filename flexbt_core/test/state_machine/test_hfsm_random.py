@@ -260,6 +260,9 @@ class RandomRun(RuleBasedStateMachine):
         shown = [(int(one.id), (KINDS[one.kind.name], one.path, one.outcome)) for one in bench.run.decisions]
         assert shown == model.pending
         assert (bench.run.locked, bench.run.breakpoints) == (sorted(model.locked), sorted(model.breakpoints))
+        assert bench.run.calling is None
+        if model.outcome is None:
+            assert bool(bench.run.not_halted) is model.stands
         visits = [event for event in bench.trace if event.startswith(CALLBACKS)]
         assert visits == model.events
         assert [(path, outcome, reason.name) for path, outcome, _, reason in bench.transitions] == model.transitions

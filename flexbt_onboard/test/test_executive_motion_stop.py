@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executive's own way to stop the robot: which servers it asks, and for how long it commands zero velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import PoseStamped, Twist
+
+from flexbt_common import names
+from flexbt_common.calls import ServiceLinks
+from flexbt_common.runtime import NodeRuntime
+from flexbt_onboard.link import MOTION_ACTIONS, MotionStop
+from flexbt_testing.waiting import wait_until
+
+
+class Robot:
+    """Two servers that only take cancels, and a robot that hears its commands."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
+        self.asked: list[str] = []
+        self.commands: list[Twist] = []
+        runtime.call(self._open)
+
+    def _open(self) -> None:
+        node = self.runtime.node
+        node.create_subscription(Twist, names.CMD_VEL, self.commands.append, 10)
+        for action in ('follow_path', 'drill'):
+            node.create_service(CancelGoal, f'{action}/_action/cancel_goal', self._answer(action))
+
+    def _answer(self, action: str) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            assert not any(request.goal_info.goal_id.uuid)
+            assert request.goal_info.stamp.sec == request.goal_info.stamp.nanosec == 0
+            self.asked.append(action)
+            return response
+
+        return answer
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    with NodeRuntime.open('robot') as runtime:
+        yield Robot(runtime)
+
+
+def silence(robot: Robot, steady_seconds: float = 0.4) -> None:
+    """Wait until nothing has been commanded for a while."""
+    clock = robot.runtime.steady
+    seen, since = len(robot.commands), clock.now()
+
+    def is_silent() -> bool:
+        nonlocal seen, since
+        if len(robot.commands) != seen:
+            seen, since = len(robot.commands), clock.now()
+        return clock.now() - since > steady_seconds
+
+    wait_until(is_silent, 'nothing is commanded')
+
+
+def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot: Robot) -> None:
+    pose = PoseStamped()
+    with NodeRuntime.open('executive') as runtime:
+        stop = runtime.call(
+            lambda: MotionStop(
+                runtime, ServiceLinks(runtime), lambda: pose, MOTION_ACTIONS, names.CMD_VEL, stamped=False
+            )
+        )
+        runtime.call(stop.prepare)
+        wait_until(lambda: runtime.call(lambda: runtime.node.count_subscribers(names.CMD_VEL)), 'the robot')
+        runtime.call(stop.hold)
+        wait_until(lambda: robot.asked, 'the cancel')
+        silence(robot)
+        assert robot.commands and all(command == Twist() for command in robot.commands)
+        count = len(robot.commands)
+        pose.pose.position.x += 0.1
+        wait_until(lambda: len(robot.commands) > count, 'zero velocity, since it moves')
+        silence(robot)
+        count = len(robot.commands)
+        pose.pose.position.x += 0.001  # noise
+        silence(robot)
+        assert len(robot.commands) == count
+        wait_until(lambda: robot.asked.count('follow_path') > 2, 'cancels again and again')
+        assert set(robot.asked) == {'follow_path'}, 'no other server is asked'
+        runtime.call(stop.release)
+        runtime.call(lambda: None)
+        pose.pose.position.x += 1.0
+        silence(robot)
+        assert len(robot.commands) == count
