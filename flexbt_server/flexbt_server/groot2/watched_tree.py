@@ -146,7 +146,7 @@ class WatchedTree:
         """
         boards: dict[str, dict[str, Any] | None] = {}
         top: Blackboard | None = None
-        for name in names.split(';'):
+        for name in dict.fromkeys(names.split(';')):
             board = self._boards.get(name)
             if board is None:
                 continue

@@ -293,6 +293,25 @@ def test_the_topmost_blackboard_comes_with_others(server: Groot2Server) -> None:
     assert replies[2] is None
 
 
+def test_a_blackboard_that_is_asked_for_again_and_again_is_shown_once(
+    server: Groot2Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = tree()
+    observed(server, shown)
+    shown.tick_once()
+    shows: list[Blackboard] = []
+    show = WatchedTree._shown
+
+    def count(watched: WatchedTree, board: Blackboard) -> dict[str, Any] | None:
+        shows.append(board)
+        return show(watched, board)
+
+    monkeypatch.setattr(WatchedTree, '_shown', count)
+    (_, reply) = ask(server, RequestType.BLACKBOARD, b';'.join([b'One', b'two'] * 100_000))
+    assert msgpack.unpackb(reply) == {'One': {'x': 1}, 'two': {'y': 1}, 'ROOT': {'x': 1}}
+    assert len(shows) == 3
+
+
 def test_a_program_shows_a_tree(server: Groot2Server) -> None:
     """Statuses that are asked for late are those of the end, each change on the way counted."""
     shown = tree()
