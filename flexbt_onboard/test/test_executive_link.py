@@ -26,7 +26,14 @@ from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_msgs.msg import (
+    BehaviorList,
+    BehaviorStructure,
+    ExecutiveCommand,
+    ExecutiveLog,
+    ExecutiveStatus,
+    PlaceList,
+)
 from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
@@ -91,8 +98,12 @@ def test_before_the_first_clock_message_everything_works_in_wall_time(make_bench
     assert bench.wait_idle() == 'preempted'
 
 
-def test_a_late_console_has_the_whole_picture(make_bench: Make) -> None:
-    bench = make_bench()
+def test_a_late_console_has_the_whole_picture(make_bench: Make, tmp_path: Path) -> None:
+    file = tmp_path / 'places.yaml'
+    file.write_text('kitchen: {x: 1, y: 2.5, yaw: 1.5707963}\ndock: {x: 0, y: 0, frame: odom}\n')
+    with NodeRuntime.open('executive', parameters={'places': str(file)}) as runtime:
+        places = runtime.call(lambda: declare_parameters(runtime.node)).places
+    bench = make_bench(parameters=ExecutiveParameters(peers=(), places=places))
     run_id = bench.start()
     bench.wait_active('/A')
     late = NodeRuntime('late_console', args=())
@@ -105,16 +116,21 @@ def test_a_late_console_has_the_whole_picture(make_bench: Make) -> None:
                 (BehaviorStructure, names.EXECUTIVE_STRUCTURE),
                 (BehaviorList, names.EXECUTIVE_BEHAVIORS),
                 (ExecutiveLog, names.EXECUTIVE_LOG),
+                (PlaceList, names.PLACES),
             ):
                 late.node.create_subscription(
                     type, topic, lambda message, topic=topic: seen.setdefault(topic, message), names.latched(50)
                 )
 
         late.call(subscribe)
-        wait_until(lambda: len(seen) == 4, lambda: f'four latched messages, have {list(seen)}')
+        wait_until(lambda: len(seen) == 5, lambda: f'five latched messages, have {list(seen)}')
         assert seen[names.EXECUTIVE_STATUS].run_id == run_id
         assert seen[names.EXECUTIVE_STRUCTURE].run_id == run_id
         assert [manifest.name for manifest in seen[names.EXECUTIVE_BEHAVIORS].behaviors] == ['Test']
+        dock, kitchen = seen[names.PLACES].places
+        assert (dock.name, dock.pose.header.frame_id) == ('dock', 'odom')
+        assert (kitchen.name, kitchen.pose.pose.position.y) == ('kitchen', 2.5)
+        assert kitchen.pose.pose.orientation.z == pytest.approx(0.5**0.5)
     finally:
         late.close()
 
@@ -276,6 +292,7 @@ def test_changes_that_come_fast_are_put_together() -> None:
         ({'autonomy': 4}, 'autonomy'),
         ({'pose_topic': 'two words'}, 'pose_topic'),
         ({'peers': ['bt server']}, 'peers'),
+        ({'places': '/nowhere/places.yaml'}, 'parameter places: places file /nowhere/places.yaml'),
     ],
 )
 def test_wrong_parameters_are_refused_by_name(parameters: dict[str, Any], words: str) -> None:
