@@ -109,7 +109,8 @@ def _check_end(script: str, match: re.Match[str], forbidden: re.Pattern[str]) ->
 
 def _integer(script: str, match: re.Match[str], digits: str, base: int) -> int:
     # int() refuses, or takes long for, very many digits.
-    value = int(digits, base) if len(digits.lstrip('0')) <= 20 else _LARGEST + 1
+    significant = digits.lstrip('0') or '0'
+    value = int(significant, base) if len(significant) <= 20 else _LARGEST + 1
     if value > _LARGEST:
         raise ScriptError(script, match.start(), f'the number {digits[:40]} does not fit into 64 bits')
     return value
