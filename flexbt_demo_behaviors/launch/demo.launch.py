@@ -30,6 +30,9 @@ def nodes(context: LaunchContext) -> list[Node]:
             namespace=LaunchConfiguration('namespace'),
             parameters=[dict(process.parameters), autostart],
             output='screen',
+            respawn=True,  # one that died; not for ever
+            respawn_delay=1.0,
+            respawn_max_retries=5,
         )
         for process in demo_processes(settings)
     ]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration import EndedProcess, ProcessGroup
+from flexbt_demo_behaviors.demonstration import EndedProcess, ProcessGroup, process_group
 
 # Whoever is started in the background inherits that SIGINT is ignored.
 SLEEPER = [
@@ -60,6 +60,18 @@ def test_processes_are_ended_when_the_body_raises(tmp_path: Path) -> None:
         pid = group.pid('sleeper')
         raise KeyboardInterrupt
     assert not is_running(pid)
+
+
+def test_a_process_that_dies_is_started_again_but_not_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_group, 'RESPAWN_DELAY_S', 0.01)
+    ended: queue.Queue[EndedProcess] = queue.Queue()
+    with ProcessGroup(tmp_path) as group:
+        group.watch(ended.put)
+        group.start('unlucky', [sys.executable, '-c', 'print("a life")'], respawn=True)
+        lives = [ended.get(timeout=60) for _ in range(process_group.RESPAWNS + 1)]
+    assert [life.is_respawned for life in lives] == [True] * process_group.RESPAWNS + [False]
+    assert 'started again' in lives[0].report() and 'started again' not in lives[-1].report()
+    assert (tmp_path / 'unlucky.log').read_text().count('a life') == len(lives)
 
 
 @pytest.mark.parametrize(

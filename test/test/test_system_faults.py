@@ -100,6 +100,17 @@ def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe:
     drive_again(probe)
 
 
+@pytest.mark.parametrize('victim', ['bt_server', 'onboard_executive'])
+def test_the_robot_is_held_while_a_process_hangs_and_goes_on(victim: str, stack: Stack, probe: Probe) -> None:
+    probe.drive_to(*KITCHEN)
+    suspended = stack.send_signal(victim, signal.SIGSTOP)
+    assert rest_after(probe, suspended) < REST_AFTER_DEATH
+    there = probe.moved_at
+    stack.send_signal(victim, signal.SIGCONT)
+    probe.wait(lambda: probe.moved_at > there, 'robot driving on')
+    assert probe.status.state == ExecutiveStatus.RUNNING
+
+
 def test_a_run_that_starts_while_a_server_begins_waits_for_it(stack: Stack, probe: Probe, tmp_path: Path) -> None:
     """Whatever makes the server slow; here it is a package of nodes whose import takes several seconds."""
     (tmp_path / 'slow_nodes.py').write_text(SLOW_NODES)

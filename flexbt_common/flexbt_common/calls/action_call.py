@@ -228,7 +228,7 @@ class ActionCall:
         if self.accepted:
             return  # the list of goals was faster
         if not handle.accepted:
-            self._finish(GoalStatus.REJECTED, f'action server {self._link} rejected the goal')
+            self._finish(GoalStatus.REJECTED, f'action server {self._link} rejected the goal; is its node active?')
             return
         self._on_acceptance(handle)
 

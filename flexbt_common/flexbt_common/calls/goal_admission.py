@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
-from .goal_server import ServedGoal
-
-Serve = Callable[[ServedGoal], None]
-
 
 class GoalAdmission:
-    """One for all goals of ``subject``, such as 'the server'. ``refusal``: why none is admitted; '' when all are."""
+    """One for all goals of ``subject``, such as 'the server'. ``refusal``: why none is admitted; '' when all are.
+
+    A server that is given one rejects the goals that are not admitted, as the lifecycle servers of ROS do.
+    """
 
     def __init__(self, subject: str, why: str = '') -> None:
         """Closed if ``why``, which follows the subject, is given."""
@@ -28,14 +24,3 @@ class GoalAdmission:
     def close(self, why: str) -> None:
         """Refuse goals from now on."""
         self.refusal = f'{self._subject} {why}'
-
-    def guard(self, serve: Serve, result_of: Callable[[str], Any]) -> Serve:
-        """``serve``, for the goals that are admitted. The others are aborted with the result for the reason."""
-
-        def admit(goal: ServedGoal) -> None:
-            if self.refusal:
-                goal.abort(result_of(self.refusal))
-            else:
-                serve(goal)
-
-        return admit

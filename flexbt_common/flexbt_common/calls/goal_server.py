@@ -29,6 +29,8 @@ from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, OpenActionServer, 
 from flexbt_common.values import check_limits, length_of
 from flexbt_core.values import sendable
 
+from .goal_admission import GoalAdmission
+
 __all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalServer', 'ServedGoal']
 
 MOST_RESULTS: Final = 1000
@@ -37,6 +39,9 @@ RESULTS_LENGTH: Final = 64_000_000
 
 MOST_GOALS: Final = 1000
 """Goals that a server works on at a time, unless it says otherwise: as many as requests that can wait for it."""
+
+_COMPLAINT_SECONDS: Final = 1.0
+"""Between two lines of the log about goals that are rejected, s."""
 
 _FAULT_LIMIT: Final = 1000
 """Characters of what a client is told of a fault: the error may show any value."""
@@ -113,7 +118,8 @@ class GoalServer:
     Without it goals cannot be canceled.
 
     Goals with more in them than :mod:`flexbt_common.values.limits` allows, and more than ``most`` at a time, never get
-    there: they are aborted with ``refused(why)``, the result for a reason.
+    there: they are aborted with ``refused(why)``, the result for a reason. Those that ``admission`` does not admit are
+    rejected; ROS has no way to tell the client why, so the log of the node does.
     """
 
     def __init__(
@@ -125,12 +131,14 @@ class GoalServer:
         on_cancel: Callable[[ServedGoal], None] | None = None,
         refused: Callable[[str], Any] | None = None,
         most: int = MOST_GOALS,
+        admission: GoalAdmission | None = None,
     ) -> None:
         """``refused`` is by default for results as those of Nav2, with ``error_code`` and ``error_msg``."""
         self._runtime = runtime
         self._name = name
         self._refused = refused or functools.partial(_refusal, action_type)
         self._most = most
+        self._admission = admission or GoalAdmission(name)
         self._on_goal = on_goal
         self._on_cancel = on_cancel
         self._goals: dict[bytes, ServedGoal] = {}
@@ -139,7 +147,7 @@ class GoalServer:
             runtime,
             action_type,
             name,
-            goal_callback=lambda request: GoalResponse.ACCEPT,
+            goal_callback=self._admit,
             handle_accepted_callback=self._accepted,
             cancel_callback=self._cancel,
             **deep_action_services(),
@@ -149,6 +157,15 @@ class GoalServer:
     def close(self) -> None:
         """Take the server out of the graph. Goals that have not ended get no result."""
         self._server.close()
+
+    def _admit(self, _request: Any) -> GoalResponse:
+        refusal = self._admission.refusal
+        if not refusal:
+            return GoalResponse.ACCEPT
+        self._runtime.node.get_logger().warning(
+            f'a goal of {self._name} was rejected: {refusal}', throttle_duration_sec=_COMPLAINT_SECONDS
+        )
+        return GoalResponse.REJECT
 
     def _accepted(self, handle: ServerGoalHandle) -> None:
         goal = ServedGoal(self._server, handle)

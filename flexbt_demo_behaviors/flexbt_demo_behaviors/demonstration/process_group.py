@@ -19,6 +19,12 @@ from types import TracebackType
 END_TIMEOUT_S = 1.7
 LAST_LINES = 15
 
+RESPAWN_DELAY_S = 1.0
+RESPAWNS = 3
+RESPAWN_WINDOW_S = 60.0
+"""A process that died is started again after the delay, so many times within the window: one that dies again and again
+would not do its work then either."""
+
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
@@ -29,13 +35,15 @@ class EndedProcess:
     name: str
     exit_code: int
     log: Path
+    is_respawned: bool = False
 
     def report(self) -> str:
         """What happened, for a person: which process, how it ended, and the end of its output."""
         how = f'signal {-self.exit_code}' if self.exit_code < 0 else f'exit code {self.exit_code}'
         lines = self.log.read_text(errors='replace').splitlines()[-LAST_LINES:] if self.log.exists() else []
         said = '\n'.join(f'    {line}' for line in lines) or '    (it said nothing)'
-        return f'process {self.name} ended with {how}; the end of {self.log}:\n{said}'
+        then = 'it is started again; ' if self.is_respawned else ''
+        return f'process {self.name} ended with {how}; {then}the end of {self.log}:\n{said}'
 
 
 @dataclass
@@ -50,7 +58,7 @@ class ProcessGroup:
     log_directory: Path
     _processes: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     _watchers: list[threading.Thread] = field(default_factory=list)
-    _ending: bool = False
+    _ending: threading.Event = field(default_factory=threading.Event)
     _ended: list[EndedProcess] = field(default_factory=list)
     _listener: Callable[[EndedProcess], None] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -66,21 +74,35 @@ class ProcessGroup:
         """End every process."""
         self.end()
 
-    def start(self, name: str, command: Sequence[str], environment: Mapping[str, str] | None = None) -> None:
-        """Start `command` under `name`, which names its log file too."""
+    def start(
+        self,
+        name: str,
+        command: Sequence[str],
+        environment: Mapping[str, str] | None = None,
+        respawn: bool = False,
+    ) -> None:
+        """Start `command` under `name`, which names its log file too; `respawn`: again, whenever it has died, with a
+        limit on how often.
+        """
         log = self.log_directory / f'{name}.log'
-        with log.open('wb') as output:
-            process = subprocess.Popen(  # noqa: S603 - the command comes from the process table
-                list(command),
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env=None if environment is None else dict(environment),
-                start_new_session=True,
-                preexec_fn=_end_with_parent,
-            )
-        self._processes[name] = process
-        watcher = threading.Thread(target=self._watch, args=(name, process, log), name=f'watch {name}', daemon=True)
+        log.write_bytes(b'')
+
+        def launch() -> subprocess.Popen[bytes]:
+            with log.open('ab') as output:
+                return subprocess.Popen(  # noqa: S603 - the command comes from the process table
+                    list(command),
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    env=None if environment is None else dict(environment),
+                    start_new_session=True,
+                    preexec_fn=_end_with_parent,
+                )
+
+        self._processes[name] = launch()
+        watcher = threading.Thread(
+            target=self._watch, args=(name, log, launch if respawn else None), name=f'watch {name}', daemon=True
+        )
         self._watchers.append(watcher)
         watcher.start()
 
@@ -101,7 +123,7 @@ class ProcessGroup:
         latter.
         """
         with self._lock:
-            self._ending = True
+            self._ending.set()
         deadline = time.monotonic() + END_TIMEOUT_S
         for process in self._processes.values():
             _signal(process, signal.SIGINT)
@@ -119,16 +141,28 @@ class ProcessGroup:
         self._watchers.clear()
         return killed
 
-    def _watch(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
-        exit_code = process.wait()
-        with self._lock:
-            if self._ending:
+    def _watch(self, name: str, log: Path, launch: Callable[[], subprocess.Popen[bytes]] | None) -> None:
+        respawns: list[float] = []
+        while True:
+            exit_code = self._processes[name].wait()
+            with self._lock:
+                if self._ending.is_set():
+                    return
+                now = time.monotonic()
+                respawns = [then for then in respawns if now - then < RESPAWN_WINDOW_S]
+                is_respawned = launch is not None and len(respawns) < RESPAWNS
+                ended = EndedProcess(name, exit_code, log, is_respawned)
+                self._ended.append(ended)
+                listener = self._listener
+            if listener is not None:
+                listener(ended)
+            if launch is None or not is_respawned or self._ending.wait(RESPAWN_DELAY_S):
                 return
-            ended = EndedProcess(name, exit_code, log)
-            self._ended.append(ended)
-            listener = self._listener
-        if listener is not None:
-            listener(ended)
+            with self._lock:
+                if self._ending.is_set():
+                    return
+                respawns.append(now)
+                self._processes[name] = launch()
 
 
 def _signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:

@@ -52,7 +52,7 @@ def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, tim
     """
     processes = demo_processes(settings)
     for process in processes:
-        group.start(process.name, process.command())
+        group.start(process.name, process.command(), respawn=True)
     with NodeRuntime.open('demo') as runtime:
         track = RobotTrack()
         mirror = Mirror(runtime.steady)

@@ -50,9 +50,15 @@ class InputRequests:
         self._on_change = on_change
         self._open: dict[str, _InputRequest] = {}
         self._numbers = itertools.count(1)
-        ask = admission.guard(self._ask, _refused)
         self._server = GoalServer(
-            runtime, OperatorInput, names.OPERATOR_INPUT, ask, self._withdraw, refused=_refused, most=MOST_REQUESTS
+            runtime,
+            OperatorInput,
+            names.OPERATOR_INPUT,
+            self._ask,
+            self._withdraw,
+            refused=_refused,
+            most=MOST_REQUESTS,
+            admission=admission,
         )
 
     def decisions(self) -> list[PendingDecision]:

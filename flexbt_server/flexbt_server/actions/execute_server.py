@@ -95,9 +95,15 @@ class ExecuteServer:
         self._owners = GoalOwners(runtime, parameters.peer_timeout)
         self._no_goals = threading.Event()
         self._no_goals.set()
-        serve = admission.guard(self._serve, _refused)
         server = GoalServer(
-            runtime, BtExecute, names.BT_EXECUTOR, serve, self._on_cancel, refused=_refused, most=MOST_RUNS
+            runtime,
+            BtExecute,
+            names.BT_EXECUTOR,
+            self._serve,
+            self._on_cancel,
+            refused=_refused,
+            most=MOST_RUNS,
+            admission=admission,
         )
         runtime.on_close(lambda: runtime.call(server.close))
 

@@ -33,9 +33,15 @@ class LoadServer:
         self._store = store
         self._reader = reader
         # A goal that is to be canceled ends at the next file.
-        serve = admission.guard(self._serve, _refused)
         server = GoalServer(
-            runtime, BtLoad, names.BT_LOADER, serve, on_cancel=lambda goal: None, refused=_refused, most=MOST_LOADS
+            runtime,
+            BtLoad,
+            names.BT_LOADER,
+            self._serve,
+            on_cancel=lambda goal: None,
+            refused=_refused,
+            most=MOST_LOADS,
+            admission=admission,
         )
         runtime.on_close(lambda: runtime.call(server.close))
 

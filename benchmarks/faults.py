@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What becomes of a robot that drives when one of its processes is killed, or stopped for some seconds.
+
+Each trial drives the robot (behavior Navigate, real processes, the simulator at speed 1), waits for a random moment,
+and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3 s. For each the table has the metres
+driven and the seconds until rest after the fault, and the state of the executive's run two seconds after the process
+is back (a killed one is started again, as a launched system does).
+
+Usage: faults.py [--kills N] [--stops N] [--seed N] [--output FILE.json]   (so many of each process)
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import _figures
+from domain_coordinator import domain_id
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.processes import Stack
+from flexbt_testing.waiting import uncontended_time
+
+PLACES: Final = ((10.0, 2.3), (3.8, 1.2))
+STOPPED_SECONDS: Final = 3.0
+REST_SECONDS: Final = 1.0
+"""A fault may let the robot move so long, s."""
+
+STATES: Final = {
+    getattr(ExecutiveStatus, name): name
+    for name in ('UNKNOWN', 'IDLE', 'STARTING', 'RUNNING', 'PAUSED', 'STOPPING', 'INTERRUPTED')
+}
+
+
+def main() -> int:
+    """Run the trials and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--kills', type=int, default=5, help='of each process')
+    parser.add_argument('--stops', type=int, default=1, help='of each process')
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--output', type=Path)
+    options = parser.parse_args()
+    chance = random.Random(options.seed)
+    trials = [
+        (how, name)
+        for how, count in (('kill', options.kills), ('stop', options.stops))
+        for name in ('bt_server', 'navigation', 'onboard_executive', 'simulator')
+        for _ in range(count)
+    ]
+    rows = []
+    with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        for number, (how, name) in enumerate(trials):
+            logs = Path(directory) / str(number)
+            logs.mkdir()
+            with Stack(logs) as stack, NodeRuntime.open('probe') as runtime:
+                stack.start_all()
+                probe = Probe(runtime)
+                probe.wait_ready()
+                rows.append(trial(stack, probe, how, name, chance))
+            print(line(rows[-1]), flush=True)
+    if options.output is not None:
+        _figures.write(options.output, {'faults': rows})
+    return 0 if all(row['seconds'] < REST_SECONDS for row in rows) else 1
+
+
+def trial(stack: Stack, probe: Probe, how: str, name: str, chance: random.Random) -> dict[str, Any]:
+    """One drive with one fault."""
+    probe.drive_to(*chance.choice(PLACES))
+    time.sleep(chance.uniform(0.0, 3.0))
+    there, fault = probe.pose, uncontended_time()
+    if how == 'kill':
+        stack.kill(name)
+    else:
+        stack.send_signal(name, signal.SIGSTOP)
+    time.sleep(STOPPED_SECONDS)
+    rest, moved = probe.pose, probe.moved_at
+    assert there is not None and rest is not None
+    metres = math.hypot(rest.pose.position.x - there.pose.position.x, rest.pose.position.y - there.pose.position.y)
+    if how == 'kill':
+        stack.start(name)
+        probe.wait(lambda: probe.peer_alive(name) is not False, f'{name} alive again')
+    else:
+        stack.send_signal(name, signal.SIGCONT)
+    time.sleep(2.0)
+    return {
+        'fault': how,
+        'process': name,
+        'metres': round(metres, 3),
+        'seconds': round(max(0.0, moved - fault), 2),
+        'run': f'{STATES[probe.status.state]} {probe.status.outcome} {probe.status.message}'.strip(),
+    }
+
+
+def line(row: dict[str, Any]) -> str:
+    """A row of the table."""
+    return f'{row["fault"]:5} {row["process"]:18} {row["metres"]:6.3f} m {row["seconds"]:5.2f} s  {row["run"]}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())
