@@ -18,7 +18,7 @@ import flexbt_msgs.msg
 import flexbt_msgs.srv
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.values import check_limits, to_entry
-from flexbt_common.values.limits import LIMITS, LIST, MESSAGE, TEXT
+from flexbt_common.values.limits import LIMITS, MESSAGE, TEXT
 from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
 from flexbt_testing.nodes.oversized import oversized
 
@@ -62,7 +62,7 @@ def test_what_fits_fits() -> None:
     check_limits(
         BtExecute.Goal(goals=[PoseStamped()] * 10_000, inputs=[to_entry('path', Path(poses=[PoseStamped()] * 1000))])
     )
-    check_limits(BtLoad.Goal(files=['x' * 4096] * LIST, xml='x' * 8_000_000))
+    check_limits(BtLoad.Goal(files=['x' * 4096] * 200, xml='x' * 8_000_000))
     check_limits(flexbt_msgs.msg.ExecutiveLog())
 
 

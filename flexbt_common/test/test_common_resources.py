@@ -60,6 +60,7 @@ def test_an_absolute_path_needs_an_allowed_directory(tmp_path: Path, share: Path
         ('fixture_pkg/trees/' + 'x' * 300, 'too long'),
         ('fixture_pkg/' + 'x/' * 3000, 'at most 4096'),
         ('x' * 10_000_000, 'at most 4096'),
+        ('/' + 'x/' * 500, 'more than 100 directories'),
         ('fixture_pkg/\udcff.xml', 'not a file name'),
     ],
 )

@@ -26,6 +26,9 @@ from flexbt_common.errors import ResourceError
 MAX_NAME: Final = 4096
 """Longest name of a file, characters: PATH_MAX of Linux."""
 
+MAX_PARTS: Final = 100
+"""Directories of a name at most: each is looked at."""
+
 _EXPECTED: Final = 'not a file name; expected package/relative/path or an absolute path'
 
 
@@ -39,6 +42,8 @@ def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
     """
     if len(name) > MAX_NAME:
         raise ResourceError(f'{name[:80]}...', f'a name of {len(name)} characters; at most {MAX_NAME} are allowed')
+    if name.count('/') > MAX_PARTS:
+        raise ResourceError(f'{name[:80]}...', f'a name of more than {MAX_PARTS} directories')
     try:
         return _found(name, allowed)
     except OSError as error:  # a part of it is longer than the file system takes, for one

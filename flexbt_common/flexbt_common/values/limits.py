@@ -29,6 +29,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BlackboardEntry.text': 1_000_000,
     'flexbt_msgs/BlackboardEntry.data': 8_000_000,
     'flexbt_msgs/BehaviorArgument.value': 100_000,
+    'flexbt_msgs/BtLoad_Goal.files': 200,
     'flexbt_msgs/BtLoad_Goal.files[]': 4_096,  # PATH_MAX of Linux
     'flexbt_msgs/BtLoad_Goal.xml': 8_000_000,  # the parameter max_file_size of the BT server counts as well
     'flexbt_msgs/BtExecute_Goal.goals': 10_000,
