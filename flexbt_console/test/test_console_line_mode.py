@@ -149,6 +149,12 @@ def test_watch_prints_json_lines_and_ends_cleanly(executive: ScriptedExecutive) 
         deadline.cancel()
 
 
+def test_watch_tells_people_what_is_latched_in_its_order(executive: ScriptedExecutive) -> None:
+    executive.do(lambda: executive.log('behavior started'))
+    told = console('watch', timeout='6').stdout
+    assert told.index('log: behavior started') < told.index('behavior: IDLE'), told
+
+
 def test_watch_survives_that_nobody_reads(executive: ScriptedExecutive) -> None:
     command = [*COMMAND, 'watch', '--namespace', NAMESPACE]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:

@@ -8,8 +8,8 @@ import time
 
 from flexbt_console.errors import ExitCode, NoLinkError
 from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import LinkState, Mirror
-from flexbt_console.present import SETTLE_SECONDS, Follower, coloured, encode_json, has_colours
+from flexbt_console.mirror import LinkState, Mirror, View
+from flexbt_console.present import SETTLE_SECONDS, Event, Follower, coloured, encode_json, has_colours
 
 
 def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float | None) -> ExitCode:
@@ -21,21 +21,24 @@ def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float |
     follower, colours = Follower(mirror), has_colours(sys.stdout)
     end = None if seconds is None else time.monotonic() + seconds
     is_settled = as_json  # people are told in its order what is latched beside the first status
+
+    def news(view: View) -> list[Event] | None:
+        return [] if view.snapshot is not None and not is_settled else follower.events(view) or None
+
     while True:
         left = None if end is None else max(0.0, end - time.monotonic())
-        events = link.wait_for(lambda view: follower.events(view) or None, left)
+        events = link.wait_for(news, left)
         if events is None:
             break
+        if not events:
+            link.wait_for(lambda view: None, SETTLE_SECONDS)
+            is_settled = True
         for name, value, text in events:
             if as_json:
                 print(encode_json({'event': name, 'time': time.time(), **value}), flush=True)
             elif text:
                 stamp = time.strftime('%H:%M:%S')
                 print('\n'.join(f'{stamp} {coloured(line, colours)}' for line in text), flush=True)
-        if not is_settled:
-            link.wait_for(lambda view: view.snapshot or view.problem or None, left)
-            link.wait_for(lambda view: None, SETTLE_SECONDS)
-            is_settled = True
     view = mirror.view()
     if view.snapshot is None:
         raise NoLinkError(f'no executive was heard in {seconds:g} s')
