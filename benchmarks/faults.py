@@ -3,8 +3,8 @@
 
 Each trial drives the robot (behavior Navigate, real processes, the simulator at speed 1), waits for a random moment,
 and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3 s. For each the table has the metres
-driven and the seconds until rest after the fault, and the state of the executive's run two seconds after the process
-is back (a killed one is started again, as a launched system does).
+driven and the seconds of the robot's clock until rest after the fault, and the state of the executive's run two seconds
+after the process is back (a killed one is started again, as a launched system does).
 
 Usage: faults.py [--kills N] [--stops N] [--seed N] [--output FILE.json]   (so many of each process)
 """
@@ -12,6 +12,8 @@ Usage: faults.py [--kills N] [--stops N] [--seed N] [--output FILE.json]   (so m
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import math
 import os
 import random
@@ -27,9 +29,8 @@ from domain_coordinator import domain_id
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_testing.system.probe import Probe
+from flexbt_testing.system.probe import Probe, stamp
 from flexbt_testing.system.processes import Stack
-from flexbt_testing.waiting import uncontended_time
 
 PLACES: Final = ((10.0, 2.3), (3.8, 1.2))
 STOPPED_SECONDS: Final = 3.0
@@ -63,7 +64,8 @@ def main() -> int:
         for number, (how, name) in enumerate(trials):
             logs = Path(directory) / str(number)
             logs.mkdir()
-            with Stack(logs) as stack, NodeRuntime.open('probe') as runtime:
+            # The stack shows what its processes have said.
+            with contextlib.redirect_stdout(io.StringIO()), Stack(logs) as stack, NodeRuntime.open('probe') as runtime:
                 stack.start_all()
                 probe = Probe(runtime)
                 probe.wait_ready()
@@ -78,13 +80,13 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, chance: random.Random
     """One drive with one fault."""
     probe.drive_to(*chance.choice(PLACES))
     time.sleep(chance.uniform(0.0, 3.0))
-    there, fault = probe.pose, uncontended_time()
+    there = probe.pose
     if how == 'kill':
         stack.kill(name)
     else:
         stack.send_signal(name, signal.SIGSTOP)
     time.sleep(STOPPED_SECONDS)
-    rest, moved = probe.pose, probe.moved_at
+    rest, moved = probe.pose, probe.moved_stamp
     assert there is not None and rest is not None
     metres = math.hypot(rest.pose.position.x - there.pose.position.x, rest.pose.position.y - there.pose.position.y)
     if how == 'kill':
@@ -97,7 +99,7 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, chance: random.Random
         'fault': how,
         'process': name,
         'metres': round(metres, 3),
-        'seconds': round(max(0.0, moved - fault), 2),
+        'seconds': round(max(0.0, moved - stamp(there)), 2),
         'run': f'{STATES[probe.status.state]} {probe.status.outcome} {probe.status.message}'.strip(),
     }
 
