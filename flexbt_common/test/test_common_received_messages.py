@@ -15,6 +15,7 @@ from flexbt_common.runtime import (
     NodeRuntime,
     Received,
     ReceivedMessages,
+    ignore_participant,
     tells_writers,
     writer_name,
 )
@@ -108,3 +109,21 @@ def test_without_the_private_parts_of_rclpy_writers_are_unknown(monkeypatch: pyt
             assert writer_name(runtime.node, TOPIC, UNKNOWN_WRITER) == ''
         finally:
             sender.runtime.close()
+
+
+@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+def test_nothing_more_is_heard_of_a_participant_that_is_ignored(receiver: Receiver) -> None:
+    bad, good = Sender('bad'), Sender('good')
+    try:
+        bad.publisher.publish(String(data='a'))
+        (first,) = receiver.wait_for(1)
+        assert receiver.runtime.call(lambda: ignore_participant(receiver.runtime.node, first.participant))
+        for _ in range(10):
+            bad.publisher.publish(String(data='b'))
+            good.publisher.publish(String(data='c'))
+        received = receiver.wait_for(11)
+        assert [one.unpack(String).data for one in received] == ['a', *'c' * 10]
+        assert not receiver.runtime.call(lambda: ignore_participant(receiver.runtime.node, b'no such'))
+    finally:
+        bad.runtime.close()
+        good.runtime.close()

@@ -88,16 +88,16 @@ class PresenceWatch:
     only so many are heard.
     """
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: NodeRuntime, on_ignored: Callable[[str], object] | None = None) -> None:
+        """``on_ignored``: see :class:`flexbt_common.runtime.ReceivedMessages`."""
         self.present: frozenset[str] = frozenset()
         self._runtime = runtime
         self._listeners: list[Callable[[], None]] = []
         self._heard: dict[_Token, float] = {}
-        self._participants: set[bytes] = set()  # that are heard
-        self._silent: OrderedDict[bytes, None] = OrderedDict()  # that were heard, and are not any more
+        self._ended: OrderedDict[bytes, None] = OrderedDict()  # participants whose tokens have ended in order
         self._look: Timer | None = None
         self._rates = SenderRates(WORD_RATE, WORD_BURST, runtime.steady.now)
-        ReceivedMessages(
+        self._messages = ReceivedMessages(
             runtime.node,
             PeerStatus,
             names.EXECUTIVE_PRESENCE,
@@ -105,6 +105,7 @@ class PresenceWatch:
             self._hear,
             limit=WORD_BYTES,
             event_callbacks=SubscriptionEventCallbacks(matched=self._matched),
+            on_ignored=on_ignored,
         )
 
     @property
@@ -117,11 +118,12 @@ class PresenceWatch:
         self._listeners.append(on_change)
 
     def has_gone(self, participant: bytes) -> bool:
-        """Whether a participant has held tokens, and is not heard any more."""
-        return participant in self._silent
+        """Whether a participant has held tokens, and has said that they end."""
+        return participant in self._ended
 
     def _hear(self, received: Received) -> None:
         if not self._rates.allows(received.participant):
+            self._messages.blame(received)
             return
         try:
             word = received.unpack(PeerStatus)
@@ -134,9 +136,13 @@ class PresenceWatch:
             return
         token = _Token(received.participant, word.name, word.since.sec, word.since.nanosec)
         if not word.alive:
-            self._heard.pop(token, None)
+            if self._heard.pop(token, None) is not None and all(
+                other.participant != token.participant for other in self._heard
+            ):
+                self._note_end(token.participant)
         elif token in self._heard or self._has_room(token.participant):
             self._heard[token] = self._runtime.steady.now()
+            self._ended.pop(token.participant, None)
         self._review()
 
     def _has_room(self, participant: bytes) -> bool:
@@ -152,7 +158,6 @@ class PresenceWatch:
     def _review(self) -> None:
         now = self._runtime.steady.now()
         self._heard = {token: heard for token, heard in self._heard.items() if now < heard + PRESENCE_LEASE_SECONDS}
-        self._note_silent()
         if self._look is None and self._heard:
             first_end = min(self._heard.values()) + PRESENCE_LEASE_SECONDS
             self._look = self._runtime.steady.call_at(first_end, lambda: self._runtime.post(self._look_again))
@@ -162,15 +167,10 @@ class PresenceWatch:
             for listener in self._listeners:
                 listener()
 
-    def _note_silent(self) -> None:
-        heard = {token.participant for token in self._heard}
-        for participant in self._participants - heard:
-            self._silent[participant] = None
-        for participant in heard & self._silent.keys():
-            del self._silent[participant]
-        while len(self._silent) > MOST_TOKENS:
-            self._silent.popitem(last=False)
-        self._participants = heard - {UNKNOWN_WRITER}
+    def _note_end(self, participant: bytes) -> None:
+        self._ended[participant] = None
+        while len(self._ended) > MOST_TOKENS:
+            self._ended.popitem(last=False)
 
     def _look_again(self) -> None:
         self._look = None

@@ -23,6 +23,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
+from .ignored_participant import ignore_participant
 from .loaded_library import loaded_function
 from .rclpy_private import EXECUTOR, is_usable
 
@@ -30,6 +31,10 @@ __all__ = ['UNKNOWN_WRITER', 'Received', 'ReceivedMessages', 'tells_writers', 'w
 
 UNKNOWN_WRITER: Final = b''
 """Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
+
+EXCESS_MESSAGES: Final = 2000
+EXCESS_BYTES: Final = 100_000_000
+"""Messages that are too many, and bytes of messages that are too large, after which a participant is ignored."""
 
 _TURN_SECONDS: Final = 0.02
 """After this time the other callbacks of the node come first."""
@@ -76,7 +81,9 @@ class Received:
 class ReceivedMessages:
     """Takes what comes on a topic. To be made on the executor thread, where ``on_message`` is called for each message.
 
-    Messages of more than ``limit`` bytes come without their data.
+    Messages of more than ``limit`` bytes come without their data. Of a participant that goes on sending such, or what
+    the receiver blames it for, nothing more is heard, where the middleware can do that; ``on_ignored`` gets a line
+    about it, by default the node's log does.
     """
 
     def __init__(
@@ -88,9 +95,14 @@ class ReceivedMessages:
         on_message: Callable[[Received], object],
         limit: int,
         event_callbacks: SubscriptionEventCallbacks | None = None,
+        on_ignored: Callable[[str], object] | None = None,
     ) -> None:
+        self._node = node
+        self._topic = topic
         self._on_message = on_message
         self._limit = limit
+        self._excess: dict[bytes, tuple[int, int]] = {}  # by participant: messages, and bytes of what was too large
+        self._on_ignored = on_ignored if on_ignored is not None else node.get_logger().error
         self._taker = _Taker.make()
         self.subscription = node.create_subscription(
             message_type, topic, self._callback(), qos, event_callbacks=event_callbacks, raw=True
@@ -114,7 +126,24 @@ class ReceivedMessages:
             received = taker.take(subscription, self._limit)
             if received is None:
                 return
+            if received.data is None:
+                self.blame(received)
             self._on_message(received)
+
+    def blame(self, received: Received) -> None:
+        """Note that a message is more than its sender may send. Who goes on with that is ignored."""
+        participant = received.participant
+        count, size = self._excess.get(participant, (0, 0))
+        self._excess[participant] = count, size = count + 1, size + (received.size if received.data is None else 0)
+        if participant == UNKNOWN_WRITER or (count < EXCESS_MESSAGES and size < EXCESS_BYTES):
+            return
+        del self._excess[participant]
+        who = writer_name(self._node, self._topic, participant)
+        if ignore_participant(self._node, participant):
+            self._on_ignored(
+                f'{who or "a node that is gone"} floods {self._topic} ({count} messages too many, {size / 1e6:.0f} MB '
+                'too large); nothing more is heard of its process until this one is started again'
+            )
 
 
 def writer_name(node: Node, topic: str, writer: bytes) -> str:

@@ -3,7 +3,7 @@
 
 The name says who has the authority and who did what, and anybody can write any name into a command. But the middleware
 tells which participant has sent it, so that a name which is in use is nobody else's. It is free again when its console
-has ended, or is not heard any more. (Which participants may command at all is for DDS security.)
+has ended, or the middleware misses it. (Which participants may command at all is for DDS security.)
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class OperatorNames:
     """The names that are in use. Used on the executor thread only.
 
     ``node_of`` gives the node of a participant that can command, '' when there is none any more; ``has_gone`` whether a
-    participant has said that it is there, and does not any more; ``tell`` gets a line for the operators.
+    participant has said that it goes; ``tell`` gets a line for the operators.
     """
 
     def __init__(

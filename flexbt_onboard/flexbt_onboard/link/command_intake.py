@@ -3,8 +3,8 @@
 
 A stop comes on a topic of its own as well, so that no flood of commands drives it out of a queue. All that has come is
 taken at once, and what one participant of the domain sends above a rate, or is too large, is dropped before it is
-unpacked: so the operators' commands are found among any number of others, and cost and memory stay bounded. A console
-sends a command again until it is answered.
+unpacked: so the operators' commands are found among any number of others, and cost and memory stay bounded. Who goes on
+with that is ignored by the middleware. A console sends a command again until it is answered.
 """
 
 from __future__ import annotations
@@ -40,14 +40,24 @@ class CommandIntake:
         self._runtime = runtime
         self._on_command = on_command
         self._tell = tell
+        self._messages: dict[str, ReceivedMessages] = {}
         self._told: dict[bytes, float] = {}  # participants, and until when nothing more is told of each
         for topic, qos in ((names.EXECUTIVE_STOP, names.stop()), (names.EXECUTIVE_COMMAND, names.command())):
             rates = SenderRates(COMMAND_RATE, COMMAND_BURST, runtime.steady.now)
             receive = functools.partial(self._receive, topic, rates)
-            ReceivedMessages(runtime.node, ExecutiveCommand, topic, qos, receive, COMMAND_BYTES)
+            self._messages[topic] = ReceivedMessages(
+                runtime.node,
+                ExecutiveCommand,
+                topic,
+                qos,
+                receive,
+                COMMAND_BYTES,
+                on_ignored=functools.partial(tell, ExecutiveLog.WARN),
+            )
 
     def _receive(self, topic: str, rates: SenderRates, received: Received) -> None:
         if not rates.allows(received.participant):
+            self._messages[topic].blame(received)
             self._drop(topic, received, f'it sends more than {COMMAND_RATE:g} a second')
             return
         if received.data is None:

@@ -101,7 +101,7 @@ class Executive:
             parameters.peer_timeout,
         )
         self._pose = RobotPose(runtime, parameters.pose_topic)
-        self._presence = presence = PresenceWatch(runtime)
+        self._presence = presence = PresenceWatch(runtime, functools.partial(self._link.log, ExecutiveLog.WARN))
         self._authority = Authority(runtime, presence, parameters.authority_timeout, self._authority_changed)
         self._input_requests = InputRequests(runtime, self._admission, self._input_request_changed)
 
