@@ -139,12 +139,11 @@ def test_an_executive_is_late_for_others_while_a_state_does_not_return() -> None
     go = threading.Event()
     made = behavior_of(lambda: machine_of(lambda called: None if called != 'execute' else _wait(go)), 'Slow')
     bench = ExecutiveBench(made)
-    late: list[bool] = []
-    watch = LivelinessWatch(bench.console, 'onboard_executive', on_late=late.append, timeout=10 * DEADLINE)
+    watch = LivelinessWatch(bench.console, 'onboard_executive', timeout=10 * DEADLINE)
     try:
         wait_until(lambda: watch.alive, 'the executive')
         bench.start('Slow')
-        wait_until(lambda: late == [True], 'late')
+        wait_until(lambda: watch.late, 'late')
         assert 'in execute() of /Out/In' in wait_until(
             lambda: watch.problem if 'execute' in watch.problem else '', lambda: watch.problem
         )
@@ -157,12 +156,12 @@ def test_an_executive_is_late_for_others_while_a_state_does_not_return() -> None
             return run.has_ended
 
         wait_until(given_up, 'the end')
-        wait_until(lambda: late == [True, False], 'not late')
+        wait_until(lambda: not watch.late, 'not late')
         assert bench.wait_idle() == 'error'
         bench.start('Slow')
-        wait_until(lambda: late == [True, False, True], 'late again')
+        wait_until(lambda: watch.late, 'late again')
         go.set()
-        wait_until(lambda: late == [True, False] * 2, 'not late again')
+        wait_until(lambda: not watch.late, 'not late again')
         assert bench.wait_idle() == 'done'
     finally:
         go.set()

@@ -20,6 +20,7 @@ import pytest
 from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard import durability
 from flexbt_onboard.durability import JournalState, Line, RunJournal, read_journal
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
@@ -127,7 +128,8 @@ def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Disk:
 
 
 @pytest.fixture
-def bench(disk: Disk, tmp_path: Path) -> Iterator[ExecutiveBench]:
+def bench(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ExecutiveBench]:
+    monkeypatch.setattr(durability.journal, 'STUCK_SECONDS', 1000.0)  # after that long it is shown all the same
     parameters = ExecutiveParameters(peers=(), journal_directory=str(tmp_path))
     bench = ExecutiveBench(behavior_of(counting), behavior_of(counting, 'Other'), parameters=parameters)
     yield bench

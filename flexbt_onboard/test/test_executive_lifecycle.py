@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, SentGoal
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
 from flexbt_common.lifecycle import ManagedNode
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
@@ -174,10 +174,8 @@ def test_programs_are_refused_and_their_goals_ended(bench: ManagedBench) -> None
     bench.change('configure')
     behaviors = bench.links.link(ExecuteBehavior, names.EXECUTE_BEHAVIOR)
     requests = bench.links.link(OperatorInput, names.OPERATOR_INPUT)
-    refused = SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')).result
-    assert (refused.code, refused.message) == (ExecuteBehavior.Result.FAILURE, INACTIVE)
-    refused = SentGoal(requests, request).result
-    assert (refused.code, refused.message) == (OperatorInput.Result.ERROR, INACTIVE)
+    for refused in (SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')), SentGoal(requests, request)):
+        assert refused.wait().status is GoalStatus.REJECTED
 
     bench.change('activate')
     run, asked = SentGoal(behaviors, ExecuteBehavior.Goal(behavior='Test')), SentGoal(requests, request)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
@@ -51,17 +52,25 @@ def rest_after(probe: Probe, moment: float) -> float:
     return probe.moved_at - moment
 
 
-def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
+@pytest.mark.parametrize('until', ['it is out of reach', 'it is gone'])
+def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe, until: str) -> None:
     stack.send_signal('bt_server', signal.SIGSTOP)
     try:
         stopped = probe.stop()
         probe.wait(lambda: 'goal of bt_executor not confirmed canceled' in probe.status.message, 'what has not stopped')
         assert rest_after(probe, stopped) < REST_SECONDS
+        if until == 'it is out of reach':
+            probe.wait(lambda: not probe.reaches(BtExecute, 'bt_executor'), 'the middleware gives the server up')
+        else:
+            probe.wait(lambda: probe.peer_alive('bt_server') is False, 'bt_server shown as gone')
         assert probe.status.state == ExecutiveStatus.STOPPING
     finally:
+        where = probe.moved_stamp
         stack.send_signal('bt_server', signal.SIGCONT)
     probe.wait_state(ExecutiveStatus.IDLE)
     assert probe.status.outcome == 'preempted'
+    probe.wait_at_rest()
+    assert probe.moved_stamp == where, 'what was stopped moves again'
 
 
 def pause(probe: Probe) -> float:

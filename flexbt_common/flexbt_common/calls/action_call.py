@@ -12,6 +12,9 @@ bounded time, and no goal is left running without an owner:
 - While the goal runs the server is watched. When it is gone longer than an outage may last, the goal is lost; when
   it is back, the result is asked for again, and a server that does not know the goal any more answers with
   status 0: lost as well.
+- A server that cannot be reached because its node hangs has not lost the goal: it may go on with it at any time. It is
+  waited for while the node is late; and until the node is known to have ended when the goal was canceled without a
+  timeout, because who cancels so relies on the end.
 - Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
   goal, whose result may be on its way still.
 """
@@ -212,7 +215,7 @@ class ActionCall:
 
     def _await_late_acceptance(self) -> None:
         """Until the server says what became of the goal, it may begin to work on it at any time."""
-        if not self._link.is_ready():
+        if not self._link.is_ready() and not self._may_come_back():
             self._finish(GoalStatus.LOST, f'action server {self._link} went away without an answer to the goal')
         else:
             self._after('accept', self._next_cancel(), self._not_accepted)
@@ -289,7 +292,7 @@ class ActionCall:
         now = self._runtime.steady.now()
         if not self._link.is_ready():
             self._gone_since = now if self._gone_since is None else self._gone_since
-            if now - self._gone_since >= self._outage_timeout:
+            if now - self._gone_since >= self._outage_timeout and not self._may_come_back():
                 self._finish(
                     GoalStatus.LOST, f'action server {self._link} is gone: its process ended, or is out of reach'
                 )
@@ -303,8 +306,15 @@ class ActionCall:
                 self._result_repeat = min(2.0 * self._result_repeat, _RESULT_REPEAT[1])
             if self._gone_since is not None or is_late or is_due:
                 self._ask_for_result()
+            if self._gone_since is not None and self._cancel_requested:
+                self._send_cancel(self._handle).add_done_callback(self._cancel_answered)
             self._gone_since = None
         self._after('watch', _WATCH_PERIOD, self._watch)
+
+    def _may_come_back(self) -> bool:
+        """Whether a server that cannot be reached may still work on the goal."""
+        nodes = self._link.nodes
+        return nodes.silent() if self._cancel_requested and self._cancel_timeout is None else nodes.late()
 
     def _cancel(self) -> None:
         if self.done:

@@ -17,6 +17,5 @@ def make_streams_safe() -> None:
 
 
 def abandon_stdout() -> None:
-    """To be called after BrokenPipeError: whoever read the output has seen enough, and nothing may be written any more,
-    at the end neither."""
+    """To be called when nobody reads the output any more: nothing may be written any more, at the end neither."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -210,6 +210,11 @@ class LivelinessWatch:
         return self.alive is True and self._token.late_since is not None
 
     @property
+    def silent(self) -> bool:
+        """Whether nothing is heard of a node that is not known to have ended: it is late, or was so for too long."""
+        return self._token.late_since is not None
+
+    @property
     def age(self) -> float:
         """For how long nothing was heard of a node that is late, s of wall time; 0.0 of one that is not."""
         since = self._token.late_since

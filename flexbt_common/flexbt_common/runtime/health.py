@@ -41,7 +41,7 @@ and may drop an earlier ``answer``."""
 @dataclass(frozen=True)
 class Hang:
     """A thread that does not answer, or did not: its name, for how long (s of wall time), where it is, as a line and,
-    for a log, as the text of its stack.
+    for a log, as the text of its stack. ``is_of_process``: nothing of the process ran, so that nobody reached it.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Hang:
     where: str = ''
     stack: str = ''
     is_over: bool = False
+    is_of_process: bool = False
 
     def __str__(self) -> str:
         if self.is_over:
@@ -232,7 +233,8 @@ class Health:
                 watched.asked_at = now
             self._missing.update(asked)
         if pause > HANG_SECONDS:
-            self._tell(Hang('the whole process (it was stopped, or its computer is busy)', pause, is_over=True))
+            name = 'the whole process (it was stopped, or its computer is busy)'
+            self._tell(Hang(name, pause, is_over=True, is_of_process=True))
         elif missing:
             self._tell_missing(missing, now)
         for watched in asked:

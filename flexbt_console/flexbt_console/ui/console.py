@@ -71,7 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return ExitCode.USAGE
             line = replace(line, spec=find('prompt'))
         check(line)
-        return _run(line)
+        code = _run(line)
+        _flush()
+        return code
     except ConsoleError as error:
         return _report(words, line, error.exit_code, str(error))
     except _Interrupted:
@@ -80,6 +82,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         abandon_stdout()
         return ExitCode.OK
+
+
+def _flush() -> None:
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError:  # the terminal is gone
+        abandon_stdout()
 
 
 def _run(line: CommandLine) -> ExitCode:

@@ -279,7 +279,14 @@ class Other(Scripted):
             machine(Child('A', Scripted(), {}), conditions=[('ended', [('A', 'done')])]),
             '/ is active, and would be a container of kind CONCURRENCY instead of a container of kind MACHINE',
         ),
-        (machine(Child('A', Scripted(), {'done': 'ended'}), input_keys=['k']), "nobody has given the input 'k'"),
+        (
+            machine(
+                Child('A', Scripted(), {'done': 'B'}),
+                Child('B', Scripted(input_keys=['k']), {'done': 'ended'}),
+                input_keys=['k'],
+            ),
+            "nobody has given the input 'k'",
+        ),
     ],
 )
 def test_a_switch_that_cannot_be_is_refused_and_changes_nothing(made: OperatableStateMachine, reason: str) -> None:

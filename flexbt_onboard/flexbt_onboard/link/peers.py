@@ -90,6 +90,14 @@ class PeersWatch:
         """The names of those that were alive, and are not any more."""
         return [peer.name for peer in self._peers if peer.alive is False]
 
+    def late(self) -> bool:
+        """Whether one of them is late."""
+        return any(watch.late for watch in self._watches)
+
+    def silent(self) -> bool:
+        """Whether one of them is not heard, and is not known to have ended."""
+        return any(watch.silent for watch in self._watches)
+
     def _gone(self, peer: _Peer) -> str:
         if peer.alive is not False:
             return ''

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from flexbt_common import names
-from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, to_entry
 from flexbt_core.errors import FlexbtError
@@ -44,13 +44,22 @@ class BehaviorActionServer:
     so.
     """
 
-    def __init__(self, runtime: NodeRuntime, library: BehaviorLibrary, runs: RunSupervisor) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, library: BehaviorLibrary, runs: RunSupervisor, admission: GoalAdmission
+    ) -> None:
+        """``admission``: whether goals are taken at all."""
         self._library = library
         self._runs = runs
         self._node = runtime.node
         self._goal: _Goal | None = None
         self._server = GoalServer(
-            runtime, ExecuteBehavior, names.EXECUTE_BEHAVIOR, self._serve, self._cancel, refused=_refused
+            runtime,
+            ExecuteBehavior,
+            names.EXECUTE_BEHAVIOR,
+            self._serve,
+            self._cancel,
+            refused=_refused,
+            admission=admission,
         )
 
     def refresh(self) -> None:

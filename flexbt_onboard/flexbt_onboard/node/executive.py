@@ -120,7 +120,7 @@ class Executive:
             runtime,
             StateServices(
                 runtime=runtime,
-                actions=ActionLinks(runtime),
+                actions=ActionLinks(runtime, self._peers),
                 services=services,
                 node_name=node_name,
                 unready=self._peers.unready,
@@ -143,7 +143,7 @@ class Executive:
         self._link.listen(self._ledger.receive)
 
         # Programs and monitors.
-        self._actions = BehaviorActionServer(runtime, library, self.runs)
+        self._actions = BehaviorActionServer(runtime, library, self.runs, self._admission)
         UserdataServer(runtime, self.runs)
         self._shown = ShownStatus(
             runtime, self._status_message, self._link.publish_status, journal.when_durable, self._status.changed

@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import Hang, NodeRuntime
 from flexbt_core.behavior_tree import TreeKey, TreeLibrary
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import sendable
@@ -29,6 +29,10 @@ from .run_messages import MESSAGE_LIMIT, feedback_of, result_of
 from .running_trees import RunningTree, RunningTrees, TreeGoal
 
 Result = BtExecute.Result
+
+RETURN_SECONDS: Final = 2.0
+"""How long trees are held after the process was stopped, s of wall time: until it has found the others again, and they
+have said what they want."""
 
 _REPORT_SECONDS: Final = 0.3
 """A run that has not halted in time says so a little later, s."""
@@ -106,6 +110,40 @@ class ExecuteServer:
             admission=admission,
         )
         runtime.on_close(lambda: runtime.call(server.close))
+        self._returned = ''
+        runtime.health.on_hang(self._after_hang)
+
+    def _after_hang(self, hang: Hang) -> None:
+        """Called on any thread."""
+        if hang.is_of_process:
+            self._runtime.post(lambda: self._come_back(str(hang), hang.seconds))
+
+    def _come_back(self, told: str, seconds: float) -> None:
+        """The process was stopped: what was said to it meanwhile comes before its trees go on. After ``peer_timeout``
+        others have taken it for gone, and given up what it was to do.
+        """
+        if seconds >= self._parameters.peer_timeout:
+            self._stop_goals(f'{told}: who waited for the tree has given it up')
+            return
+        self._returned = f'{told}: what was said meanwhile comes first'
+        self._hold_all()
+        steady = self._runtime.steady
+        steady.call_at(steady.now() + RETURN_SECONDS, lambda: self._runtime.post(self._go_on))
+
+    def _go_on(self) -> None:
+        self._returned = ''
+        self._hold_all()
+
+    def _hold_all(self) -> None:
+        for running in self._running.all():
+            running.run.hold(self._reason_to_hold(running.goal))
+
+    def _reason_to_hold(self, goal: TreeGoal) -> str:
+        return self._returned or self._owners.problem(goal.request.owner)
+
+    def _stop_goals(self, reason: str, halting: float | None = None) -> None:
+        for goal in list(self._goals.values()):
+            self._stop(goal, reason, halting)
 
     def wake(self, blackboard: str) -> None:
         """Tick the trees that run on a blackboard: its entries were changed from outside."""
@@ -119,12 +157,7 @@ class ExecuteServer:
         """
 
         halting = min(self._parameters.cancel_timeout, within - _REPORT_SECONDS)
-
-        def stop() -> None:
-            for goal in list(self._goals.values()):
-                self._stop(goal, reason, halting)
-
-        self._runtime.call(stop)
+        self._runtime.call(lambda: self._stop_goals(reason, halting))
         return self._no_goals.wait(within)
 
     def find_run(self, run_id: str) -> TreeRun[TreeGoal]:
@@ -186,9 +219,7 @@ class ExecuteServer:
             goal.end(RunOutcome(Result.CANCELED, goal.stop_reason))
             return
         if request.owner:
-            self._owners.watch(
-                request.owner, goal, lambda reason: self._stop(goal, reason), lambda reason: self._hold(goal, reason)
-            )
+            self._owners.watch(request.owner, goal, lambda reason: self._stop(goal, reason), lambda: self._hold(goal))
         goal.found = (library, key, values)
         running = self._running.get(key, request.blackboard)
         if running is None:
@@ -225,14 +256,14 @@ class ExecuteServer:
             on_overrun=self._runtime.node.get_logger().warning,
         )
         running = goal.running = RunningTree(run_id, key, name, board, run, goal)
-        run.hold(self._owners.problem(goal.request.owner))
+        run.hold(self._reason_to_hold(goal))
         run.start()
         self._running.add(running)
         self._schedule_feedback(running)
 
     def _on_adopted(self, running: RunningTree, newer: TreeGoal) -> None:
         older, running.goal = running.goal, newer
-        running.run.hold(self._owners.problem(newer.request.owner))
+        running.run.hold(self._reason_to_hold(newer))
         older.end(_replaced())
         if newer.stop_reason is not None:
             running.run.stop(newer, newer.stop_reason)
@@ -263,9 +294,9 @@ class ExecuteServer:
         elif goal.running.run.withdraw(goal):
             goal.end(RunOutcome(Result.CANCELED, reason))
 
-    def _hold(self, goal: TreeGoal, reason: str) -> None:
+    def _hold(self, goal: TreeGoal) -> None:
         if goal.running is not None and goal.running.goal is goal:
-            goal.running.run.hold(reason)
+            goal.running.run.hold(self._reason_to_hold(goal))
 
     def _finish(self, goal: TreeGoal, outcome: RunOutcome) -> None:
         try:

@@ -22,8 +22,8 @@ OWNER_SECONDS: Final = 5.0
 Stop = Callable[[str], None]
 """Told the reason why a goal has to stop."""
 
-Hold = Callable[[str], None]
-"""Told the reason why a goal has to be held; '' when it may go on."""
+Hold = Callable[[], None]
+"""Called when a goal has to be held, or may go on: see :meth:`GoalOwners.problem`."""
 
 MOST_IDLE: Final = 50
 """Owners without goals that are watched for OWNER_SECONDS more, since they may give the next goal soon."""
@@ -126,4 +126,4 @@ class GoalOwners:
         if problem and goals:
             self._runtime.node.get_logger().warning(f'trees are held: {problem}')
         for _, hold in goals:
-            hold(problem)
+            hold()

@@ -17,7 +17,7 @@ from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
-from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_common.runtime import Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
@@ -58,6 +58,7 @@ class Navigation:
         for robot in self._parameters.robot_nodes:
             LivelinessWatch(runtime, robot, partial(self._on_robot, robot), timeout=timeout)
         runtime.on_close(self._close)
+        runtime.health.on_hang(self._after_hang)
         LivelinessToken(runtime).set_ready(True)
         runtime.node.get_logger().info('ready')
 
@@ -178,6 +179,11 @@ class Navigation:
         if not alive:
             self._robot.forget_pose()
             self._end_all(f'no pose of the robot: {robot} is gone', code='TF_ERROR')
+
+    def _after_hang(self, hang: Hang) -> None:
+        """The process was stopped: what was asked of it meanwhile may be lost, a cancel too. Called on any thread."""
+        if hang.is_of_process:
+            self._runtime.post(lambda: self._end_all(str(hang)))
 
     def _close(self) -> None:
         self._runtime.call(lambda: self._end_all('the navigation servers are shutting down'))
