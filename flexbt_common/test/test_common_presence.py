@@ -24,6 +24,7 @@ class Watcher:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.changes: queue.Queue[tuple[set[str], float]] = queue.Queue()
+        self._runtime = runtime
         self._watch = runtime.call(lambda: PresenceWatch(runtime))
         self._watch.add_listener(lambda: self.changes.put((set(self._watch.present), time.monotonic())))
 
@@ -32,6 +33,13 @@ class Watcher:
         told, when = self.changes.get(timeout=DEADLINE)
         assert told == set(present)
         return when
+
+    def participants(self) -> set[bytes]:
+        """Those whose tokens are heard."""
+        return self._runtime.call(lambda: {token.participant for token in self._watch._heard})
+
+    def has_gone(self, participant: bytes) -> bool:
+        return self._runtime.call(lambda: self._watch.has_gone(participant))
 
     def nothing_for(self, seconds: float) -> None:
         with pytest.raises(queue.Empty):
@@ -73,7 +81,10 @@ def test_a_silence_is_noticed_after_the_lease_and_the_next_word_ends_it(watcher:
         for _ in range(2):
             publisher.publish(PeerStatus(name='ann', alive=True))
             spoken = watcher.next('ann')
+            (participant,) = watcher.participants()
+            assert not watcher.has_gone(participant)
             assert LEASE - 0.1 < watcher.next() - spoken < LEASE + 0.5
+            assert watcher.has_gone(participant), 'its names are free for others'
         publisher.publish(PeerStatus(name='ann', alive=True))
         watcher.next('ann')
     ended = time.monotonic()  # without a word

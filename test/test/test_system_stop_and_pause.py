@@ -71,6 +71,9 @@ def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe, until: str
     assert probe.status.outcome == 'preempted'
     probe.wait_at_rest()
     assert probe.moved_stamp == where, 'what was stopped moves again'
+    stack.kill('bt_server')  # this one has to find all others again first
+    probe.wait(lambda: probe.peer_alive('bt_server') is False, 'bt_server shown as dead')
+    stack.start('bt_server')
 
 
 def pause(probe: Probe) -> float:

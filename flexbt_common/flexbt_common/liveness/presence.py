@@ -10,6 +10,7 @@ order says so. What has to be noticed sooner, between the nodes of a robot, is f
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
@@ -94,7 +95,7 @@ class PresenceWatch:
         self._runtime = runtime
         self._listeners: list[Callable[[], None]] = []
         self._heard: dict[_Token, float] = {}
-        self._ended: OrderedDict[bytes, None] = OrderedDict()  # participants whose tokens have ended in order
+        self._ended: OrderedDict[bytes, None] = OrderedDict()  # participants whose tokens have ended
         self._look: Timer | None = None
         self._rates = SenderRates(WORD_RATE, WORD_BURST, runtime.steady.now)
         self._messages = ReceivedMessages(
@@ -118,7 +119,7 @@ class PresenceWatch:
         self._listeners.append(on_change)
 
     def has_gone(self, participant: bytes) -> bool:
-        """Whether a participant has held tokens, and has said that they end."""
+        """Whether a participant has held tokens, and they have ended, or have not been heard for the lease."""
         return participant in self._ended
 
     def _hear(self, received: Received) -> None:
@@ -136,10 +137,8 @@ class PresenceWatch:
             return
         token = _Token(received.participant, word.name, word.since.sec, word.since.nanosec)
         if not word.alive:
-            if self._heard.pop(token, None) is not None and all(
-                other.participant != token.participant for other in self._heard
-            ):
-                self._note_end(token.participant)
+            if token in self._heard:
+                self._heard[token] = -math.inf
         elif token in self._heard or self._has_room(token.participant):
             self._heard[token] = self._runtime.steady.now()
             self._ended.pop(token.participant, None)
@@ -152,12 +151,15 @@ class PresenceWatch:
 
     def _matched(self, event: Any) -> None:
         if event.current_count == 0:
-            self._heard.clear()
+            self._heard = dict.fromkeys(self._heard, -math.inf)
             self._review()
 
     def _review(self) -> None:
         now = self._runtime.steady.now()
+        before = {token.participant for token in self._heard}
         self._heard = {token: heard for token, heard in self._heard.items() if now < heard + PRESENCE_LEASE_SECONDS}
+        for participant in before - {token.participant for token in self._heard}:
+            self._note_end(participant)
         if self._look is None and self._heard:
             first_end = min(self._heard.values()) + PRESENCE_LEASE_SECONDS
             self._look = self._runtime.steady.call_at(first_end, lambda: self._runtime.post(self._look_again))

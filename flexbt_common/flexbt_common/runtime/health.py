@@ -33,6 +33,10 @@ liveliness token, so that others are told the reason before they miss the proces
 HANG_SECONDS: Final = 1.0
 """A thread that has not answered for so long hangs: it is logged, with its stack, s."""
 
+OUT_OF_REACH_SECONDS: Final = 2.0
+"""A process of which nothing ran for so long may have been given up by the middleware of others (the lease of a
+participant in the profile of our launchers), and what was sent to it meanwhile, a cancel too, may be lost, s."""
+
 Ping = Callable[[Callable[[], None]], object]
 """Called on the clock's thread with ``answer``, which the thread that is watched has to call, soon. It must not block,
 and may drop an earlier ``answer``."""
@@ -41,7 +45,8 @@ and may drop an earlier ``answer``."""
 @dataclass(frozen=True)
 class Hang:
     """A thread that does not answer, or did not: its name, for how long (s of wall time), where it is, as a line and,
-    for a log, as the text of its stack. ``is_of_process``: nothing of the process ran, so that nobody reached it.
+    for a log, as the text of its stack. ``was_out_of_reach``: nothing of the process ran for
+    :data:`OUT_OF_REACH_SECONDS`.
     """
 
     name: str
@@ -49,7 +54,7 @@ class Hang:
     where: str = ''
     stack: str = ''
     is_over: bool = False
-    is_of_process: bool = False
+    was_out_of_reach: bool = False
 
     def __str__(self) -> str:
         if self.is_over:
@@ -234,7 +239,7 @@ class Health:
             self._missing.update(asked)
         if pause > HANG_SECONDS:
             name = 'the whole process (it was stopped, or its computer is busy)'
-            self._tell(Hang(name, pause, is_over=True, is_of_process=True))
+            self._tell(Hang(name, pause, is_over=True, was_out_of_reach=pause >= OUT_OF_REACH_SECONDS))
         elif missing:
             self._tell_missing(missing, now)
         for watched in asked:

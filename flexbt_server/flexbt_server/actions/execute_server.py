@@ -115,7 +115,7 @@ class ExecuteServer:
 
     def _after_hang(self, hang: Hang) -> None:
         """Called on any thread."""
-        if hang.is_of_process:
+        if hang.was_out_of_reach:
             self._runtime.post(lambda: self._come_back(str(hang), hang.seconds))
 
     def _come_back(self, told: str, seconds: float) -> None:

@@ -182,7 +182,7 @@ class Navigation:
 
     def _after_hang(self, hang: Hang) -> None:
         """The process was stopped: what was asked of it meanwhile may be lost, a cancel too. Called on any thread."""
-        if hang.is_of_process:
+        if hang.was_out_of_reach:
             self._runtime.post(lambda: self._end_all(str(hang)))
 
     def _close(self) -> None:
