@@ -74,9 +74,8 @@ def test_one_check_of_the_pose_at_a_time_however_motions_take_over(monkeypatch: 
             assert goal.accepted.wait(60.0)
         assert not goal.ended
         checks.clear()
-        began = time.monotonic()
         wait_until(lambda: len(checks) >= 5, 'checks')
-        assert len(checks) <= 1 + (time.monotonic() - began) / 0.2
+        assert checks[4] - checks[0] > 3 * 0.2  # of four periods
 
 
 def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back() -> None:
