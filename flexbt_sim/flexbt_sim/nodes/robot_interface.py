@@ -39,7 +39,7 @@ class RobotInterface:
         self.on_pose: Callable[[Pose, float], None] = lambda _pose, _time: None
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
-        self._pose_at = -math.inf
+        self._pose_at = self._pose_steady = -math.inf
         self._world: OccupancyMap | None = None
         self._costmap: Costmap | None = None
         self._waiting: list[Callable[[], None]] = []
@@ -92,12 +92,16 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """Since when there has been no pose, s of the node's clock; infinite before the first."""
-        return self._runtime.clock.now() - self._pose_at
+        """Since when there has been no pose, s; infinite before the first. The shorter time of the node's clock and the
+        wall's: neither a fast simulation on a busy computer nor a clock that stands still makes a pose old."""
+        return min(
+            self._runtime.clock.now() - self._pose_at,
+            self._runtime.steady.now() - self._pose_steady,
+        )
 
     def forget_pose(self) -> None:
         """What told the pose is gone."""
-        self._pose, self._pose_at = None, -math.inf
+        self._pose, self._pose_at, self._pose_steady = None, -math.inf, -math.inf
 
     @property
     def costmap(self) -> Costmap:
@@ -130,7 +134,7 @@ class RobotInterface:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
-        self._pose_at = self._runtime.clock.now()
+        self._pose_at, self._pose_steady = self._runtime.clock.now(), self._runtime.steady.now()
         self._tell_waiting()
         self.on_pose(self._pose, seconds_of(message.header.stamp))
 

@@ -124,10 +124,6 @@ class Probe(Operator):
         assert done.wait(timeout), f'{name}: no outcome within {timeout:g} s'
         return ended[0]
 
-    def reaches(self, action_type: Any, name: str) -> bool:
-        """Whether an action server is there, as far as the middleware knows."""
-        return self._links.link(action_type, name).is_ready()
-
     def active_goals(self, action: str) -> int:
         """Subscribes to nothing: how many goals of an action are being worked on, by the server's own list."""
         from action_msgs.msg import GoalStatus, GoalStatusArray
