@@ -135,7 +135,7 @@ def test_what_is_held_up_is_known_at_each_moment() -> None:
 
 
 def test_an_executive_is_late_for_others_while_a_state_does_not_return() -> None:
-    """So that whoever drives for it keeps the robot at rest."""
+    """So that whoever drives for it keeps the robot at rest; and not any more when the run was given up."""
     go = threading.Event()
     made = behavior_of(lambda: machine_of(lambda called: None if called != 'execute' else _wait(go)), 'Slow')
     bench = ExecutiveBench(made)
@@ -156,10 +156,12 @@ def test_an_executive_is_late_for_others_while_a_state_does_not_return() -> None
             return run.has_ended
 
         wait_until(given_up, 'the end')
+        wait_until(lambda: not watch.late, 'not late')
         assert bench.wait_idle() == 'error'
         bench.start('Slow')
         wait_until(lambda: watch.late, 'late again')
         go.set()
+        wait_until(lambda: not watch.late, 'not late again')
         assert bench.wait_idle() == 'done'
     finally:
         go.set()

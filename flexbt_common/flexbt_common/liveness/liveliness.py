@@ -133,8 +133,9 @@ class _HeldToken:
             self._publish()
 
     def _tell_late(self, problem: str) -> None:
-        self._problem = problem
-        self._publish()
+        with self._lock:
+            self._problem = problem
+            self._publish()
 
     def _publish(self, has_ended: bool = False) -> None:
         level = DiagnosticStatus.OK if all(self._ready.values()) else DiagnosticStatus.WARN

@@ -151,6 +151,8 @@ class Health:
     def __init__(self, steady: Clock) -> None:
         self._steady = steady
         self._lock = threading.Lock()
+        # Held while it is told whether something is late: who is told last is told what is.
+        self._telling = threading.Lock()
         self._watched: list[Watched] = []
         self._missing: set[Watched] = set()
         self._on_beat: list[Callable[[], object]] = []
@@ -213,12 +215,12 @@ class Health:
 
     def fail(self, problem: str) -> None:
         """The process cannot do its work, and never will: there is no beat any more. The first problem counts."""
-        with self._lock:
+        with self._telling:
             if self._failure:
                 return
             self._failure = problem
-        for fn in list(self._on_late):
-            fn(problem)
+            for fn in list(self._on_late):
+                fn(problem)
 
     @property
     def failure(self) -> str:
@@ -249,10 +251,8 @@ class Health:
 
     def _tell_missing(self, missing: list[Watched], now: float) -> None:
         longest = missing[0].hang(now)
-        if longest.seconds >= LATE_SECONDS and not self._is_late:
-            self._is_late = True
-            for fn in list(self._on_late):
-                fn(str(longest))
+        if longest.seconds >= LATE_SECONDS:
+            self._tell_late(str(longest))
         for watched in missing:
             if now - watched.asked_at >= HANG_SECONDS and not watched.is_told:
                 watched.is_told = True
@@ -271,14 +271,19 @@ class Health:
             self._beat()
 
     def _beat(self) -> None:
+        self._tell_late('')
         if self._failure:
             return
-        if self._is_late:
-            self._is_late = False
-            for fn in list(self._on_late):
-                fn('')
         for beaten in list(self._on_beat):
             beaten()
+
+    def _tell_late(self, problem: str) -> None:
+        with self._telling:
+            if self._failure or bool(problem) is self._is_late:
+                return
+            self._is_late = bool(problem)
+            for fn in list(self._on_late):
+                fn(problem)
 
     def _tell(self, hang: Hang) -> None:
         for fn in list(self._on_hang):
