@@ -57,11 +57,13 @@ def test_type_hashes(name: str) -> None:
 def test_only_what_is_missing_is_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(ROOT / 'tools')
     workspace = importlib.import_module('workspace.layout').Layout(ROOT)
-    for package in ('nav_msgs', 'tf2_msgs'):
+    for package in ('nav_msgs', 'simulation_interfaces', 'tf2_msgs'):
         (tmp_path / 'share' / package).mkdir(parents=True)
         (tmp_path / 'share' / package / 'package.xml').touch()
     stand_ins = workspace.stand_ins([ROOT / 'nowhere', tmp_path])
     assert [package.name for package in stand_ins] == ['geographic_msgs', 'nav2_msgs']
     assert [package.path.parent for package in stand_ins] == [UNDERLAY, UNDERLAY]
     assert (UNDERLAY / 'COLCON_IGNORE').exists()
-    assert not {'geographic_msgs', 'nav2_msgs', 'tf2_msgs'} & {package.name for package in workspace.packages()}
+    assert not {'geographic_msgs', 'nav2_msgs', 'simulation_interfaces', 'tf2_msgs'} & {
+        package.name for package in workspace.packages()
+    }
