@@ -9,9 +9,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from nav2_msgs.action import Wait
 from std_srvs.srv import SetBool, Trigger
 
-from flexbt_common.calls import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
+from flexbt_common.calls import ActionCall, ActionLinks, ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
 
 DEADLINE = 60.0
@@ -86,3 +87,21 @@ def test_a_request_of_another_type_is_refused_before_it_is_sent(link: ServiceLin
         serve(server, answer)
         ServiceCall(link, SetBool.Request(), on_done=outcomes.put, server_timeout=DEADLINE)
         assert 'cannot be sent' in outcomes.get(timeout=DEADLINE).reason
+
+
+def test_a_call_that_is_on_its_way_while_its_node_ends_is_no_fault() -> None:
+    faults: list[BaseException] = []
+    with NodeRuntime.open('asker') as runtime:
+        runtime.on_fault(faults.append)
+
+        def go_on_for_some_polls() -> None:
+            passed = threading.Event()
+            runtime.steady.call_at(runtime.steady.now() + 0.3, passed.set)
+            assert passed.wait(DEADLINE)
+
+        runtime.on_close(go_on_for_some_polls)  # after what is registered below has closed
+        service = ServiceLinks(runtime).link(Trigger, 'trigger')
+        action = ActionLinks(runtime).link(Wait, 'wait')
+        ServiceCall(service, Trigger.Request(), on_done=lambda outcome: None, server_timeout=DEADLINE)
+        ActionCall(action, Wait.Goal(), on_done=lambda outcome: None, server_timeout=DEADLINE)
+    assert faults == []

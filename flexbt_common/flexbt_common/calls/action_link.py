@@ -48,7 +48,6 @@ class ActionServerLink:
         self.name = name
         self.nodes: ServerNodes = _UnknownNodes()
         self.status_listeners: dict[bytes, Callable[[int], None]] = {}
-        self._lists: Any = None
         self.client: Any = self._make_client()
 
     def _make_client(self) -> ActionClient:
@@ -59,7 +58,7 @@ class ActionServerLink:
             client.on_list = self._on_list
             return client
         topic = f'{self.name}/_action/status'
-        self._lists = node.create_subscription(GoalStatusArray, topic, self._on_list, qos_profile_action_status_default)
+        node.create_subscription(GoalStatusArray, topic, self._on_list, qos_profile_action_status_default)
         return ActionClient(*arguments, **options)
 
     @property
@@ -71,12 +70,6 @@ class ActionServerLink:
     def is_ready(self) -> bool:
         """Whether an action server of that name and type is there now, as far as discovery knows."""
         return bool(self.client.server_is_ready())
-
-    def close(self) -> None:
-        """Take the client out of the graph."""
-        self.client.destroy()
-        if self._lists is not None:
-            self.runtime.node.destroy_subscription(self._lists)
 
     def _on_list(self, goals: GoalStatusArray) -> None:
         for goal in goals.status_list:

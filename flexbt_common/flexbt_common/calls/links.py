@@ -13,22 +13,22 @@ class Link(Protocol):
 
     def __init__(self, runtime: NodeRuntime, server_type: Any, name: str) -> None: ...
 
-    def close(self) -> None:
-        """Take the client out of the graph. On the executor thread."""
-
 
 LinkT = TypeVar('LinkT', bound=Link)
 
 
 class Links(Generic[LinkT]):
-    """The links of one node, one for each type and name; they end with the runtime. From any thread."""
+    """The links of one node, one for each type and name. From any thread.
+
+    They are there until the executor of the runtime has ended, which destroys what is left on its node: until then a
+    call that is on its way goes on looking for its server.
+    """
 
     link_class: ClassVar[type[Any]]
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
         self._links: dict[tuple[Any, str], LinkT] = {}
-        runtime.on_close(lambda: runtime.call(self._close))
 
     def link(self, server_type: Any, name: str) -> LinkT:
         """The link to the server ``name``; made now if there is none yet."""
@@ -40,8 +40,3 @@ class Links(Generic[LinkT]):
         if key not in self._links:
             self._links[key] = self.link_class(self._runtime, server_type, name)
         return self._links[key]
-
-    def _close(self) -> None:
-        for link in self._links.values():
-            link.close()
-        self._links.clear()

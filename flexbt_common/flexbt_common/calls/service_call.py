@@ -52,10 +52,6 @@ class ServiceLink:
             self._seen_since = now
         return self._seen_since is not None and now - self._seen_since >= _SETTLE
 
-    def close(self) -> None:
-        """Take the client out of the graph."""
-        self.runtime.node.destroy_client(self.client)
-
     def __str__(self) -> str:
         package, kind, *_ = self.service_type.__module__.split('.')
         return f'{self.name!r} ({package}/{kind}/{self.service_type.__name__})'
