@@ -6,6 +6,7 @@ flexbt_core.errors.FlexbtError
 ├── ValueConversionError    a value does not fit its type
 ├── LimitExceededError      a message has more in it than is taken
 ├── ResourceError           a file cannot be used
+├── TransformError          no transform between two frames is known
 └── UnfitParameterError     a parameter has no value that can work
 """
 
@@ -44,6 +45,17 @@ class ResourceError(FlexbtError):
     def __init__(self, name: str, message: str) -> None:
         super().__init__(f'{name}: {message}')
         self.name = name
+
+
+class TransformError(FlexbtError):
+    """No transform between two frames is known at a time, or what was said of one cannot be.
+
+    ``is_early``: it may be known in a moment.
+    """
+
+    def __init__(self, message: str, *, is_early: bool = False) -> None:
+        super().__init__(message)
+        self.is_early = is_early
 
 
 class UnfitParameterError(FlexbtError):

@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Frames and the transforms between them: a buffer with the rules of tf2, and what fills it from ``tf``."""
+
+from .buffer import HISTORY, TransformBuffer
+from .listener import TRANSFORM_TIMEOUT, TransformListener, rigid_of, transformed
+from .rigid import Rigid
+
+__all__ = [
+    'HISTORY',
+    'TRANSFORM_TIMEOUT',
+    'Rigid',
+    'TransformBuffer',
+    'TransformListener',
+    'rigid_of',
+    'transformed',
+]

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hears ``tf`` and ``tf_static`` of a robot, for whoever needs frames other than the map's.
+
+Most goals are in the frame of the map, and transforms come often: a node listens from the first time that it needs
+another frame. Then it waits until the transform is there, or for so long as it says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from flexbt_common import names
+from flexbt_common.errors import TransformError
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import check_limits
+from flexbt_core.errors import FlexbtError
+
+from .buffer import TransformBuffer
+from .rigid import Rigid
+
+TRANSFORM_TIMEOUT: Final = 1.0
+"""How long a transform is waited for by default, s of wall time: whoever has just begun to listen has none."""
+
+COMPLAINT_SECONDS: Final = 5.0
+BROADCASTERS: Final = 100
+"""Static broadcasters whose messages a late listener gets."""
+
+OnPose = Callable[[PoseStamped], object]
+OnError = Callable[[TransformError], object]
+
+
+class TransformListener:
+    """The transforms of the robot in whose namespace the node is. On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.buffer = TransformBuffer()
+        self._runtime = runtime
+        self._waiting: list[Callable[[bool], bool]] = []
+        node = runtime.node
+        node.create_subscription(TFMessage, names.TF, partial(self._hear, is_static=False), QoSProfile(depth=100))
+        node.create_subscription(
+            TFMessage, names.TF_STATIC, partial(self._hear, is_static=True), names.latched(BROADCASTERS)
+        )
+        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
+        # Kept, since the jumps are told for as long as it is.
+        self._jumps = node.get_clock().create_jump_callback(
+            threshold, post_callback=lambda _jump: runtime.post(self.buffer.clear)
+        )
+
+    @classmethod
+    def of(cls, runtime: NodeRuntime) -> TransformListener:
+        """The listener of a node, which begins to listen now if nobody has asked before."""
+        return runtime.once('transform listener', cls)
+
+    def transform_pose(
+        self,
+        pose: PoseStamped,
+        target: str,
+        on_pose: OnPose,
+        on_error: OnError,
+        timeout: float = TRANSFORM_TIMEOUT,
+    ) -> None:
+        """Give ``pose`` in the frame ``target``: at the time of its header, or the latest when that is 0.
+
+        ``on_pose`` or ``on_error`` is called once: at once, or when the transform is known, or after ``timeout``
+        seconds of wall time.
+        """
+
+        def attempt(is_last: bool) -> bool:
+            try:
+                there = transformed(self.buffer, pose, target)
+            except TransformError as error:
+                if error.is_early and not is_last:
+                    return False
+                on_error(error)
+                return True
+            on_pose(there)
+            return True
+
+        if attempt(timeout <= 0.0):
+            return
+        self._waiting.append(attempt)
+        steady = self._runtime.steady
+        steady.call_at(steady.now() + timeout, lambda: self._runtime.post(lambda: self._end(attempt)))
+
+    def _end(self, attempt: Callable[[bool], bool]) -> None:
+        if attempt in self._waiting:
+            self._waiting.remove(attempt)
+            attempt(True)
+
+    def _hear(self, message: TFMessage, is_static: bool) -> None:
+        try:
+            check_limits(message)
+            for stamped in message.transforms:
+                parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
+                self.buffer.set(parent, frame, rigid_of(stamped.transform), _seconds(stamp), is_static=is_static)
+        except FlexbtError as error:
+            self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+        for attempt in list(self._waiting):
+            if attempt in self._waiting and attempt(False):
+                self._waiting.remove(attempt)
+
+
+def transformed(buffer: TransformBuffer, pose: PoseStamped, target: str) -> PoseStamped:
+    """``pose`` in the frame ``target``, at the time of its header; 0 there means the latest time that is known.
+
+    Raises:
+        TransformError: as :meth:`TransformBuffer.lookup`.
+    """
+    source, stamp = pose.header.frame_id, pose.header.stamp
+    at, turned = pose.pose.position, pose.pose.orientation
+    local = Rigid.of((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
+    (x, y, z), rotation = buffer.lookup(target, source, _seconds(stamp) or None) @ local
+    result = PoseStamped()
+    result.header.frame_id, result.header.stamp = target, stamp
+    result.pose.position.x, result.pose.position.y, result.pose.position.z = x, y, z
+    turned = result.pose.orientation
+    turned.x, turned.y, turned.z, turned.w = rotation
+    return result
+
+
+def rigid_of(message: Any) -> Rigid:
+    """A geometry_msgs/Transform as plain numbers."""
+    at, turned = message.translation, message.rotation
+    return Rigid((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
+
+
+def _seconds(stamp: Time) -> float:
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
