@@ -127,6 +127,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.BACKUP,
         names.WAIT,
         names.DRIVE_ON_HEADING,
+        names.ASSISTED_TELEOP,
         by=NAVIGATION,
         to=(BT_SERVER, ONBOARD_EXECUTIVE),
     ),
@@ -141,6 +142,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         'smoother_selector',
         to=(BT_SERVER,),
     ),
+    *_topics(names.CMD_VEL_TELEOP, names.PREEMPT_TELEOP, to=(NAVIGATION,)),
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
     # The robot
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive

@@ -7,14 +7,25 @@ import math
 
 import numpy
 import pytest
-from closed_loop import LIMITS, PERIOD, run
+from closed_loop import LIMITS, PERIOD, Run, run
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, free_places, places, rooms, worlds
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import LOOK_AHEAD, Costmap, DriveMotion, Inflation, Motion, SpinMotion, Velocity, collides
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.navigation import (
+    LOOK_AHEAD,
+    STOP,
+    AssistedTeleop,
+    Costmap,
+    DriveMotion,
+    Inflation,
+    Motion,
+    SpinMotion,
+    Velocity,
+    collides,
+)
+from flexbt_sim.world import OccupancyMap, Pose, Robot
 
 OPEN = drawn(*['.' * 120] * 120)
 CENTRE = Pose(3.0, 3.0, 2.0)
@@ -32,7 +43,7 @@ def costs(world: OccupancyMap) -> Costmap:
 @settings(deadline=None, max_examples=50)
 @given(st.floats(-15.0, 15.0), st.integers(0, 3))
 def test_a_spin_turns_by_its_angle_on_the_spot(angle: float, late: int) -> None:
-    motion = SpinMotion(angle, 0.0)
+    motion = SpinMotion(angle, 0.0, costs(OPEN))
     done = run(OPEN, CENTRE, motion, late)
     assert done.code == ''
     assert motion.turned == pytest.approx(angle, abs=0.03)
@@ -42,12 +53,55 @@ def test_a_spin_turns_by_its_angle_on_the_spot(angle: float, late: int) -> None:
 
 
 def test_a_spin_of_nothing_is_complete_at_once() -> None:
-    assert SpinMotion(0.0, 1.0).step(CENTRE, 5.0) is None
+    assert SpinMotion(0.0, 1.0, costs(OPEN)).step(CENTRE, 5.0) is None
 
 
 def test_a_robot_against_a_wall_can_turn() -> None:
-    done = run(WALL, Pose(3.0 - LIMITS.radius, 3.0, 0.0), SpinMotion(3.0, 10.0))
+    done = run(WALL, Pose(3.0 - LIMITS.radius, 3.0, 0.0), SpinMotion(3.0, 10.0, costs(WALL)))
     assert (done.code, done.touched) == ('', False)
+
+
+def test_a_robot_that_overlaps_a_wall_is_not_turned() -> None:
+    """As in Nav2, whose footprint touches a lethal cell then."""
+    done = run(WALL, Pose(2.9, 3.0, 0.0), SpinMotion(3.0, 10.0, costs(WALL)))
+    assert (done.code, done.robot.pose.yaw) == ('COLLISION_AHEAD', 0.0)
+
+
+@settings(deadline=None, max_examples=80)
+@given(st.data(), worlds(border=True), st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
+def test_an_operator_cannot_drive_the_robot_into_an_obstacle(
+    data: st.DataObject, world: OccupancyMap, linear: float, angular: float
+) -> None:
+    anywhere = free_places(world, LIMITS.radius)
+    assume(not anywhere.is_empty)
+    start = data.draw(anywhere)
+    teleop = AssistedTeleop(lambda: Velocity(linear, angular), 0.0, costs(world))
+    # The robot itself is no faster than its limits, so that it is never nearer than the command says.
+    done = Run(Robot(world, start, LIMITS)).go(teleop, until=6.0)
+    assert not done.touched
+    assert all(
+        0.0 <= sent * wanted <= wanted * wanted
+        for command in done.commands
+        for sent, wanted in zip(command, (linear, angular), strict=True)
+    )
+
+
+def test_where_nothing_is_in_the_way_the_robot_does_what_the_operator_says_until_all_is_done() -> None:
+    wanted = [Velocity(0.2, 0.5)]
+    teleop = AssistedTeleop(lambda: wanted[0], 0.0, costs(OPEN))
+    assert teleop.step(CENTRE, 0.0) == (0.2, 0.5)
+    wanted[0] = STOP
+    assert teleop.step(CENTRE, 0.1) == STOP
+    teleop.finish()
+    assert teleop.step(CENTRE, 0.2) is None
+
+
+@pytest.mark.parametrize(('gap', 'share'), [(0.05, 0.0), (0.15, 0.2), (0.55, 0.6), (1.5, 1.0)])
+def test_a_command_is_scaled_by_the_time_until_a_collision(gap: float, share: float) -> None:
+    """At 1 m/s, so that the gap, m, is the time, s; as in Nav2, collisions are seen in steps of 0.1 s."""
+    teleop = AssistedTeleop(lambda: Velocity(1.0, 0.1), 0.0, costs(WALL))
+    sent = teleop.step(Pose(3.0 - LIMITS.radius - gap, 3.0, 0.0), 0.0)
+    assert sent == pytest.approx((share, 0.1 * share))
 
 
 @settings(deadline=None, max_examples=50)
@@ -132,7 +186,13 @@ def test_a_map_that_changes_counts_from_then_on() -> None:
 
 
 @pytest.mark.parametrize(
-    'motion', [SpinMotion(6.0, 1.0), DriveMotion(2.0, 0.1, 1.0, costs(OPEN)), DriveMotion(-2.0, -0.1, 1.0, costs(OPEN))]
+    'motion',
+    [
+        SpinMotion(6.0, 1.0, costs(OPEN)),
+        DriveMotion(2.0, 0.1, 1.0, costs(OPEN)),
+        DriveMotion(-2.0, -0.1, 1.0, costs(OPEN)),
+        AssistedTeleop(lambda: Velocity(0.2, 0.5), 1.0, costs(OPEN)),
+    ],
 )
 def test_what_takes_longer_than_allowed_times_out(motion: Motion) -> None:
     done = run(OPEN, CENTRE, motion)
@@ -142,11 +202,11 @@ def test_what_takes_longer_than_allowed_times_out(motion: Motion) -> None:
 
 @pytest.mark.parametrize('allowance', [0.0, -1.0])
 def test_no_allowance_is_no_limit(allowance: float) -> None:
-    assert run(OPEN, CENTRE, SpinMotion(25.0, allowance)).code == ''
+    assert run(OPEN, CENTRE, SpinMotion(25.0, allowance, costs(OPEN))).code == ''
 
 
 def test_the_allowance_counts_from_the_first_step() -> None:
-    motion = SpinMotion(3.0, 1.0)
+    motion = SpinMotion(3.0, 1.0, costs(OPEN))
     assert motion.step(CENTRE, 1000.0) is not None
     assert motion.step(CENTRE, 1001.0) is not None
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Planning and control. Pure."""
 
+from .behaviors import AssistedTeleop, DriveMotion, SpinMotion
 from .costmap import INSCRIBED, LETHAL, Costmap, Inflation
-from .motions import LOOK_AHEAD, STOP, DriveMotion, Motion, SpinMotion, Velocity, collides
+from .motions import LOOK_AHEAD, STOP, Motion, Velocity, collides
 from .path_follower import FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner
 from .track import Track
@@ -14,6 +15,7 @@ __all__ = [
     'LOOK_AHEAD',
     'SPACING',
     'STOP',
+    'AssistedTeleop',
     'Costmap',
     'DriveMotion',
     'FollowerLimits',

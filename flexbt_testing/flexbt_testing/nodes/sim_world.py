@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from nav2_msgs.action import (
+    AssistedTeleop,
     BackUp,
     ComputePathThroughPoses,
     ComputePathToPose,
@@ -48,6 +49,7 @@ ACTIONS = {
     names.BACKUP: BackUp,
     names.DRIVE_ON_HEADING: DriveOnHeading,
     names.WAIT: Wait,
+    names.ASSISTED_TELEOP: AssistedTeleop,
 }
 
 
