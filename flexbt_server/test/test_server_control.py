@@ -194,7 +194,7 @@ def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(wo
     goal = world.client.execute()
     assert server_nodes.Blocks.entered.wait(DEADLINE)
     pause = operator.send(PAUSE)
-    run = world.server_runtime.call(lambda: world.server.execute.find_run(''))
+    run = world.server_runtime.call(lambda: world.server.goals.find_run(''))
     wait_until(lambda: run._control.pending, 'the command at the run')
     server_nodes.Blocks.release.set()
     assert answer(pause) == 'the run has ended'
@@ -243,7 +243,7 @@ def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Oper
     with NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
         goal = world.client.execute(owner='/owner')
-        wait_until(lambda: world.server.execute._owners.sees('/owner'))
+        wait_until(lambda: world.server.goals.owners.sees('/owner'))
         assert operator.ask(PAUSE) == ''
     assert goal.result.code == Result.CANCELED
     assert '/owner' in goal.result.message
@@ -325,7 +325,7 @@ def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone
     with NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
         goal = world.client.execute(owner='/owner')
-        wait_until(lambda: world.server.execute._owners.sees('/owner'))
+        wait_until(lambda: world.server.goals.owners.sees('/owner'))
         wait_until(lambda: spin.running)
         owner.post(lambda: go_on.wait(DEADLINE))  # its executor hangs
         wait_until(lambda: operator.shown and spin.statuses == {0: 'canceled'}, 'held')
@@ -338,7 +338,7 @@ def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone
 
 
 def leaf_of(world: World, node_id: str) -> Any:
-    (running,) = world.server.execute._running.all()
+    (running,) = world.server.goals.running.all()
     assert running.run.tree is not None
     return next(node for node in running.run.tree.nodes if node.id == node_id)
 

@@ -380,7 +380,7 @@ def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
         LivelinessToken(owner)
         goal = world.client.execute(goals=[pose(1)], owner='/owner')
         wait_until(lambda: follow.running)
-        wait_until(lambda: world.server.execute._owners.sees('/owner'), 'the owner was seen')
+        wait_until(lambda: world.server.goals.owners.sees('/owner'), 'the owner was seen')
     assert goal.wait().status is GoalStatus.ABORTED
     assert goal.result.code == Result.CANCELED
     assert '/owner' in goal.result.message
@@ -388,7 +388,7 @@ def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
 
 
 def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 0.2)
+    monkeypatch.setattr('flexbt_server.goals.goal_owners.OWNER_SECONDS', 0.2)
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree('<Spin/>')
     goal = world.client.execute(owner='/nobody')
@@ -397,7 +397,7 @@ def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: p
 
 
 def test_owners_whose_goals_are_over_are_forgotten(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 0.2)
+    monkeypatch.setattr('flexbt_server.goals.goal_owners.OWNER_SECONDS', 0.2)
     world.client.load_tree('<AlwaysSuccess/>')
     owners = [f'/owner{number}' for number in range(60)]  # more than are kept for a moment
     for owner in owners:
@@ -408,7 +408,7 @@ def test_owners_whose_goals_are_over_are_forgotten(world: World, monkeypatch: py
         return [owner for owner in owners if count(f'{owner}/alive')]
 
     wait_until(lambda: not watched(), lambda: f'the end of the watch over {watched()}')
-    assert not world.server.execute._owners._watches
+    assert not world.server.goals.owners._watches
 
 
 @pytest.mark.parametrize('owner', ['two words', '/a//b', '/', '1st', '{robot}', '/' + 'long' * 99])
@@ -418,7 +418,7 @@ def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: World
     world.client.load_tree('<AlwaysSuccess/>')
     result = world.client.execute(owner=owner).result
     assert result.code == Result.ERROR and repr(owner) in result.message and 'name of a node' in result.message
-    owners = world.server.execute._owners
+    owners = world.server.goals.owners
     assert not faults and not owners._goals and not owners._watches
 
 

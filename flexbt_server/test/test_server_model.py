@@ -130,7 +130,7 @@ class Walk:
             LivelinessToken(owner)
             name = f'/{owner.name}'
             goal = self.client.execute('Endless', blackboard=name, owner=name)
-            wait_until(lambda: self.world.server.execute._owners.sees(name), 'the owner was seen')
+            wait_until(lambda: self.world.server.goals.owners.sees(name), 'the owner was seen')
         assert goal.wait().status is GoalStatus.ABORTED
         assert goal.result.code == BtExecute.Result.CANCELED and name in goal.result.message
 
@@ -151,10 +151,10 @@ class Walk:
             assert not problem, f'goal {goal.number} {goal.slot}: {problem}\n{goal.plans}\n' + '\n'.join(self.log)
             result = goal.sent.wait().result
             self.counts['not sent' if result is None else f'code {result.code}'] += 1
-        execute = self.world.server.execute
+        goals = self.world.server.goals
         wait_until(lambda: not tree_threads(), 'the end of the threads')
         assert not Work.running(), '\n'.join([str(Work.running()), *self.log])
-        assert not execute._running.all() and not execute._goals
+        assert not goals.running.all() and not goals._goals
         wait_until(lambda: not any(action.running for action in self.world.navigation.actions.values()), 'the actions')
         model.rest()
 

@@ -65,7 +65,7 @@ def cancel(goal: SentGoal) -> None:
 def test_distance_controller_follows_the_pose_of_the_robot(world: World) -> None:
     publish = publisher(world, PoseStamped, names.POSE)
     publish(pose(0.0))
-    wait_until(lambda: world.server.execute._pose.latest, 'the pose at the server')
+    wait_until(lambda: world.server.goals.pose, 'the pose at the server')
     world.client.load_tree(counting('DistanceController', 'distance="2"'))
     goal = world.client.execute()
     wait_until(lambda: entry(world, 'n') == 1, 'the first run of the child')

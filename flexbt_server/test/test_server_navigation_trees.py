@@ -208,6 +208,6 @@ def test_other_stock_files_run_as_they_are(file: str, goals: int) -> None:
         path = str(STOCK_TREES / file)
         runtime = world.navigation_runtime
         robot = runtime.call(lambda: runtime.node.create_publisher(type(pose(0)), names.POSE, names.latched()))
-        wait_until(lambda: (robot.publish(pose(0)), world.server.execute._pose.latest)[1])
+        wait_until(lambda: (robot.publish(pose(0)), world.server.goals.pose)[1])
         result = world.client.execute(path, goals=[pose(number + 1) for number in range(goals)]).result
         assert result.code == Result.SUCCESS, result.message

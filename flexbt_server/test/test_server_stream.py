@@ -293,7 +293,7 @@ def test_a_server_that_is_not_to_publish_watches_nothing() -> None:
         world.client.load_tree('<Sequence><AlwaysSuccess/><Spin/></Sequence>')
         goal = world.client.execute()
         wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running tree')
-        (run,) = (running.run for running in world.server.execute._running.on(''))
+        (run,) = (running.run for running in world.server.goals.running.on(''))
         assert run.tree is not None
         assert run.tree.observers == ()
         assert world.client.runtime.node.count_publishers(names.TREE_STATUS) == 0

@@ -16,9 +16,8 @@ from flexbt_core.behavior_tree import BlackboardError
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtGetData, BtSetData
+from flexbt_server.goals import MESSAGE_LIMIT
 from flexbt_server.trees import Blackboards, entries_of, write_all
-
-from .run_messages import MESSAGE_LIMIT
 
 
 class DataServers:

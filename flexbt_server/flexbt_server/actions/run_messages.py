@@ -9,16 +9,14 @@ from flexbt_common.values import Encoding, duration_message
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
+from flexbt_server.goals import MESSAGE_LIMIT, distance_along
 from flexbt_server.runs import RunOutcome
 from flexbt_server.trees import RECOVERIES_KEY, entries_of
 
-from .distance_remaining import distance_along
-
 Result = BtExecute.Result
 
-MESSAGE_LIMIT: Final = 10_000
 REASON_LIMIT: Final = 1000
-"""Characters of a message for people: a leaf may give any text as its reason."""
+"""Characters of a reason for people: a leaf may give any text."""
 
 
 def feedback_of(tree: Tree, board: Blackboard, pose: Any, seconds: float) -> Any:

@@ -20,6 +20,7 @@ from flexbt_core.behavior_tree.model import acceleration
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError
+from flexbt_server.goals import TreeGoals
 from flexbt_server.leaves import LeafServices, TopicCaches, TriggerServices
 from flexbt_server.node_types import node_registry
 from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher
@@ -66,12 +67,13 @@ class BtServer:
         admission = self._admission = GoalAdmission('the BT server', refusal)
 
         watchers = self._watchers(runtime, parameters, RosJsonTypes(registry.json_types))
-        self.execute = runtime.call(
-            lambda: ExecuteServer(runtime, parameters, store, boards, services, reader, admission, watchers)
+        goals = self.goals = runtime.call(
+            lambda: TreeGoals(runtime, parameters, store, boards, services, reader, watchers)
         )
-        self.control = runtime.call(lambda: ControlServer(runtime, self.execute.find_run))
+        self.execute = runtime.call(lambda: ExecuteServer(runtime, parameters.default_tree, goals, boards, admission))
+        self.control = runtime.call(lambda: ControlServer(runtime, goals.find_run))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
-        self.data = runtime.call(lambda: DataServers(runtime, boards, reader, self.execute.wake, admission))
+        self.data = runtime.call(lambda: DataServers(runtime, boards, reader, goals.wake, admission))
         self.alive = LivelinessToken(runtime)
         runtime.on_close(lambda: self._end(runtime))
         self._log = logger.info
@@ -104,7 +106,7 @@ class BtServer:
 
     def _stop(self, why: str, refusal: str, within: float) -> bool:
         self._admission.close(refusal)
-        return self.execute.stop_all(f'the BT server {why}', within)
+        return self.goals.stop_all(f'the BT server {why}', within)
 
     def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
         watchers: list[RunWatcher] = []

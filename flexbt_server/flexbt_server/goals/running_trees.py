@@ -3,40 +3,75 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped
+
 from flexbt_common.calls import ServedGoal
-from flexbt_core.behavior_tree import Blackboard, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree import Blackboard, Tree, TreeKey
 from flexbt_core.clock import Timer
 from flexbt_server.errors import UnknownRunError
 from flexbt_server.runs import RunOutcome, TreeRun
-from flexbt_server.trees import Value
+from flexbt_server.trees import FoundTree, Value
 
 
-@dataclass(eq=False)
-class TreeGoal:
-    """A goal that is being served. ``running`` is set once a tree runs for it, or is asked to."""
+class TreeGoal(ABC):
+    """A goal that is being served by the run of a tree. Used on the executor thread, but for :meth:`read`.
 
-    served: ServedGoal
-    accepted: float
-    on_end: Callable[[TreeGoal, RunOutcome], None]
-    stop_reason: str | None = None
-    notice: str = ''
-    running: RunningTree | None = None
-    found: tuple[TreeLibrary, TreeKey, list[Value]] | None = None
-    """Its tree and its values, once they are known."""
+    ``served`` is the goal as the action server has it, ``action`` the name of its action; ``tree`` is the tree that it
+    names, by ID or file, ``blackboard`` that on which the tree runs, ``owner`` the node that has to be alive meanwhile,
+    if any. ``running`` is set once a tree runs for it, or is asked to; ``stop_reason`` once it is to stop.
+    ``on_ended`` is called when the result was sent.
+    """
 
-    @property
-    def request(self) -> Any:
-        """The goal message."""
-        return self.served.request
+    def __init__(
+        self, served: ServedGoal, accepted: float, action: str, tree: str, blackboard: str, owner: str = ''
+    ) -> None:
+        self.served = served
+        self.accepted = accepted
+        self.action = action
+        self.tree = tree
+        self.blackboard = blackboard
+        self.owner = owner
+        self.on_ended: Callable[[], None] = lambda: None
+        self.stop_reason: str | None = None
+        self.notice = ''
+        self.running: RunningTree | None = None
+        self.found: FoundTree | None = None
+        self.values: list[Value] = []
 
-    def end(self, outcome: RunOutcome) -> None:
-        """Give the goal its outcome; the first one counts."""
-        if self.served.active:
-            self.on_end(self, outcome)
+    @abstractmethod
+    def read(self) -> list[Value]:
+        """What is written to the blackboard before the tree works for this goal; on the thread that reads files.
+
+        Raises:
+            FlexbtError: the goal cannot be served.
+        """
+
+    def fresh_values(self) -> list[Value]:
+        """What is written as well when the tree begins to run for this goal, and not when it takes it over."""
+        return []
+
+    def when_ready(self, go_on: Callable[[], None]) -> None:
+        """Called when tree and values are known; ``go_on`` begins to work. Or the goal is ended here."""
+        go_on()
+
+    @abstractmethod
+    def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
+        """The feedback message. ``pose``: the latest of the robot, without a frame while there is none; ``seconds``
+        since the acceptance.
+        """
+
+    @abstractmethod
+    def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
+        """How the goal ends, as a code of BtExecute.Result, and the result message."""
+
+    @abstractmethod
+    def fault_result(self, why: str) -> Any:
+        """The result message when the server is at fault."""
 
 
 @dataclass(eq=False)

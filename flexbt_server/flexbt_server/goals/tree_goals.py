@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The goals that a server works on: each becomes the run of a tree, or takes over the run of the same tree.
+
+All of this happens on the executor thread; runs and file reading have threads of their own and report back.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final, Protocol
+
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_common.calls import ServedGoal
+from flexbt_common.runtime import Hang, NodeRuntime
+from flexbt_core.errors import FlexbtError
+from flexbt_core.values import sendable
+from flexbt_msgs.action import BtExecute
+from flexbt_server.leaves import LeafServices
+from flexbt_server.runs import NoStream, RunOutcome, RunWatcher, TreeRun, TreeStream, watched_by
+from flexbt_server.trees import Blackboards, FoundTree, TreeStore, Value
+
+from .goal_owners import GoalOwners
+from .running_trees import RunningTree, RunningTrees, TreeGoal
+
+Result = BtExecute.Result
+
+MESSAGE_LIMIT: Final = 10_000
+"""Characters of what a client is told."""
+
+RETURN_SECONDS: Final = 2.0
+"""How long trees are held after the process was stopped, s of wall time: until it has found the others again, and they
+have said what they want."""
+
+_REPORT_SECONDS: Final = 0.3
+"""A run that has not halted in time says so a little later, s."""
+
+_BY_CLIENT: Final = 'canceled by the client'
+
+
+class RunParameters(Protocol):
+    """The parameters of the server that runs need; :class:`flexbt_server.node.ServerParameters` tells what they are."""
+
+    @property
+    def tick_rate(self) -> float: ...
+
+    @property
+    def feedback_rate(self) -> float: ...
+
+    @property
+    def cancel_timeout(self) -> float: ...
+
+    @property
+    def peer_timeout(self) -> float: ...
+
+    @property
+    def pose_topic(self) -> str: ...
+
+    @property
+    def error_code_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def publish_statuses(self) -> bool: ...
+
+
+class TreeGoals:
+    """The goals of a server, by whatever action they came, and the trees that run for them."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        parameters: RunParameters,
+        store: TreeStore,
+        boards: Blackboards,
+        services: LeafServices,
+        reader: ThreadPoolExecutor,
+        watchers: Sequence[RunWatcher] = (),
+    ) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._store = store
+        self._boards = boards
+        self._services = services
+        self._reader = reader
+        self._watchers = watchers
+        self._stream = TreeStream(runtime) if parameters.publish_statuses else NoStream()
+        self._pose = services.topics.cache(PoseStamped, parameters.pose_topic, 1)  # as the leaves do
+        self.running = RunningTrees()
+        self.owners = GoalOwners(runtime, parameters.peer_timeout)
+        self._goals: dict[bytes, TreeGoal] = {}
+        self._no_goals = threading.Event()
+        self._no_goals.set()
+        self._returned = ''
+        runtime.health.on_hang(self._after_hang)
+
+    @property
+    def pose(self) -> PoseStamped | None:
+        """The latest pose of the robot; None until there is one."""
+        return self._pose.latest
+
+    def _after_hang(self, hang: Hang) -> None:
+        """Called on any thread."""
+        if hang.was_out_of_reach:
+            self._runtime.post(lambda: self._come_back(str(hang), hang.seconds))
+
+    def _come_back(self, told: str, seconds: float) -> None:
+        """The process was stopped: what was said to it meanwhile comes before its trees go on. After ``peer_timeout``
+        others have taken it for gone, and given up what it was to do.
+        """
+        if seconds >= self._parameters.peer_timeout:
+            self._stop_goals(f'{told}: who waited for the tree has given it up')
+            return
+        self._returned = f'{told}: what was said meanwhile comes first'
+        self._hold_all()
+        steady = self._runtime.steady
+        steady.call_at(steady.now() + RETURN_SECONDS, lambda: self._runtime.post(self._go_on))
+
+    def _go_on(self) -> None:
+        self._returned = ''
+        self._hold_all()
+
+    def _hold_all(self) -> None:
+        for running in self.running.all():
+            running.run.hold(self._reason_to_hold(running.goal))
+
+    def _reason_to_hold(self, goal: TreeGoal) -> str:
+        return self._returned or self.owners.problem(goal.owner)
+
+    def _stop_goals(self, reason: str, halting: float | None = None) -> None:
+        for goal in list(self._goals.values()):
+            self.stop(goal, reason, halting)
+
+    def wake(self, blackboard: str) -> None:
+        """Tick the trees that run on a blackboard: its entries were changed from outside."""
+        for running in self.running.on(blackboard):
+            running.run.wake()
+
+    def stop_all(self, reason: str, within: float) -> bool:
+        """Stop every tree, and wait until all goals have their results. Not on the executor thread.
+
+        Gives whether they have, within so many seconds of wall time.
+        """
+
+        halting = min(self._parameters.cancel_timeout, within - _REPORT_SECONDS)
+        self._runtime.call(lambda: self._stop_goals(reason, halting))
+        return self._no_goals.wait(within)
+
+    def find_run(self, run_id: str) -> TreeRun[TreeGoal]:
+        """The run that ``run_id`` names; see :meth:`RunningTrees.find`."""
+        return self.running.find(run_id).run
+
+    # -- a goal ------------------------------------------------------------------------------------------------------
+
+    def serve(self, goal: TreeGoal) -> None:
+        """Work on a goal until it has its result. Goals begin in the order in which they come here."""
+        self._goals[goal.served.id] = goal
+        self._no_goals.clear()
+        self.guard(goal, lambda: self._look_for_tree(goal))
+
+    def _look_for_tree(self, goal: TreeGoal) -> None:
+        def read() -> None:
+            try:
+                values = goal.read()
+                found = self._store.find(goal.tree)
+            except FlexbtError as error:
+                reason = str(error)
+                self._runtime.post(lambda: self.end(goal, RunOutcome(Result.ERROR, reason)))
+            except Exception as error:  # a fault of ours goes to the client as well
+                fault = error
+                self._runtime.post(lambda: self.end(goal, RunOutcome(Result.ERROR, self._fault(goal, fault))))
+            else:
+                self._runtime.post(lambda: self.guard(goal, lambda: self._found(goal, found, values)))
+
+        self._reader.submit(read)
+
+    def guard(self, goal: TreeGoal, step: Callable[[], None]) -> None:
+        """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
+        try:
+            step()
+        except FlexbtError as error:
+            self.end(goal, RunOutcome(Result.ERROR, str(error)))
+        except Exception as error:
+            self.end(goal, RunOutcome(Result.ERROR, self._fault(goal, error)))
+
+    def _fault(self, goal: TreeGoal, error: Exception) -> str:
+        """Report a fault of ours; gives what the client is told."""
+        self._runtime.report_fault(error, f'goal of {goal.action}')
+        return sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
+
+    def _found(self, goal: TreeGoal, found: FoundTree, values: list[Value]) -> None:
+        goal.found, goal.values, goal.notice = found, values, found.notice
+        if goal.notice:
+            self._runtime.node.get_logger().warning(f'tree {found.key.id!r}: {goal.notice}')
+        if goal.stop_reason is None:  # it may have been canceled while the file was read
+            goal.when_ready(lambda: self.guard(goal, lambda: self._begin(goal, found)))
+        else:
+            self._begin(goal, found)
+
+    def _begin(self, goal: TreeGoal, found: FoundTree) -> None:
+        if goal.stop_reason is not None:
+            self.end(goal, RunOutcome(Result.CANCELED, goal.stop_reason))
+            return
+        if goal.owner:
+            self.owners.watch(goal.owner, goal, lambda reason: self.stop(goal, reason), lambda: self._hold(goal))
+        running = self.running.get(found.key, goal.blackboard)
+        if running is None:
+            self._run(goal, found)
+            return
+        goal.running = running
+        replaced = running.run.offer(goal, goal.values)
+        if replaced is not None:
+            self.end(replaced, _replaced())
+
+    def _run(self, goal: TreeGoal, found: FoundTree) -> None:
+        name = goal.blackboard
+        board = self._boards.get(name)
+        run_id = goal.served.id.hex()
+        run: TreeRun[TreeGoal] = TreeRun(
+            found.library,
+            found.key,
+            board,
+            goal,
+            [*goal.fresh_values(), *goal.values],
+            clock=self._runtime.clock,
+            steady=self._runtime.steady,
+            health=self._runtime.health,
+            services=self._services,
+            observer=watched_by(self._stream.open(run_id, name), run_id, self._watchers),
+            error_code_names=self._parameters.error_code_names,
+            tick_rate=self._parameters.tick_rate,
+            cancel_timeout=self._parameters.cancel_timeout,
+            on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(running, newer)),
+            on_refused=lambda newer, reason: self._runtime.post(
+                lambda: self.end(
+                    newer, RunOutcome(Result.ERROR, f'the running tree does not take the new inputs: {reason}')
+                )
+            ),
+            on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
+            on_overrun=self._runtime.node.get_logger().warning,
+        )
+        running = goal.running = RunningTree(run_id, found.key, name, board, run, goal)
+        run.hold(self._reason_to_hold(goal))
+        run.start()
+        self.running.add(running)
+        self._schedule_feedback(running)
+
+    def _on_adopted(self, running: RunningTree, newer: TreeGoal) -> None:
+        older, running.goal = running.goal, newer
+        running.run.hold(self._reason_to_hold(newer))
+        self.end(older, _replaced())
+        if newer.stop_reason is not None:
+            running.run.stop(newer, newer.stop_reason)
+
+    def _on_end(self, running: RunningTree, outcome: RunOutcome) -> None:
+        self.running.remove(running)
+        if running.feedback is not None:
+            running.feedback.cancel()
+        self.end(running.goal, outcome)
+        offered = running.run.take_offer()
+        if offered is not None and offered.found is not None and offered.served.active:
+            # It came while the tree was ending. It gets a run of its own, and at once: before goals that came later.
+            found = offered.found
+            self.guard(offered, lambda: self._run(offered, found))
+
+    # -- the end of a goal -------------------------------------------------------------------------------------------
+
+    def cancel(self, served: ServedGoal) -> None:
+        """The client wants a goal canceled."""
+        self.stop(self._goals[served.id], _BY_CLIENT)
+
+    def stop(self, goal: TreeGoal, reason: str, within: float | None = None) -> None:
+        """Stop what is done for a goal; within so many seconds of wall time, by default the cancel timeout."""
+        if goal.stop_reason is None:
+            goal.stop_reason = reason
+        if goal.running is None:
+            return  # its tree is being looked for; see _begin
+        if goal.running.goal is goal:
+            goal.running.run.stop(goal, reason, within)
+        elif goal.running.run.withdraw(goal):
+            self.end(goal, RunOutcome(Result.CANCELED, reason))
+
+    def _hold(self, goal: TreeGoal) -> None:
+        if goal.running is not None and goal.running.goal is goal:
+            goal.running.run.hold(self._reason_to_hold(goal))
+
+    def end(self, goal: TreeGoal, outcome: RunOutcome) -> None:
+        """Give a goal its outcome; the first one counts."""
+        if not goal.served.active:
+            return
+        try:
+            code, result = goal.result(outcome, self._seconds(goal))
+        except Exception as error:
+            code, result = Result.ERROR, goal.fault_result(self._fault(goal, error))
+        if code == Result.SUCCESS:
+            goal.served.succeed(result)
+        elif code == Result.CANCELED:
+            goal.served.canceled(result)
+        else:
+            goal.served.abort(result)
+        self.owners.release(goal.owner, goal)
+        del self._goals[goal.served.id]
+        if not self._goals:
+            self._no_goals.set()
+        goal.on_ended()
+
+    # -- meanwhile ---------------------------------------------------------------------------------------------------
+
+    def _schedule_feedback(self, running: RunningTree) -> None:
+        steady = self._runtime.steady
+        running.feedback = steady.call_at(
+            steady.now() + 1.0 / self._parameters.feedback_rate,
+            lambda: self._runtime.post(lambda: self._feedback(running)),
+        )
+
+    def _feedback(self, running: RunningTree) -> None:
+        if running not in self.running:
+            return
+        if running.run.tree is not None:
+            goal = running.goal
+            goal.served.publish_feedback(
+                goal.feedback(running, running.run.tree, self.pose or PoseStamped(), self._seconds(goal))
+            )
+        self._schedule_feedback(running)
+
+    def _seconds(self, goal: TreeGoal) -> float:
+        return max(0.0, self._runtime.clock.now() - goal.accepted)
+
+
+def _replaced() -> RunOutcome:
+    return RunOutcome(Result.CANCELED, 'a newer goal for the same tree has taken over')
