@@ -122,6 +122,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_actions(
         names.COMPUTE_PATH_TO_POSE,
         names.COMPUTE_PATH_THROUGH_POSES,
+        names.SMOOTH_PATH,
         names.FOLLOW_PATH,
         names.SPIN,
         names.BACKUP,
@@ -144,6 +145,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     *_topics(names.CMD_VEL_TELEOP, names.PREEMPT_TELEOP, to=(NAVIGATION,)),
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
+    *_topics(names.PLAN_SMOOTHED, by=(NAVIGATION,)),
     # The robot
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),

@@ -68,6 +68,8 @@ RESET: Final = 'reset'
 # Navigation
 COMPUTE_PATH_TO_POSE: Final = 'compute_path_to_pose'
 COMPUTE_PATH_THROUGH_POSES: Final = 'compute_path_through_poses'
+SMOOTH_PATH: Final = 'smooth_path'
+PLAN_SMOOTHED: Final = 'plan_smoothed'
 FOLLOW_PATH: Final = 'follow_path'
 SPIN: Final = 'spin'
 BACKUP: Final = 'backup'

@@ -6,6 +6,7 @@ from .costmap import INSCRIBED, LETHAL, Costmap, Inflation
 from .motions import LOOK_AHEAD, STOP, Motion, Velocity, collides
 from .path_follower import FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner
+from .smoother import Smoothing, smooth_path
 from .track import Track
 
 __all__ = [
@@ -24,8 +25,10 @@ __all__ = [
     'Motion',
     'PathFollower',
     'ProgressChecker',
+    'Smoothing',
     'SpinMotion',
     'Track',
     'Velocity',
     'collides',
+    'smooth_path',
 ]

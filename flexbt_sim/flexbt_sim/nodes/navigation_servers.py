@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The node ``navigation``: navigation servers with the interfaces of Nav2, for the simulated robot.
 
-Actions compute_path_to_pose, compute_path_through_poses, follow_path, spin, backup, drive_on_heading, assisted_teleop
-and wait; services to clear the costmaps and is_path_valid; topic plan. While a node of the parameter ``owner_nodes`` is
-late the robot is held; when it is gone every goal is ended: nobody is left to stop it.
+Actions compute_path_to_pose, compute_path_through_poses, smooth_path, follow_path, spin, backup, drive_on_heading,
+assisted_teleop and wait; services to clear the costmaps and is_path_valid; topic plan. While a node of the parameter
+``owner_nodes`` is late the robot is held; when it is gone every goal is ended: nobody is left to stop it.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from .planner_server import PlannerServer
 from .request_checks import bounded, check_id, path_in_map
 from .robot_interface import RobotInterface
 from .ros_messages import seconds_of
+from .smoother_server import SmootherServer
 from .teleop_server import TeleopServer
 from .wait_server import WaitServer
 
@@ -102,6 +103,7 @@ class Navigation:
         )
         for action_type, name, make, feedback in motions:
             MotionServer(runtime, self._arbiter, action_type, name, make, feedback)
+        SmootherServer(runtime, self._parameters, self._robot)
         TeleopServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
         for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP):

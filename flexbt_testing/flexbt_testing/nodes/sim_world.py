@@ -19,6 +19,7 @@ from nav2_msgs.action import (
     ComputePathToPose,
     DriveOnHeading,
     FollowPath,
+    SmoothPath,
     Spin,
     Wait,
 )
@@ -45,6 +46,7 @@ ACTIONS = {
     names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
     names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
     names.FOLLOW_PATH: FollowPath,
+    names.SMOOTH_PATH: SmoothPath,
     names.SPIN: Spin,
     names.BACKUP: BackUp,
     names.DRIVE_ON_HEADING: DriveOnHeading,

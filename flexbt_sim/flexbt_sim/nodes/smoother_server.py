@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The action smooth_path."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from nav2_msgs.action import SmoothPath
+from nav_msgs.msg import Path
+
+from flexbt_common import names
+from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import duration_message
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation import Costmap, Smoothing, smooth_path
+from flexbt_sim.world import Pose
+
+from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
+from .computation import Computation
+from .navigation_parameters import NavigationParameters
+from .request_checks import check_id, path_in_map
+from .robot_interface import RobotInterface
+from .ros_messages import pose_message, seconds_of
+
+SMOOTHERS: Final = {'simple_smoother': Smoothing(2), 'route_smoother': Smoothing(5, keeps_reversals=False)}
+"""Those of Nav2's bringup; the second one is for routes, whose corners may go. Without a name it is the first."""
+
+
+class SmootherServer:
+    """On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, robot: RobotInterface) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._robot = robot
+        self._computation = Computation(runtime, 'the smoother')
+        self._smoothed = runtime.node.create_publisher(Path, names.PLAN_SMOOTHED, 1)
+        # A goal that is to be canceled ends when its path is smooth.
+        server = GoalServer(runtime, SmoothPath, names.SMOOTH_PATH, self._serve, on_cancel=lambda goal: None)
+        runtime.on_close(lambda: runtime.call(server.close))
+
+    def _serve(self, goal: ServedGoal) -> None:
+        self._robot.when_known(lambda: self._smooth(goal))
+
+    def _smooth(self, goal: ServedGoal) -> None:
+        began = time.monotonic()
+
+        def on_end(end: GoalEnd, path: Path | None = None) -> None:
+            spent = duration_message(time.monotonic() - began)
+            result = SmoothPath.Result(path=path or Path(), smoothing_duration=spent, was_completed=path is not None)
+            finish(goal, result, end)
+
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
+        request = goal.request
+        try:
+            check_id(request.smoother_id, tuple(SMOOTHERS), 'smoother', 'INVALID_SMOOTHER')
+            poses = path_in_map(request.path, self._parameters.map_frame)
+            costmap = self._robot.costmap
+        except Exception as error:
+            on_end(end_by(self._runtime, error, 'the smoother'))
+            return
+        limit = seconds_of(request.max_smoothing_duration)
+
+        def check_time() -> None:
+            if goal.cancel_requested or time.monotonic() - began > limit:
+                raise NavigationError('TIMEOUT', f'the path is not smooth after {limit:g} s')
+
+        def on_result(smoothed: list[Pose]) -> None:
+            path = _with_poses(request.path, smoothed)
+            self._smoothed.publish(path)
+            on_end(_checked(smoothed, costmap) if request.check_for_collisions else SUCCEEDED, path)
+
+        smoothing = SMOOTHERS[request.smoother_id or next(iter(SMOOTHERS))]
+        self._computation.run(goal, lambda: smooth_path(poses, costmap, smoothing, check_time), on_result, on_end)
+
+
+def _checked(poses: Sequence[Pose], costmap: Costmap) -> GoalEnd:
+    """The end of a goal whose path must not touch anything."""
+    for pose in poses:
+        if costmap.in_collision(pose):
+            said = f'the path is in collision at ({pose.x:.2f}, {pose.y:.2f})'
+            return GoalEnd(code='SMOOTHED_PATH_IN_COLLISION', message=said)
+    return SUCCEEDED
+
+
+def _with_poses(path: Path, poses: Sequence[Pose]) -> Path:
+    """The message with other poses; headers and heights stay."""
+    for stamped, pose in zip(path.poses, poses, strict=True):
+        height = stamped.pose.position.z
+        stamped.pose = pose_message(pose)
+        stamped.pose.position.z = height
+    return path
