@@ -5,7 +5,7 @@ from .behaviors import AssistedTeleop, DriveMotion, SpinMotion
 from .costmap import INSCRIBED, LETHAL, Costmap, Inflation
 from .motions import LOOK_AHEAD, STOP, Motion, Velocity, collides
 from .path_follower import FollowerLimits, PathFollower, ProgressChecker
-from .planner import END_TOLERANCE, SPACING, GridPlanner
+from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare
 from .smoother import Smoothing, smooth_path
 from .track import Track
 
@@ -24,11 +24,14 @@ __all__ = [
     'Inflation',
     'Motion',
     'PathFollower',
+    'PlanningStopped',
     'ProgressChecker',
     'Smoothing',
     'SpinMotion',
+    'StopFlag',
     'Track',
     'Velocity',
     'collides',
+    'prepare',
     'smooth_path',
 ]

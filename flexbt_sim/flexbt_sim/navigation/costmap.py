@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from flexbt_sim.world import OccupancyMap, Pose
+
+from .acceleration import loops
+from .kernels import Bools, Costs, Squares
 
 LETHAL: Final = 254
 INSCRIBED: Final = 253
@@ -35,52 +39,115 @@ Position = tuple[float, float]
 """Row and column of a point, in cells; see :meth:`flexbt_sim.world.occupancy_map.OccupancyMap.grid_position`."""
 
 
-class Costmap:
-    """Cost of each cell for the centre of the robot: 0 to 252, 253 in collision, 254 obstacle. Unknown is free."""
+@dataclass(frozen=True)
+class Box:
+    """A part of a grid: rows from ``bottom`` to before ``top``, columns from ``left`` to before ``right``."""
 
-    def __init__(self, world: OccupancyMap, inflation: Inflation) -> None:
+    bottom: int
+    top: int
+    left: int
+    right: int
+
+    @property
+    def cells(self) -> tuple[slice, slice]:
+        """To index an array with."""
+        return slice(self.bottom, self.top), slice(self.left, self.right)
+
+    def grown(self, by: int, shape: Sequence[int]) -> Box:
+        """With so many cells more on each side, within a grid."""
+        return Box(
+            max(0, self.bottom - by),
+            min(shape[0], self.top + by),
+            max(0, self.left - by),
+            min(shape[1], self.right + by),
+        )
+
+
+class Costmap:
+    """Cost of each cell for the centre of the robot: 0 to 252, 253 in collision, 254 obstacle. Unknown is free.
+
+    A value: it does not change, and may be used by any thread. ``world`` has the geometry of the grid; ``obstacles``
+    are those of the world, unless others are given.
+    """
+
+    def __init__(self, world: OccupancyMap, inflation: Inflation, obstacles: Bools | None = None) -> None:
         self.world = world
         self.inflation = inflation
-        distance = world.distances
-        beyond = numpy.maximum(distance - inflation.robot_radius, 0.0)
-        costs = numpy.where(
-            distance <= inflation.radius, _HIGHEST_INFLATED * numpy.exp(-inflation.scaling * beyond), 0.0
-        )
-        costs[distance <= inflation.robot_radius] = INSCRIBED
-        costs[world.obstacles] = LETHAL
-        self.costs: NDArray[numpy.uint8] = costs.astype(numpy.uint8)
+        self.obstacles: Bools = world.obstacles if obstacles is None else obstacles
+        reach = math.ceil(max(inflation.radius, inflation.robot_radius) / world.resolution) + 1
+        self._reach = min(reach, max(self.obstacles.shape))
+        self._squares, self.costs = self._inflated(Box(0, world.height, 0, world.width))
+
+    def changed(self, obstacles: Bools, box: Box) -> Costmap:
+        """With other obstacles, which differ from the present ones in a box only: what is near it is computed anew."""
+        copy = object.__new__(Costmap)
+        copy.world, copy.inflation, copy.obstacles, copy._reach = self.world, self.inflation, obstacles, self._reach
+        near = box.grown(self._reach, obstacles.shape)
+        copy._squares, copy.costs = self._squares.copy(), self.costs.copy()
+        copy._squares[near.cells], copy.costs[near.cells] = copy._inflated(near)
+        return copy
+
+    def _inflated(self, box: Box) -> tuple[Squares, Costs]:
+        """Squared gaps, see :mod:`.kernels`, and costs in a box."""
+        inflation = self.inflation
+        squares: Squares = loops().squared_gaps(self.obstacles, box.bottom, box.top, box.left, box.right, self._reach)
+        distances = numpy.sqrt(squares, dtype=numpy.float32)
+        distances *= self.world.resolution / 2.0
+        distances[squares > 4 * self._reach**2] = math.inf
+        in_collision, beyond = distances <= inflation.robot_radius, distances > inflation.radius
+        distances -= inflation.robot_radius
+        distances *= -inflation.scaling
+        numpy.exp(distances, out=distances)
+        distances *= _HIGHEST_INFLATED
+        distances[beyond] = 0.0
+        distances[in_collision] = INSCRIBED
+        distances[squares == 0] = LETHAL
+        return squares, distances.astype(numpy.uint8)
+
+    @cached_property
+    def regions(self) -> NDArray[numpy.int32]:
+        """A number for each cell, the same where the robot can get from one to the other, 0 where it cannot be."""
+        labels: NDArray[numpy.int32] = loops().regions(self.costs < INSCRIBED)
+        return labels
 
     def in_collision(self, pose: Pose) -> bool:
         """Whether the robot would overlap an obstacle there, or its centre be outside of the map."""
         world = self.world
         return not (
-            world.contains(*world.cell(pose.x, pose.y)) and world.is_free(pose.x, pose.y, self.inflation.robot_radius)
+            world.contains(*world.cell(pose.x, pose.y)) and self.is_free(pose.x, pose.y, self.inflation.robot_radius)
         )
+
+    def is_free(self, x: float, y: float, radius: float) -> bool:
+        """Whether a circle of a radius, m, round a point overlaps no obstacle; on the map exactly."""
+        world = self.world
+        row, column = world.grid_position(x, y)
+        r, c = (min(max(math.floor(at), 0), size - 1) for at, size in zip((row, column), self.costs.shape, strict=True))
+        known = math.sqrt(self._squares[r, c]) / 2.0 - math.hypot(row - r - 0.5, column - c - 0.5)
+        return known * world.resolution >= radius or self.clearance(x, y, radius) >= radius
+
+    def clearance(self, x: float, y: float, within: float) -> float:
+        """Distance from a point to the nearest obstacle, m, exactly; infinite where none is nearer than ``within``."""
+        row, column = self.world.grid_position(x, y)
+        reach = within / self.world.resolution + 1.0
+        bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
+        near = self.obstacles[bottom : max(0, math.ceil(row + reach)), left : max(0, math.ceil(column + reach))]
+        rows, columns = numpy.nonzero(near)
+        gaps = numpy.hypot(_gaps(rows + bottom, row), _gaps(columns + left, column))
+        least = float(gaps.min(initial=math.inf)) * self.world.resolution
+        return least if least < within else math.inf
 
     def is_clear(self, start: Position, end: Position, radius: float) -> bool:
         """Whether a circle, of a radius in m, can move straight from one position to the other.
 
-        Never wrongly true; wrongly false at most where it has less than a cell to spare. Distances are interpolated
-        between points half a cell apart. What that and the gaps between the samples may hide is bounded by the squares
-        of the spacings, since the square of the distance from a point has the constant curvature 2.
+        Never wrongly true; wrongly false at most where it has less than a cell to spare.
         """
-        world = self.world
-        points, spacing = along(start, end)
-        distances = ndimage.map_coordinates(world.half_cell_distances, 2.0 * points, order=1, mode='nearest')
-        between_points = 2.0 * (world.resolution / 4.0) ** 2
-        between_samples = (spacing * world.resolution / 2.0) ** 2
-        return bool(distances.min() >= math.sqrt(radius**2 + between_points + between_samples))
+        return bool(loops().is_clear(self.obstacles, self._squares, start, end, radius / self.world.resolution))
 
     def mean_cost(self, start: Position, end: Position) -> float:
         """Mean cost of the cells along a straight line between two positions on the map."""
-        samples = max(1, math.ceil(8.0 * math.dist(start, end)))
-        parts = (numpy.arange(samples) + 0.5) / samples
-        points = numpy.outer(start, 1.0 - parts) + numpy.outer(end, parts)
-        rows, columns = numpy.minimum(points.astype(int), [[self.world.height - 1], [self.world.width - 1]])
-        return float(self.costs[rows, columns].mean())
+        return float(loops().mean_cost(self.costs, start, end))
 
 
-def along(start: Position, end: Position) -> tuple[NDArray[numpy.float64], float]:
-    """Evenly spaced positions from start to end, shape (2, n), and their spacing, at most half a cell."""
-    intervals = max(1, math.ceil(2.0 * math.dist(start, end)))
-    return numpy.linspace(start, end, intervals + 1, axis=1), math.dist(start, end) / intervals
+def _gaps(cells: NDArray[numpy.int64], position: float) -> NDArray[numpy.float64]:
+    """How far cells are from a position along one axis."""
+    return numpy.maximum(numpy.maximum(cells - position, position - 1.0 - cells), 0.0)

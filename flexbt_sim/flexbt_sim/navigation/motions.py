@@ -64,14 +64,14 @@ def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -
     """
     if velocity.linear == 0.0:
         return False
-    world = costmap.world
+    world, radius = costmap.world, costmap.inflation.robot_radius
     steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(abs(velocity.linear) * seconds / world.resolution))
     here = pose
     for step in range(1, steps + 1):
         ahead = drive(pose, *velocity, seconds * step / steps)
         if costmap.in_collision(ahead) and not (
             world.contains(*world.cell(ahead.x, ahead.y))
-            and world.clearance(ahead.x, ahead.y) > world.clearance(here.x, here.y)
+            and costmap.clearance(ahead.x, ahead.y, radius) > costmap.clearance(here.x, here.y, radius)
         ):
             return True
         here = ahead

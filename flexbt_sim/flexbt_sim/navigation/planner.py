@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans paths on a costmap: a shortest path over the grid, pulled straight to any angle where that costs no more."""
+"""Plans paths on a costmap: a cheapest path over the grid, pulled straight to any angle where that costs no more."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Final
 
 import numpy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose
+from flexbt_sim.world import OccupancyMap, Pose
 
-from .costmap import INSCRIBED, Costmap, Position, along
+from .acceleration import loops
+from .costmap import INSCRIBED, LETHAL, Costmap, Inflation, Position
+from .kernels import Costs, neighbours
 
 NEUTRAL_COST: Final = 50.0
 COST_FACTOR: Final = 0.8
@@ -28,21 +28,52 @@ SPACING: Final = 0.05
 END_TOLERANCE: Final = 0.3
 """How far start and goal may be from a free cell, m: a robot that touches a wall has to get away from it."""
 
-_DIRECTIONS: Final = ((0, 1), (1, 0), (1, 1), (1, -1))
-_NO_PREDECESSOR: Final = -9999
+WEIGHTS: Final = numpy.where(numpy.arange(256) < INSCRIBED, NEUTRAL_COST + COST_FACTOR * numpy.arange(256), math.inf)
+"""What it costs to cross a cell, by its cost; infinite where the robot cannot be."""
 
 Cell = tuple[int, int]
 
 
+class PlanningStopped(NavigationError):
+    """The plan is not wanted any more."""
+
+
+class StopFlag:
+    """Ends a plan that is being made on another thread."""
+
+    def __init__(self) -> None:
+        self.cell: Costs = numpy.zeros(1, numpy.uint8)
+
+    def set(self) -> None:
+        """From any thread."""
+        self.cell[0] = 1
+
+    def check(self) -> None:
+        """Raises PlanningStopped once it is set."""
+        if self.cell[0]:
+            raise PlanningStopped('UNKNOWN', 'the plan is not wanted any more')
+
+
 class GridPlanner:
-    """Plans on one costmap. Building it takes some 50 ms for a flat; planning takes as long."""
+    """Plans on one costmap."""
 
-    def __init__(self, costmap: Costmap) -> None:
+    def __init__(self, costmap: Costmap, tolerance: float = 0.0) -> None:
+        """``tolerance`` in m: instead of a goal that is occupied, or to which there is no way, the path ends at the
+        nearest cell that can be reached within a square of it, with the heading of the goal.
+        """
         self._costmap = costmap
-        self._free = costmap.costs < INSCRIBED
-        self._graph = self._build_graph()
+        self._tolerance = tolerance
 
-    def plan(self, start: Pose, goal: Pose) -> list[Pose]:
+    def plan_through(self, start: Pose, goals: Sequence[Pose], stop: StopFlag | None = None) -> list[Pose]:
+        """A path from goal to goal; each leg begins where the one before it ends. Raises as :meth:`plan`."""
+        path: list[Pose] = []
+        here = start
+        for goal in goals:
+            path[-1:] = self.plan(here, goal, stop)
+            here = path[-1]
+        return path
+
+    def plan(self, start: Pose, goal: Pose, stop: StopFlag | None = None) -> list[Pose]:
         """A path from start to goal, with the goal's own pose at its end; just this one if they are in one place.
 
         The robot overlaps no obstacle on its poses and between them. From a start where it does, the path leads
@@ -50,20 +81,34 @@ class GridPlanner:
 
         Raises:
             NavigationError: START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED, GOAL_OCCUPIED or NO_VALID_PATH.
+            PlanningStopped: ``stop`` was set.
         """
+        stop = stop or StopFlag()
+        stop.check()
+        costmap = self._costmap
         begin, end = self._position('START', start), self._position('GOAL', goal)
-        target = None if self._costmap.in_collision(goal) else self._anchor(end, goal)
-        if target is None:
-            raise NavigationError(
-                'GOAL_OCCUPIED', f'the goal ({goal.x:.2f}, {goal.y:.2f}) is in collision with an obstacle'
-            )
-        source = self._anchor(begin, start) if self._costmap.world.clearance(start.x, start.y) > 0.0 else None
+        target = None if costmap.in_collision(goal) else self._anchor(end, goal)
+        if target is None and not self._tolerance:
+            raise self._occupied(goal)
+        source = self._anchor(begin, start)
         if source is None:
             raise NavigationError('START_OCCUPIED', f'the start ({start.x:.2f}, {start.y:.2f}) is in an obstacle')
-        cells = self._search(source, target, goal)
-        corners = self._pull_straight([begin, *((row + 0.5, column + 0.5) for row, column in cells), end], cells)
-        points = [self._costmap.world.point(row - 0.5, column - 0.5) for row, column in corners]
+        if target is None or costmap.regions[target] != costmap.regions[source]:
+            reason = NavigationError('NO_VALID_PATH', f'no way leads to the goal ({goal.x:.2f}, {goal.y:.2f})')
+            near = self._nearest_reachable(end, source)
+            if near is None:
+                raise reason if target is not None else self._occupied(goal)
+            target, end = near, (near[0] + 0.5, near[1] + 0.5)
+            goal = Pose(*costmap.world.point(*near), goal.yaw)
+        cells = self._search(source, target, stop)
+        corners = self._pull_straight(begin, cells, end, stop)
+        points = [costmap.world.point(row - 0.5, column - 0.5) for row, column in corners]
         return _resample([(start.x, start.y), *points[1:-1], (goal.x, goal.y)], goal)
+
+    def _occupied(self, goal: Pose) -> NavigationError:
+        return NavigationError(
+            'GOAL_OCCUPIED', f'the goal ({goal.x:.2f}, {goal.y:.2f}) is in collision with an obstacle'
+        )
 
     def _position(self, which: str, pose: Pose) -> Position:
         world = self._costmap.world
@@ -75,46 +120,67 @@ class GridPlanner:
         return row, column
 
     def _anchor(self, position: Position, pose: Pose) -> Cell | None:
-        """The nearest free cell that the robot can get to straight, without coming nearer to an obstacle than it is."""
-        world = self._costmap.world
-        radius = min(self._costmap.inflation.robot_radius, world.clearance(pose.x, pose.y)) - 1e-6
-        reach = math.ceil(END_TOLERANCE / world.resolution)
-        bottom, left = (max(0, math.floor(value) - reach) for value in position)
-        top, right = (math.floor(value) + reach + 1 for value in position)
-        cells = numpy.add(numpy.argwhere(self._free[bottom:top, left:right]), (bottom, left))
-        nearest_first = numpy.argsort(((cells + 0.5 - position) ** 2).sum(axis=1))
-        for row, column in cells[nearest_first].tolist():
-            way, _ = along(position, (row + 0.5, column + 0.5))
-            if all(world.is_free(*world.point(*(place - 0.5)), radius) for place in way.T):
+        """The nearest free cell that the robot can get to straight, without coming nearer to an obstacle than it is.
+
+        There is none for a robot whose centre is in an obstacle.
+        """
+        costmap = self._costmap
+        world = costmap.world
+        radius = costmap.inflation.robot_radius
+        radius = min(radius, costmap.clearance(pose.x, pose.y, radius))
+        if radius == 0.0:
+            return None
+        for row, column in self._nearest_first(position, END_TOLERANCE):
+            centre = (row + 0.5, column + 0.5)
+            way = numpy.linspace(position, centre, math.ceil(2.0 * math.dist(position, centre)) + 1)
+            if all(costmap.is_free(*world.point(*place), radius - 1e-6) for place in way - 0.5):
                 return row, column
         return None
 
-    def _search(self, source: Cell, target: Cell, goal: Pose) -> list[Cell]:
-        shape = self._free.shape
-        node, last = (int(numpy.ravel_multi_index(cell, shape)) for cell in (source, target))
-        # From the goal, so that the predecessors lead from the start to it.
-        _, predecessors = csgraph.dijkstra(self._graph, indices=last, return_predecessors=True)
-        if node != last and predecessors[node] == _NO_PREDECESSOR:
-            raise NavigationError('NO_VALID_PATH', f'no way leads to the goal ({goal.x:.2f}, {goal.y:.2f})')
-        cells = [source]
-        while node != last:
-            node = int(predecessors[node])
-            cells.append(divmod(node, shape[1]))
-        return cells
+    def _nearest_reachable(self, position: Position, source: Cell) -> Cell | None:
+        """The nearest cell to which there is a way, within the tolerance."""
+        regions = self._costmap.regions
+        near = self._nearest_first(position, self._tolerance) if self._tolerance else []
+        return next((cell for cell in near if regions[cell] == regions[source]), None)
 
-    def _pull_straight(self, way: Sequence[Position], cells: Sequence[Cell]) -> list[Position]:
-        """Corners of a path that takes straight lines where they are free and cost no more than the cells do.
+    def _nearest_first(self, position: Position, distance: float) -> list[Cell]:
+        """The free cells of a square round a position, ``distance`` in m to each side."""
+        reach = math.ceil(distance / self._costmap.world.resolution)
+        bottom, left = (max(0, math.floor(value) - reach) for value in position)
+        top, right = (math.floor(value) + reach + 1 for value in position)
+        cells = numpy.add(numpy.argwhere(self._costmap.costs[bottom:top, left:right] < INSCRIBED), (bottom, left))
+        nearest_first = numpy.argsort(((cells + 0.5 - position) ** 2).sum(axis=1), kind='stable')
+        return [(row, column) for row, column in cells[nearest_first].tolist()]
 
-        ``way`` leads from the start over the ``cells`` to the goal.
+    def _search(self, source: Cell, target: Cell, stop: StopFlag) -> NDArray[numpy.int64]:
+        """The cells of a cheapest way, shape (n, 2)."""
+        costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
+        width = costs.shape[1]
+        start, last = ((row + 1) * width + column + 1 for row, column in (source, target))
+        directions = loops().search(costs, WEIGHTS, start, last, stop.cell)
+        stop.check()
+        steps = neighbours(width)
+        way = [last]
+        while way[-1] != start:
+            way.append(way[-1] - steps[directions[way[-1]]])
+        return numpy.stack(numpy.divmod(way[::-1], width), axis=1) - 1
+
+    def _pull_straight(
+        self, begin: Position, cells: NDArray[numpy.int64], end: Position, stop: StopFlag
+    ) -> list[Position]:
+        """Corners of a path from begin to end that takes straight lines where they are free and cost no more than the
+        cells between do.
         """
-        costs = NEUTRAL_COST + COST_FACTOR * numpy.array(
-            [self._costmap.costs[cell] for cell in (cells[0], *cells, cells[-1])], float
-        )
-        steps = numpy.array([math.dist(a, b) for a, b in pairwise(way)])
-        spent = numpy.concatenate([[0.0], numpy.cumsum(steps * (costs[:-1] + costs[1:]) / 2.0)])
+        on_the_way = [begin, *(cells + 0.5).tolist(), end]
+        way: list[Position] = [(row, column) for row, column in on_the_way]
+        weights = WEIGHTS[self._costmap.costs[cells[:, 0], cells[:, 1]]]
+        weights = numpy.concatenate([weights[:1], weights, weights[-1:]])
+        steps = numpy.hypot(*numpy.diff(way, axis=0).T)
+        spent = numpy.concatenate([[0.0], numpy.cumsum(steps * (weights[:-1] + weights[1:]) / 2.0)])
         corners = [way[0]]
         here, last = 0, len(way) - 1
         while here < last:
+            stop.check()
             reach = 1
             while here + reach < last and self._is_shortcut(way, spent, here, min(last, here + 2 * reach)):
                 reach *= 2
@@ -135,30 +201,11 @@ class GridPlanner:
             way[i], way[j], self._costmap.inflation.robot_radius
         )
 
-    def _build_graph(self) -> sparse.csr_matrix:
-        """Costs of the steps between neighbouring free cells.
 
-        A straight step never passes an obstacle nearer than it is at its ends, and a diagonal one than it is at its
-        ends or in the middle, at the common corner: obstacles are whole cells.
-        """
-        height, width = self._free.shape
-        numbers = numpy.arange(height * width, dtype=numpy.int32).reshape(height, width)
-        weights = (NEUTRAL_COST + COST_FACTOR * self._costmap.costs) / 2.0
-        corners = self._costmap.world.half_cell_distances[2:-2:2, 2:-2:2] >= self._costmap.inflation.robot_radius
-        rows, columns, lengths = [], [], []
-        for up, right in _DIRECTIONS:
-            a = (slice(0, height - up), slice(max(0, -right), width - max(0, right)))
-            b = (slice(up, height), slice(max(0, right), width + min(0, right)))
-            steps = self._free[a] & self._free[b]
-            if up and right:
-                steps &= corners
-            length = (math.hypot(up, right) * (weights[a] + weights[b]))[steps]
-            rows += [numbers[a][steps], numbers[b][steps]]
-            columns += [numbers[b][steps], numbers[a][steps]]
-            lengths += [length, length]
-        size = height * width
-        entries = (numpy.concatenate(lengths), (numpy.concatenate(rows), numpy.concatenate(columns)))
-        return sparse.csr_matrix(entries, shape=(size, size))
+def prepare() -> None:
+    """Load what is compiled, or compile it on a computer's first start: some seconds that no goal has to wait for."""
+    world = OccupancyMap(numpy.zeros((3, 3), numpy.int8), 1.0, Pose(0.0, 0.0, 0.0))
+    GridPlanner(Costmap(world, Inflation())).plan(Pose(0.5, 0.5, 0.0), Pose(2.5, 2.5, 0.0))
 
 
 def _resample(corners: Sequence[tuple[float, float]], goal: Pose) -> list[Pose]:

@@ -24,6 +24,7 @@ class NavigationParameters:
     controller_ids: tuple[str, ...]
     goal_checker_ids: tuple[str, ...]
     progress_checker_ids: tuple[str, ...]
+    planner_tolerance: float
     inflation: Inflation
     follower: FollowerLimits
     map_frame: str
@@ -60,6 +61,13 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         ),
         progress_checker_ids=declare.texts(
             'progress_checker_ids', ['progress_checker'], 'names under which the progress checker is known'
+        ),
+        planner_tolerance=declare.real(
+            'tolerance',
+            0.0,
+            0.0,
+            10.0,
+            'how far from a goal that cannot be reached a path may end, m; 0: nowhere else',
         ),
         inflation=Inflation(
             robot_radius=declare.real('robot_radius', inflation.robot_radius, 0.01, 2.0, 'radius of the robot, m'),

@@ -21,7 +21,7 @@ from flexbt_common.runtime import Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import DriveMotion, PathFollower, ProgressChecker, SpinMotion
+from flexbt_sim.navigation import DriveMotion, PathFollower, ProgressChecker, SpinMotion, prepare
 
 from .action_results import GoalEnd
 from .motion_server import MotionArbiter, MotionServer
@@ -51,6 +51,7 @@ class Navigation:
         """
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
+        prepare()
         runtime.call(self._serve)
         timeout = self._parameters.peer_timeout
         self._owners = [

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The functions of :mod:`.kernels` by operations on whole arrays, for where there is no compiler."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+
+from .kernels import Bools, Costs, Squares, Weights, neighbours
+
+_NO_PREDECESSOR = -9999
+
+
+def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
+    """See :func:`.kernels.squared_gaps`."""
+    height, width = obstacles.shape
+    far = 4 * reach * reach + 1
+    low, first = max(0, bottom - reach), max(0, left - reach)
+    part = obstacles[low : min(height, top + reach), first : min(width, right + reach)]
+    rows = numpy.arange(part.shape[0], dtype=numpy.int32)[:, None]
+    below = numpy.maximum.accumulate(numpy.where(part, rows, -reach - 1), axis=0)
+    above = numpy.minimum.accumulate(numpy.where(part, rows, part.shape[0] + reach)[::-1], axis=0)[::-1]
+    gaps = numpy.minimum(numpy.minimum(rows - below, above - rows), reach + 1)[bottom - low : top - low]
+    padded = numpy.full((top - bottom, part.shape[1] + 2 * reach), far, numpy.int32)
+    padded[:, reach : reach + part.shape[1]] = numpy.square(numpy.maximum(2 * gaps - 1, 0))
+    centre, columns = reach + left - first, right - left
+    squares = numpy.minimum(padded[:, centre : centre + columns], far)
+    for offset in range(1, reach + 1):
+        across = (2 * offset - 1) ** 2
+        for begin in (centre - offset, centre + offset):
+            numpy.minimum(squares, across + padded[:, begin : begin + columns], out=squares)
+    return squares
+
+
+def regions(free: Bools) -> Squares:
+    """See :func:`.kernels.regions`."""
+    labels: Squares = ndimage.label(free)[0]
+    return labels
+
+
+def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -> NDArray[numpy.int8]:
+    """See :func:`.kernels.search`. It is not stopped on the way, and goes on to cells farther than the goal."""
+    width = costs.shape[1]
+    along = weights[costs]
+    free = along < math.inf
+    numbers = numpy.arange(costs.size, dtype=numpy.int32).reshape(costs.shape)
+    entries: list[tuple[Any, Any, Any]] = []
+    for up, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        height = costs.shape[0]
+        a = (slice(0, height - up), slice(max(0, -right), width - max(0, right)))
+        b = (slice(up, height), slice(max(0, right), width + min(0, right)))
+        steps = free[a] & free[b]
+        if up and right:
+            steps &= free[a[0], b[1]] & free[b[0], a[1]]
+        length = (math.hypot(up, right) * (along[a] + along[b]) / 2.0)[steps]
+        entries += [(length, numbers[a][steps], numbers[b][steps]), (length, numbers[b][steps], numbers[a][steps])]
+    lengths, sources, targets = (numpy.concatenate(parts) for parts in zip(*entries, strict=True))
+    graph = sparse.csr_matrix((lengths, (sources, targets)), shape=(costs.size, costs.size))
+    _, predecessors = csgraph.dijkstra(graph, indices=start, return_predecessors=True)
+    directions = numpy.full(costs.size, -1, numpy.int8)
+    reached = numpy.flatnonzero(predecessors != _NO_PREDECESSOR)
+    came = reached - predecessors[reached]
+    for way, step in enumerate(neighbours(width)):
+        directions[reached[came == step]] = way
+    return directions
+
+
+def is_clear(
+    obstacles: Bools, squares: Squares, start: tuple[float, float], end: tuple[float, float], radius: float
+) -> bool:
+    """See :func:`.kernels.is_clear`."""
+    height, width = obstacles.shape
+    length = math.dist(start, end)
+    intervals = max(1, math.ceil(4.0 * length))
+    needed = math.sqrt(radius * radius + (length / intervals / 2.0) ** 2)
+    points = numpy.linspace(start, end, intervals + 1)
+    cells = numpy.clip(numpy.floor(points).astype(int), 0, (height - 1, width - 1))
+    known = numpy.sqrt(squares[cells[:, 0], cells[:, 1]]) / 2.0
+    for row, column in points[known - numpy.hypot(*(points - cells - 0.5).T) < needed].tolist():
+        bottom, left = max(0, int(row - needed) - 1), max(0, int(column - needed) - 1)
+        near = obstacles[bottom : int(row + needed) + 2, left : int(column + needed) + 2]
+        rows, columns = numpy.nonzero(near)
+        up = numpy.maximum(numpy.maximum(rows + (bottom - row), row - bottom - 1.0 - rows), 0.0)
+        right = numpy.maximum(numpy.maximum(columns + (left - column), column - left - 1.0 - columns), 0.0)
+        if (up * up + right * right < needed * needed).any():
+            return False
+    return True
+
+
+def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> float:
+    """See :func:`.kernels.mean_cost`."""
+    samples = max(1, math.ceil(8.0 * math.dist(start, end)))
+    parts = ((numpy.arange(samples) + 0.5) / samples)[:, None]
+    points = (start + (numpy.array(end) - start) * parts).astype(int)
+    rows, columns = numpy.clip(points, 0, (costs.shape[0] - 1, costs.shape[1] - 1)).T
+    return float(costs[rows, columns].mean())

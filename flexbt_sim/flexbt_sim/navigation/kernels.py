@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The inner loops over the cells of a costmap, written so that numba can compile them.
+
+Plain functions over arrays that call nothing of ours. :mod:`.acceleration` compiles them, without holding the
+interpreter, or has an equivalent of whole-array operations where there is no numba.
+
+Squared gaps are in half cells: a gap is the distance from the centre of a cell to the nearest point of an obstacle
+cell, along an axis an odd number of half cells, or 0 in the obstacle itself.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy
+from numpy.typing import NDArray
+
+Bools = NDArray[numpy.bool_]
+Costs = NDArray[numpy.uint8]
+Squares = NDArray[numpy.int32]
+Weights = NDArray[numpy.float64]
+
+
+def neighbours(width: int) -> tuple[int, ...]:
+    """What the number of a cell differs by from those of its eight neighbours, in a grid so wide; diagonals last."""
+    return 1, width, -1, -width, width + 1, width - 1, -width - 1, -width + 1
+
+
+def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
+    """Squared gaps of the cells in a box, up to ``reach`` cells; (2 * reach)² + 1 where nothing is so near."""
+    height, width = obstacles.shape
+    far = 4 * reach * reach + 1
+    first, last = max(0, left - reach), min(width, right + reach)
+    gaps = numpy.empty((top - bottom, last - first), numpy.int32)
+    # Up and down each column: how many rows ago the last obstacle was.
+    ago = numpy.full(last - first, reach + 1, numpy.int32)
+    for row in range(max(0, bottom - reach), top):
+        for i in range(last - first):
+            ago[i] = 0 if obstacles[row, first + i] else ago[i] + 1
+        if row >= bottom:
+            for i in range(last - first):
+                gaps[row - bottom, i] = ago[i]
+    ago[:] = reach + 1
+    for row in range(min(height, top + reach) - 1, bottom - 1, -1):
+        for i in range(last - first):
+            ago[i] = 0 if obstacles[row, first + i] else ago[i] + 1
+        if row < top:
+            for i in range(last - first):
+                gaps[row - bottom, i] = min(gaps[row - bottom, i], ago[i])
+    squares = numpy.empty((top - bottom, right - left), numpy.int32)
+    columns = numpy.empty(last - first, numpy.int32)
+    after = numpy.empty(last - first, numpy.int32)
+    for row in range(top - bottom):
+        following = last - first + reach + 1
+        for i in range(last - first - 1, -1, -1):
+            gap = gaps[row, i]
+            columns[i] = 0 if gap == 0 else (2 * gap - 1) * (2 * gap - 1)
+            if gap <= reach:
+                following = i
+            after[i] = following
+        before = -reach - 1
+        for i in range(last - first):
+            if gaps[row, i] <= reach:
+                before = i
+            if left <= first + i < right:
+                best = min(far, columns[i])
+                # Nothing nearer than the nearest columns that have an obstacle at all.
+                for offset in range(max(1, min(i - before, after[i] - i)), reach + 1):
+                    across = (2 * offset - 1) * (2 * offset - 1)
+                    if across >= best:
+                        break
+                    if i - offset >= 0:
+                        best = min(best, across + columns[i - offset])
+                    if i + offset < last - first:
+                        best = min(best, across + columns[i + offset])
+                squares[row, first + i - left] = best
+    return squares
+
+
+def regions(free: Bools) -> Squares:
+    """A number for each cell: the same for two if and only if a way over neighbouring free cells joins them; 0 in
+    cells that are not free.
+    """
+    height, width = free.shape
+    labels = numpy.zeros((height, width), numpy.int32)
+    parent = numpy.zeros(height * width // 2 + 2, numpy.int32)
+    count = 0
+    for row in range(height):
+        for column in range(width):
+            if not free[row, column]:
+                continue
+            under = labels[row - 1, column] if row else 0
+            beside = labels[row, column - 1] if column else 0
+            if under == 0 and beside == 0:
+                count += 1
+                parent[count] = count
+                labels[row, column] = count
+            elif under == 0 or beside == 0 or under == beside:
+                labels[row, column] = max(under, beside)
+            else:
+                while parent[under] != under:
+                    parent[under] = parent[parent[under]]
+                    under = parent[under]
+                while parent[beside] != beside:
+                    parent[beside] = parent[parent[beside]]
+                    beside = parent[beside]
+                joined = min(under, beside)
+                parent[under] = joined
+                parent[beside] = joined
+                labels[row, column] = joined
+    for label in range(1, count + 1):
+        parent[label] = parent[parent[label]]
+    for row in range(height):
+        for column in range(width):
+            labels[row, column] = parent[labels[row, column]]
+    return labels
+
+
+def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -> NDArray[numpy.int8]:
+    """For each cell in which direction, of :func:`neighbours`, the cheapest way from the start comes to it; -1: none.
+
+    A* over neighbouring free cells. A step costs its length in cells times the mean of the ``weights`` of the costs of
+    its ends; cells of infinite weight are not free, and a diagonal between two cells is free if all four are. All
+    cells at the border have infinite weight; cells are numbered row by row. Ends, with whatever is known by then,
+    when another thread sets ``stop[0]``.
+
+    The queue is a ring of buckets, each a linked list. Within a bucket the order is left open, so that a cell may be
+    looked at again, and the search ends when nothing cheaper than the way to the goal is left.
+    """
+    width = costs.shape[1]
+    flat = costs.reshape(costs.size)
+    steps = (1, width, -1, -width, width + 1, width - 1, -width - 1, -width + 1)
+    least = most = weights[0]
+    for weight in weights:
+        if weight < math.inf:
+            least, most = min(least, weight), max(most, weight)
+    diagonal = math.sqrt(2.0)
+    bucket_width = least / 2.0
+    buckets = int(diagonal * (most + least) / bucket_width) + 3
+    first = numpy.full(buckets, -1, numpy.int32)
+    # An entry of the queue: the cell, and the entry after it. Those that were looked at are used again.
+    cells = numpy.empty(4096, numpy.int32)
+    following = numpy.empty(4096, numpy.int32)
+    unused, used = -1, 1
+    spent = numpy.full(costs.size, math.inf, numpy.float32)
+    directions = numpy.full(costs.size, -1, numpy.int8)
+    is_open = numpy.zeros(costs.size, numpy.uint8)
+    goal_row, goal_column = goal // width, goal % width
+    dr, dc = abs(start // width - goal_row), abs(start % width - goal_column)
+    current = int(least * (max(dr, dc) + (diagonal - 1.0) * min(dr, dc)) / bucket_width)
+    cells[0], following[0] = start, -1
+    first[current % buckets] = 0
+    spent[start] = 0.0
+    is_open[start] = 1
+    waiting, looked = 1, 0
+    beside = numpy.empty(4, numpy.float64)
+    while waiting > 0 and current * bucket_width <= spent[goal]:
+        slot = current % buckets
+        entry = first[slot]
+        if entry < 0:
+            current += 1
+            continue
+        first[slot] = following[entry]
+        following[entry] = unused
+        unused = entry
+        waiting -= 1
+        cell = cells[entry]
+        if not is_open[cell]:
+            continue
+        is_open[cell] = 0
+        looked += 1
+        if looked % 4096 == 0 and stop[0]:
+            break
+        here, weight = spent[cell], weights[flat[cell]]
+        for way in range(8):
+            other = cell + steps[way]
+            there = weights[flat[other]]
+            if way < 4:
+                beside[way] = there
+            if there == math.inf:
+                continue
+            step = (weight + there) / 2.0
+            if way >= 4:
+                if beside[way - 4] == math.inf or beside[(way - 3) % 4] == math.inf:
+                    continue
+                step *= diagonal
+            cost = numpy.float32(here + step)
+            if cost >= spent[other]:
+                continue
+            spent[other] = cost
+            directions[other] = way
+            is_open[other] = 1
+            dr = abs(other // width - goal_row)
+            dc = abs(other % width - goal_column)
+            ahead = least * (max(dr, dc) + (diagonal - 1.0) * min(dr, dc))
+            slot = max(current, int((cost + ahead) / bucket_width)) % buckets
+            if unused >= 0:
+                entry = unused
+                unused = following[entry]
+            else:
+                if used == cells.size:
+                    cells = numpy.concatenate((cells, numpy.empty(used, numpy.int32)))
+                    following = numpy.concatenate((following, numpy.empty(used, numpy.int32)))
+                entry = used
+                used += 1
+            cells[entry], following[entry] = other, first[slot]
+            first[slot] = entry
+            waiting += 1
+    return directions
+
+
+def is_clear(
+    obstacles: Bools, squares: Squares, start: tuple[float, float], end: tuple[float, float], radius: float
+) -> Any:
+    """Whether a circle can move straight from one position to another; all in cells.
+
+    Never wrongly true; wrongly false where it has hardly anything to spare. What may be hidden between two samples is
+    bounded by the square of their spacing, since the square of the distance from a point has the constant curvature 2.
+    """
+    height, width = obstacles.shape
+    length = math.hypot(end[0] - start[0], end[1] - start[1])
+    intervals = max(1, math.ceil(4.0 * length))
+    needed = math.sqrt(radius * radius + (length / intervals / 2.0) ** 2)
+    for i in range(intervals + 1):
+        row = start[0] + (end[0] - start[0]) * i / intervals
+        column = start[1] + (end[1] - start[1]) * i / intervals
+        r = min(max(math.floor(row), 0), height - 1)
+        c = min(max(math.floor(column), 0), width - 1)
+        known = math.sqrt(squares[r, c]) / 2.0
+        if known - math.hypot(row - r - 0.5, column - c - 0.5) >= needed:
+            continue
+        for a in range(max(0, int(row - needed) - 1), min(height, int(row + needed) + 2)):
+            up = max(a - row, row - a - 1.0, 0.0)
+            for b in range(max(0, int(column - needed) - 1), min(width, int(column + needed) + 2)):
+                if obstacles[a, b]:
+                    right = max(b - column, column - b - 1.0, 0.0)
+                    if up * up + right * right < needed * needed:
+                        return False
+    return True
+
+
+def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> Any:
+    """Mean of the costs of the cells along a straight line between two positions, in cells."""
+    height, width = costs.shape
+    samples = max(1, math.ceil(8.0 * math.hypot(end[0] - start[0], end[1] - start[1])))
+    total = 0
+    for i in range(samples):
+        part = (i + 0.5) / samples
+        row = int(start[0] + (end[0] - start[0]) * part)
+        column = int(start[1] + (end[1] - start[1]) * part)
+        total += int(costs[min(max(row, 0), height - 1), min(max(column, 0), width - 1)])
+    return total / samples

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What numba compiles, against the same functions of whole-array operations."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from sim_maps import worlds
+
+from flexbt_sim.navigation import INSCRIBED, LETHAL, Costmap, GridPlanner, Inflation, PlanningStopped, StopFlag, arrays
+from flexbt_sim.navigation.acceleration import loops
+from flexbt_sim.navigation.kernels import neighbours
+from flexbt_sim.navigation.planner import WEIGHTS
+from flexbt_sim.world import OccupancyMap, Pose
+
+INFLATION = Inflation(robot_radius=0.1, radius=0.5)
+both = settings(deadline=None, max_examples=60)
+
+
+@pytest.fixture(autouse=True)
+def compiled() -> None:
+    pytest.importorskip('numba')
+
+
+@both
+@given(st.data(), worlds(), st.integers(1, 60))
+def test_gaps(data: st.DataObject, world: OccupancyMap, reach: int) -> None:
+    bottom, top = sorted(data.draw(st.lists(st.integers(0, world.height), min_size=2, max_size=2, unique=True)))
+    left, right = sorted(data.draw(st.lists(st.integers(0, world.width), min_size=2, max_size=2, unique=True)))
+    box = (bottom, top, left, right, reach)
+    compiled = loops().squared_gaps(world.obstacles, *box)
+    assert compiled.tolist() == arrays.squared_gaps(world.obstacles, *box).tolist()
+    whole = loops().squared_gaps(world.obstacles, 0, world.height, 0, world.width, reach)
+    assert compiled.tolist() == whole[bottom:top, left:right].tolist()
+
+
+@both
+@given(worlds(), st.integers(0, 2**32))
+def test_regions(world: OccupancyMap, seed: int) -> None:
+    free = ~world.obstacles & (numpy.random.default_rng(seed).random(world.obstacles.shape) < 0.7)
+    one, other = loops().regions(free), arrays.regions(free)
+    assert ((one == 0) == ~free).all()
+    pairs = numpy.unique(numpy.stack([one.ravel(), other.ravel()]), axis=1)
+    assert pairs.shape[1] == len(numpy.unique(one)) == len(numpy.unique(other))
+
+
+def way_cost(costs: NDArray[numpy.uint8], directions: NDArray[numpy.int8], start: int, goal: int) -> float:
+    """What the way to the goal costs; infinite without one."""
+    if start != goal and directions[goal] < 0:
+        return math.inf
+    total, cell, flat = 0.0, goal, costs.ravel()
+    while cell != start:
+        before = cell - neighbours(costs.shape[1])[directions[cell]]
+        length = math.sqrt(2.0) if directions[cell] >= 4 else 1.0
+        total += length * (WEIGHTS[flat[cell]] + WEIGHTS[flat[before]]) / 2.0
+        cell = before
+    return total
+
+
+@both
+@given(st.data(), worlds(size=60, blocks=20))
+def test_the_cheapest_way(data: st.DataObject, world: OccupancyMap) -> None:
+    costs = numpy.pad(Costmap(world, INFLATION).costs, 1, constant_values=LETHAL)
+    free = numpy.flatnonzero(costs.ravel() < INSCRIBED).tolist()
+    assume(free)
+    start, goal = data.draw(st.sampled_from(free)), data.draw(st.sampled_from(free))
+    spent = [
+        way_cost(costs, search(costs, WEIGHTS, start, goal, StopFlag().cell), start, goal)
+        for search in (loops().search, arrays.search)
+    ]
+    assert spent[0] == pytest.approx(spent[1], rel=1e-5)
+
+
+@both
+@given(st.data(), worlds(), st.floats(0.0, 9.0))
+def test_lines(data: st.DataObject, world: OccupancyMap, radius: float) -> None:
+    costmap = Costmap(world, INFLATION)
+    place = st.tuples(st.floats(0.0, world.height), st.floats(0.0, world.width))
+    start, end = data.draw(place), data.draw(place)
+    squares = loops().squared_gaps(world.obstacles, 0, world.height, 0, world.width, 9)
+    one, other = (
+        bool(clear(world.obstacles, squares, start, end, radius)) for clear in (loops().is_clear, arrays.is_clear)
+    )
+    assert one == other
+    means = [mean(costmap.costs, start, end) for mean in (loops().mean_cost, arrays.mean_cost)]
+    assert means[0] == pytest.approx(means[1], rel=1e-9)
+
+
+def test_without_the_compiler_there_are_the_same_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = numpy.zeros((60, 90), numpy.int8)
+    cells[20:24, :60] = cells[40:44, 30:] = 100
+    world = OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0))
+
+    def length() -> float:
+        path = GridPlanner(Costmap(world, Inflation())).plan(Pose(0.4, 0.4, 0.0), Pose(4.2, 2.6, 0.0))
+        return sum(a.distance(b) for a, b in pairwise(path))
+
+    accelerated = length()
+    monkeypatch.setenv('FLEXBT_ACCELERATION', '0')
+    loops.cache_clear()
+    try:
+        assert loops().search is arrays.search
+        assert length() == pytest.approx(accelerated, rel=0.02)
+    finally:
+        monkeypatch.undo()
+        loops.cache_clear()
+
+
+def test_a_search_ends_when_it_is_stopped() -> None:
+    costs = numpy.zeros((402, 402), numpy.uint8)
+    costs[0] = costs[-1] = costs[:, 0] = costs[:, -1] = LETHAL
+    stop: Any = StopFlag()
+    stop.set()
+    reached = (loops().search(costs, WEIGHTS, 403, 401 * 402 - 2, stop.cell) >= 0).sum()
+    assert 0 < reached < 20_000
+    with pytest.raises(PlanningStopped):
+        GridPlanner(Costmap(OccupancyMap(costs.astype(numpy.int8), 0.05, Pose(0.0, 0.0, 0.0)), INFLATION)).plan(
+            Pose(1.0, 1.0, 0.0), Pose(9.0, 9.0, 0.0), stop
+        )
