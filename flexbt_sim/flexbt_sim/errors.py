@@ -4,11 +4,13 @@
 FlexbtError
 └── SimulationError
     ├── MapError            a map that cannot be used; names file, field and remedy
+    ├── WorldError          a world file that cannot be used; all that is wrong with it, with places and remedies
     └── NavigationError     a request that ends with one of Nav2's error codes
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from flexbt_core.errors import FlexbtError
@@ -25,6 +27,14 @@ class MapError(SimulationError):
         super().__init__(f'{file}: {field}: {message}' if field else f'{file}: {message}')
         self.file = file
         self.field = field
+
+
+class WorldError(SimulationError):
+    """A world file cannot be used. ``problems`` has a line, FILE:LINE:COLUMN: WHERE: WHAT, for each defect."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__('\n'.join(problems))
+        self.problems = tuple(problems)
 
 
 class NavigationError(SimulationError):

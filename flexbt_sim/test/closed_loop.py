@@ -11,7 +11,8 @@ from sim_maps import room
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, Costmap, FollowerLimits, GridPlanner, Inflation, Motion, PathFollower, Velocity
-from flexbt_sim.world import OccupancyMap, Pose, Robot, RobotLimits, wrap
+from flexbt_sim.world import MapRobot as Robot
+from flexbt_sim.world import OccupancyMap, Pose, RobotLimits, wrap
 
 PERIOD = 0.03
 """Time from pose to pose, s."""

@@ -15,7 +15,8 @@ from sim_maps import drawn, free_places, worlds
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, FollowerLimits, GridPlanner, Inflation, PathFollower, ProgressChecker
-from flexbt_sim.world import OccupancyMap, Pose, Robot
+from flexbt_sim.world import MapRobot as Robot
+from flexbt_sim.world import OccupancyMap, Pose
 
 OPEN = drawn(*['.' * 160] * 120)
 WALL = drawn(*['.' * 80 + '##' + '.' * 78] * 120)

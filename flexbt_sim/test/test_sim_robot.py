@@ -12,7 +12,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
-from flexbt_sim.world import COLLISION_CHECK_DISTANCE, TICK, OccupancyMap, Pose, Robot, RobotLimits
+from flexbt_sim.world import COLLISION_CHECK_DISTANCE, TICK, OccupancyMap, Pose, RobotLimits
+from flexbt_sim.world import MapRobot as Robot
 
 LIMITS = RobotLimits()
 ROUNDING = 1e-6

@@ -31,7 +31,7 @@ from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world import Lidar, Pacer, Pose, Robot, check_place, load_map
+from flexbt_sim.world import Lidar, MapRobot, Pacer, Pose, check_place, load_map
 
 from .ros_messages import grid_message, pose_message, pose_of, stamped, time_message, transform
 from .simulator_parameters import SPEED_FACTOR, declare_simulator_parameters
@@ -61,7 +61,7 @@ class Simulator:
             self._check_place(parameters.initial_pose)
         except SimulationError as error:
             raise SimulationError(f"parameter 'initial_pose': {error}") from None
-        self._robot = Robot(self._world, parameters.initial_pose, parameters.limits)
+        self._robot = MapRobot(self._world, parameters.initial_pose, parameters.limits)
         self._lidar = Lidar(self._world, parameters.lidar, parameters.seed)
         self._steps = 0
         self._lock = threading.Lock()

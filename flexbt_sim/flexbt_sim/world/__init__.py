@@ -1,8 +1,28 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulated world: maps, robots, sensors. Pure."""
+"""The simulated world: maps, robots and what is round them, sensors, faults, time. Pure.
 
+``World.load(file)`` reads a world file, ``step`` lets time pass.
+"""
+
+from .bodies import Body
+from .faults import FAULTS, Fault, FaultModel, fault_parameters
 from .geometry import FARTHEST, Pose, drive, wrap
-from .lidar import Lidar, LidarModel
+from .lidar import Lidar
+from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
+from .models import (
+    MODELS,
+    BatteryModel,
+    DoorModel,
+    DriveModel,
+    LidarModel,
+    ObstacleModel,
+    OdometryModel,
+    RobotModel,
+    RouteModel,
+    StationModel,
+    WalkModel,
+    ZoneModel,
+)
 from .occupancy_map import (
     FAR,
     FREE,
@@ -16,32 +36,69 @@ from .occupancy_map import (
 )
 from .pacing import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, Pacer, Schedule
 from .placement import check_place
-from .robot import COLLISION_CHECK_DISTANCE, TICK, Robot, RobotLimits
+from .robot import Battery, Robot, Scan, compose, inverse
+from .scenery import Door, Entity, Obstacle, Station, Zone
+from .shapes import Circle, Polygon, Shape, box
+from .world import EntityModel, EntityState, Snapshot, World
 
 __all__ = [
     'ANSWER_SECONDS',
     'COLLISION_CHECK_DISTANCE',
     'FAR',
     'FARTHEST',
+    'FAULTS',
     'FREE',
     'IDLE_FACTOR',
     'MAX_CELLS',
     'MAX_LAG',
     'MAX_RESOLUTION',
     'MIN_RESOLUTION',
+    'MODELS',
     'OCCUPIED',
     'TICK',
     'UNKNOWN',
+    'Battery',
+    'BatteryModel',
+    'Body',
+    'Circle',
+    'Door',
+    'DoorModel',
+    'DriveModel',
+    'Entity',
+    'EntityModel',
+    'EntityState',
+    'Fault',
+    'FaultModel',
     'Lidar',
     'LidarModel',
+    'MapRobot',
+    'Obstacle',
+    'ObstacleModel',
     'OccupancyMap',
+    'OdometryModel',
     'Pacer',
+    'Polygon',
     'Pose',
     'Robot',
     'RobotLimits',
+    'RobotModel',
+    'RouteModel',
+    'Scan',
     'Schedule',
+    'Shape',
+    'Snapshot',
+    'Station',
+    'StationModel',
+    'WalkModel',
+    'World',
+    'Zone',
+    'ZoneModel',
+    'box',
     'check_place',
+    'compose',
     'drive',
+    'fault_parameters',
+    'inverse',
     'load_map',
     'wrap',
 ]

@@ -4,35 +4,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy
 from numpy.typing import NDArray
 
 from .geometry import Pose
+from .models import LidarModel
 from .occupancy_map import OccupancyMap
 
 _BEYOND: Final = 1e-6
 """By how much, in cells, a beam goes into the next cell to be in it."""
-
-
-@dataclass(frozen=True)
-class LidarModel:
-    """``beams`` evenly round the robot, counter-clockwise from straight ahead.
-
-    Ranges in m; ``noise`` is the standard deviation of one, in m.
-    """
-
-    beams: int = 360
-    range_min: float = 0.12
-    range_max: float = 3.5
-    noise: float = 0.01
-
-    @property
-    def angle_increment(self) -> float:
-        """Angle between two beams, rad."""
-        return 2.0 * math.pi / self.beams
 
 
 class Lidar:

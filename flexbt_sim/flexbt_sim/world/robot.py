@@ -1,115 +1,290 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A differential-drive robot on a map: limits, a watchdog, and walls that stop it."""
+"""A robot in the world: its drive, odometry, localization, lidar, bumper and battery."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, NamedTuple
 
-from .geometry import Pose, drive
-from .occupancy_map import OccupancyMap
+import numpy
+from numpy.typing import NDArray
 
-TICK: Final = 0.01
-"""Longest time, s, for which speeds are taken as constant."""
+from .bodies import Body, Normals, Surroundings, generator
+from .faults import BatteryLow, LidarBlinded, LidarFrozen, LocalizationLost, StuckWheel
+from .geometry import Pose, drive, wrap
+from .models import BatteryModel, RobotModel
+from .specification import Specification
 
-COLLISION_CHECK_DISTANCE: Final = 0.002
-"""How far, m, the robot goes from one collision check to the next when it is near one."""
+CONVERGENCE: Final = (1.0, 0.8)
+"""Within this, m and rad, of where the robot is, an initial pose makes its localization right again."""
 
 
-@dataclass(frozen=True)
-class RobotLimits:
-    """Limits of the robot; the defaults are those of a TurtleBot3 waffle.
+@dataclass
+class Battery:
+    """State of a battery: ``level`` from 0 to 1, and whether it is being charged."""
 
-    Speeds in m/s and rad/s, accelerations in m/s² and rad/s², radius in m; ``watchdog`` is the time in s without a
-    command after which the robot brakes.
+    model: BatteryModel
+    level: float
+    is_charging: bool = False
+
+    def run(self, power: float, duration: float) -> None:
+        """Take power, W, for a time, s; charge meanwhile, if it is being charged."""
+        gained = (self.model.charging if self.is_charging else 0.0) - power
+        self.level = min(1.0, max(0.0, self.level + gained * duration / (3600.0 * self.model.capacity)))
+
+
+class Scan(NamedTuple):
+    """What a lidar saw: simulated time, s, and the range of each beam, m.
+
+    Infinite where nothing is within range, and minus infinity where it is too near (REP 117).
     """
 
-    linear_speed: float = 0.26
-    angular_speed: float = 1.82
-    linear_acceleration: float = 2.5
-    angular_acceleration: float = 3.2
-    radius: float = 0.22
-    watchdog: float = 0.5
+    time: float
+    ranges: NDArray[numpy.float32]
 
 
-class Robot:
-    """State of the robot. Deterministic: it depends on the commands and the steps only.
+class Robot(Body):
+    """A robot. Its state depends on the seed, its name, the commands and the world only.
 
-    ``in_contact`` says whether an obstacle has ended the last movement; the robot has stopped there, and can turn.
+    ``pose`` is where it is; ``odometry`` what its wheels say, from where it was started or placed; ``estimate`` where
+    its localization says that it is. ``linear`` and ``angular`` are the speeds of its wheels, m/s and rad/s.
+    ``in_contact`` says whether something has ended its last movement: it has stopped there. ``is_scanning`` may be
+    turned off where nobody reads scans; ``scan`` is the last one.
     """
 
-    def __init__(self, world: OccupancyMap, pose: Pose, limits: RobotLimits) -> None:
-        self.limits = limits
-        self._world = world
-        self.place(pose)
+    is_mobile = True
+
+    def __init__(self, name: str, model: RobotModel, pose: Pose, seed: int = 0) -> None:
+        super().__init__(name, model.footprint, pose)
+        self.model = model
+        self.start = pose
+        self.top_speed = model.drive.linear_speed + model.drive.angular_speed * model.footprint.turning_radius
+        self.faults: dict[str, Specification] = {}
+        self.zones: tuple[str, ...] = ()
+        self.speed_limit = math.inf
+        """m/s, of the slow zones that it is in."""
+        self.in_shadow = False
+        self.violations = 0
+        """How often it has entered a no-go zone."""
+        self.contacts = 0
+        """How often it has run into something."""
+        self.is_scanning = True
+        self.scan: Scan | None = None
+        self.next_scan = 0.0
+        self._seed = seed
+        self.reset()
+
+    def reset(self) -> None:
+        """As it was at the start, random numbers included."""
+        battery = self.model.battery
+        self.battery = None if battery is None else Battery(battery, battery.level)
+        self._odometry_noise = Normals(generator(self._seed, self.name, 'odometry'))
+        self._slip = generator(self._seed, self.name, 'slip')
+        self.lidar_noise = generator(self._seed, self.name, 'lidar')
+        self.scan, self.next_scan = None, 0.0
+        self.violations = self.contacts = 0
+        self.zones, self.speed_limit, self.in_shadow = (), math.inf, False
+        self.odometry = Pose(0.0, 0.0, 0.0)
+        self.place(self.start)
 
     def place(self, pose: Pose) -> None:
-        """Put the robot somewhere, at rest."""
+        """Put the robot somewhere, at rest. Its odometry knows nothing of it, its localization all."""
         self.pose = pose
-        self.linear = self.angular = 0.0
+        self.linear = self.angular = self._linear = self._angular = 0.0
         self.in_contact = False
         self._wanted = (0.0, 0.0)
-        self._commanded_at: float | None = None
+        self._until = -math.inf
+        self.commanded_at: float | None = None
+        self._error = Pose(0.0, 0.0, 0.0)
+        self._correction: Pose | None = None
 
     def command(self, linear: float, angular: float, now: float) -> None:
-        """Take a velocity command, m/s and rad/s, at a time in s.
+        """Take a velocity command, m/s and rad/s, at a simulated time in s.
 
         It is cut to the limits. One that is not finite is not followed in any part: it means to stop.
         """
+        model = self.model.drive
         if not (math.isfinite(linear) and math.isfinite(angular)):
             linear = angular = 0.0
-        limits = self.limits
-        self._wanted = (_clamp(linear, limits.linear_speed), _clamp(angular, limits.angular_speed))
-        self._commanded_at = now
+        linear = max(-model.linear_speed, min(model.linear_speed, linear))
+        greatest = model.angular_speed
+        if model.turning_radius:
+            greatest = min(greatest, abs(linear) / model.turning_radius)
+        self._wanted = (linear, max(-greatest, min(greatest, angular)))
+        self.commanded_at = now
+        self._until = now + model.watchdog
 
     @property
-    def commanded_at(self) -> float | None:
-        """Time of the last command."""
-        return self._commanded_at
+    def is_driven(self) -> bool:
+        """Whether it is moving, or is told to."""
+        return bool(self.linear or self.angular or self._wanted != (0.0, 0.0))
 
-    def step(self, now: float, duration: float) -> None:
-        """Move for ``duration`` seconds, however many, until the time is ``now``."""
-        ticks = max(1, math.ceil(duration / TICK - 1e-6))
-        tick = duration / ticks
-        for left in reversed(range(ticks)):
-            linear, angular = self._wanted_at(now - left * tick)
-            self.linear = _approach(self.linear, linear, self.limits.linear_acceleration * tick)
-            self.angular = _approach(self.angular, angular, self.limits.angular_acceleration * tick)
-            if self.linear == self.angular == linear == angular == 0.0:
-                return  # and so it stays
-            self._move(tick)
+    @property
+    def is_powered(self) -> bool:
+        """Whether its battery, if it has one, has energy."""
+        return self.battery is None or self.battery.level > 0.0
 
-    def _wanted_at(self, time: float) -> tuple[float, float]:
-        stale = self._commanded_at is None or time - self._commanded_at > self.limits.watchdog
-        return (0.0, 0.0) if stale else self._wanted
+    # -- localization ------------------------------------------------------------------------------------------------
 
-    def _move(self, duration: float) -> None:
-        """At the present speeds. A circle that turns on the spot touches nothing new."""
-        speed, left = abs(self.linear), duration
-        self.in_contact = self.in_contact and speed == 0.0
-        while speed > 0.0 and left > 0.0:
-            unhindered = self._world.is_free(self.pose.x, self.pose.y, self.limits.radius + speed * left)
-            step = left if unhindered else min(left, COLLISION_CHECK_DISTANCE / speed)
-            ahead = drive(self.pose, self.linear, self.angular, step)
-            if not unhindered and not self._may_be(ahead):
-                self.in_contact = True
-                self.linear = speed = 0.0
-            else:
-                self.pose = ahead
-                left -= step
-        self.pose = drive(self.pose, 0.0, self.angular, left)
+    @property
+    def map_to_odom(self) -> Pose:
+        """The transform from the frame map to the frame odom, as the localization has it."""
+        if self._correction is not None:
+            return self._correction
+        return compose(compose(self._error, self.pose), inverse(self.odometry))
 
-    def _may_be(self, pose: Pose) -> bool:
-        """Whether the robot fits there, or at least is less deep in an obstacle than it is now (a bad start)."""
-        world = self._world
-        return world.is_free(pose.x, pose.y, self.limits.radius) or (
-            world.clearance(pose.x, pose.y) > world.clearance(self.pose.x, self.pose.y)
-        )
+    @property
+    def estimate(self) -> Pose:
+        """The pose of the robot in the map, as its localization has it."""
+        return compose(self.map_to_odom, self.odometry)
+
+    def localize(self, pose: Pose) -> bool:
+        """Tell the localization where the robot is (initialpose); whether it finds the robot from there."""
+        distance, turn = CONVERGENCE
+        found = pose.distance(self.pose) <= distance and abs(wrap(pose.yaw - self.pose.yaw)) <= turn
+        self._error = Pose(0.0, 0.0, 0.0) if found else compose(pose, inverse(self.pose))
+        if self._correction is not None:
+            self._correction = compose(pose, inverse(self.odometry))
+        return found
+
+    # -- faults ------------------------------------------------------------------------------------------------------
+
+    def begin(self, fault: str, parameters: Specification) -> None:
+        """A fault begins."""
+        self.faults[fault] = parameters
+        if isinstance(parameters, LocalizationLost):
+            there = self.estimate
+            x, y, yaw = parameters.jump
+            jumped = Pose(there.x + x, there.y + y, wrap(there.yaw + yaw))
+            self._error = compose(jumped, inverse(self.pose))
+        if isinstance(parameters, BatteryLow) and self.battery is not None:
+            self.battery.level = parameters.level
+
+    def end(self, fault: str) -> None:
+        """A fault ends. What was lost is found again."""
+        if isinstance(self.faults.pop(fault, None), LocalizationLost):
+            self._error = Pose(0.0, 0.0, 0.0)
+
+    def see(self, time: float, ranges: NDArray[numpy.floating[Any]]) -> None:
+        """Take a scan at a time, s: the exact distance along each beam, m, infinite where there is nothing."""
+        model = self.model.lidar
+        assert model is not None
+        noise = self.lidar_noise.standard_normal(model.beams)
+        lost = self.lidar_noise.random(model.beams) < model.dropout if model.dropout else None
+        if self.scan is not None and LidarFrozen.name in self.faults:
+            self.scan = Scan(time, self.scan.ranges)
+            return
+        if self.in_shadow:
+            ranges = numpy.full(model.beams, math.inf)
+        seen = ranges + model.noise * noise
+        seen[seen > model.range_max] = math.inf
+        seen[seen < model.range_min] = -math.inf
+        if lost is not None:
+            seen[lost] = math.inf
+        blinded = self.faults.get(LidarBlinded.name)
+        if isinstance(blinded, LidarBlinded):
+            angles = model.angle_min + numpy.arange(model.beams) * model.angle_increment
+            away = (angles - blinded.direction + math.pi) % math.tau - math.pi
+            seen[numpy.abs(away) <= blinded.width / 2.0] = math.inf
+        self.scan = Scan(time, seen.astype(numpy.float32))
+
+    # -- movement ----------------------------------------------------------------------------------------------------
+
+    def tick(self, surroundings: Surroundings, duration: float) -> None:
+        """Move for a short time, s, at speeds that are taken as constant."""
+        model = self.model.drive
+        linear, angular = self._wanted if surroundings.time < self._until else (0.0, 0.0)
+        if self.battery is not None:
+            driving = self.battery.model.driving * abs(self.linear) / model.linear_speed
+            self.battery.run(self.battery.model.idle + driving, duration)
+            if self.battery.level <= 0.0:
+                linear = angular = 0.0
+        if abs(linear) > self.speed_limit:
+            linear = math.copysign(self.speed_limit, linear)
+        if self.faults:
+            self._get_lost(duration)
+        if linear == angular == self._linear == self._angular == 0.0:
+            self.linear = self.angular = 0.0
+            return  # and so it stays
+        self._linear = self.linear = _approach(self._linear, linear, model.linear_acceleration * duration)
+        self._angular = self.angular = _approach(self._angular, angular, model.angular_acceleration * duration)
+        if self.faults and isinstance(stuck := self.faults.get(StuckWheel.name), StuckWheel):
+            self._drag(stuck)
+        self._move(surroundings, duration)
+
+    def _drag(self, stuck: StuckWheel) -> None:
+        """One wheel, or both, do not turn."""
+        model = self.model.drive
+        left = 0.0 if stuck.side != 'right' else self.linear - self.angular * model.wheel_separation / 2.0
+        right = 0.0 if stuck.side != 'left' else self.linear + self.angular * model.wheel_separation / 2.0
+        self.linear = max(-model.linear_speed, min(model.linear_speed, (left + right) / 2.0))
+        turning = (right - left) / model.wheel_separation
+        self.angular = max(-model.angular_speed, min(model.angular_speed, turning))
+
+    def _get_lost(self, duration: float) -> None:
+        lost = self.faults.get(LocalizationLost.name)
+        if isinstance(lost, LocalizationLost) and lost.drift:
+            there = compose(self._error, self.pose)
+            self._error = compose(Pose(there.x + lost.drift * duration, there.y, there.yaw), inverse(self.pose))
+
+    def _move(self, surroundings: Surroundings, duration: float) -> None:
+        linear, angular = self.linear, self.angular
+        slip = self.model.drive.slip
+        grip = 1.0 - 2.0 * slip * self._slip.random() if slip else 1.0
+        start = self.pose
+        reach = abs(linear) + abs(angular) * self.shape.turning_radius
+        if reach == 0.0:  # a circle that turns on the spot touches nothing new
+            self.pose = drive(start, 0.0, angular * grip, duration)
+            moved = duration
+        else:
+            moved = surroundings.advance(
+                self, lambda time: drive(start, linear * grip, angular * grip, time), reach, duration
+            )
+        self._measure(linear, angular, moved)
+        was_in_contact, self.in_contact = self.in_contact, moved < duration or (self.in_contact and linear == 0.0)
+        if moved < duration:
+            self.contacts += not was_in_contact
+            self.linear = self._linear = 0.0
+            self._turn_on(surroundings, angular * grip, duration - moved)
+
+    def _turn_on(self, surroundings: Surroundings, angular: float, duration: float) -> None:
+        """What is blocked may still turn."""
+        start = self.pose
+        reach = abs(angular) * self.shape.turning_radius
+        moved = surroundings.advance(self, lambda time: drive(start, 0.0, angular, time), reach, duration)
+        self._measure(0.0, angular, moved)
+        if moved < duration:
+            self.angular = self._angular = 0.0
+
+    def _measure(self, linear: float, angular: float, duration: float) -> None:
+        """Odometry of a movement of the wheels."""
+        model = self.model.odometry
+        if model.linear_noise or model.angular_noise or model.drift or model.scale != 1.0:
+            way, turn = abs(linear) * duration, abs(angular) * duration
+            noise, other = self._odometry_noise.next(), self._odometry_noise.next()
+            linear = linear * model.scale + noise * model.linear_noise * math.sqrt(way) / max(duration, 1e-9)
+            angular += model.drift * linear + other * model.angular_noise * math.sqrt(turn) / max(duration, 1e-9)
+        self.odometry = drive(self.odometry, linear, angular, duration)
+
+    def enter(self, zones: tuple[str, ...], speed_limit: float, forbidden: int, *, in_shadow: bool) -> None:
+        """It is in these zones now; so many more that are no-go ones than before."""
+        if in_shadow != self.in_shadow:
+            self._correction = self.map_to_odom if in_shadow else None
+        self.zones, self.speed_limit, self.in_shadow = zones, speed_limit, in_shadow
+        self.violations += forbidden
 
 
-def _clamp(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))
+def compose(one: Pose, other: Pose) -> Pose:
+    """The pose ``other``, given in the frame of ``one``, in the frame that ``one`` is given in."""
+    cos, sin = math.cos(one.yaw), math.sin(one.yaw)
+    return Pose(one.x + other.x * cos - other.y * sin, one.y + other.x * sin + other.y * cos, wrap(one.yaw + other.yaw))
+
+
+def inverse(pose: Pose) -> Pose:
+    """The pose of the frame that a pose is given in, in the frame of the pose."""
+    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+    return Pose(-pose.x * cos - pose.y * sin, pose.x * sin - pose.y * cos, wrap(-pose.yaw))
 
 
 def _approach(value: float, target: float, step: float) -> float:

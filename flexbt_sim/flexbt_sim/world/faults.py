@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What can go wrong on command: one table of all faults, of the world, of messages and of navigation servers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+from flexbt_sim.errors import SimulationError
+
+from .geometry import Pose
+from .specification import Problem, Specification, hint, key, names, read
+
+
+@dataclass(frozen=True)
+class FaultModel(Specification):
+    """Base of the parameters of a fault: ``name``, the kinds of entities that can have it, and who carries it out."""
+
+    name: ClassVar[str]
+    entities: ClassVar[tuple[str, ...]] = ('robot',)
+    by: ClassVar[str] = 'world'
+
+
+@dataclass(frozen=True)
+class StuckWheel(FaultModel):
+    """A wheel, or both, do not turn: the robot turns in a circle, or stays. The odometry sees it."""
+
+    name: ClassVar[str] = 'stuck_wheel'
+    side: str = key('which wheel', 'left', choices=('left', 'right', 'both'))
+
+
+@dataclass(frozen=True)
+class LocalizationLost(FaultModel):
+    """The pose that the localization has jumps, and drifts on. It is right again at the end of the fault."""
+
+    name: ClassVar[str] = 'localization_lost'
+    jump: Pose = key('by how much it jumps at once', Pose(1.0, 0.0, 0.0))
+    drift: float = key('how fast it goes on along x of the map', 0.0, unit='m/s', low=-10.0, high=10.0)
+
+
+@dataclass(frozen=True)
+class LidarFrozen(FaultModel):
+    """Each scan is a copy of the last one before the fault, with a new time."""
+
+    name: ClassVar[str] = 'lidar_frozen'
+
+
+@dataclass(frozen=True)
+class LidarBlinded(FaultModel):
+    """Beams in a direction return nothing, as in glare."""
+
+    name: ClassVar[str] = 'lidar_blinded'
+    direction: float = key('the middle of it; 0 is straight ahead', 0.0, unit='rad', low=-math.pi, high=math.pi)
+    width: float = key('how wide it is; 2 pi for all beams', math.tau, unit='rad', low=0.0, high=math.tau)
+
+
+@dataclass(frozen=True)
+class BatteryLow(FaultModel):
+    """The battery falls to a level at once. It does not come back at the end of the fault."""
+
+    name: ClassVar[str] = 'battery_low'
+    level: float = key('what is left, of 1', 0.1, low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class DoorJammed(FaultModel):
+    """The door stays as it is, whatever it is told."""
+
+    name: ClassVar[str] = 'door_jammed'
+    entities: ClassVar[tuple[str, ...]] = ('door',)
+
+
+@dataclass(frozen=True)
+class MessagesDropped(FaultModel):
+    """Messages of a topic of the robot are lost."""
+
+    name: ClassVar[str] = 'messages_dropped'
+    by: ClassVar[str] = 'simulator'
+    topic: str = key('its name, relative to the namespace of the robot', 'scan')
+    probability: float = key('of each to be lost', 1.0, low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class MessagesLate(FaultModel):
+    """Messages of a topic of the robot arrive late, in their order."""
+
+    name: ClassVar[str] = 'messages_late'
+    by: ClassVar[str] = 'simulator'
+    topic: str = key('its name, relative to the namespace of the robot', 'scan')
+    delay: float = key('by how much, of simulated time', 0.5, unit='s', low=0.0, high=60.0)
+
+
+@dataclass(frozen=True)
+class ServerRefuses(FaultModel):
+    """A navigation server refuses its goals."""
+
+    name: ClassVar[str] = 'server_refuses'
+    by: ClassVar[str] = 'navigation'
+    server: str = key('name of the action', 'follow_path')
+
+
+@dataclass(frozen=True)
+class ServerFails(FaultModel):
+    """A navigation server aborts its goals with an error code."""
+
+    name: ClassVar[str] = 'server_fails'
+    by: ClassVar[str] = 'navigation'
+    server: str = key('name of the action', 'follow_path')
+    error_code: int = key('code of the result, a number of the action', 0, low=0, high=65535)
+    error_msg: str = key('message of the result', 'a fault on command')
+
+
+@dataclass(frozen=True)
+class ServerHangs(FaultModel):
+    """A navigation server takes its goals, and neither goes on nor ends them, nor answers to a cancel."""
+
+    name: ClassVar[str] = 'server_hangs'
+    by: ClassVar[str] = 'navigation'
+    server: str = key('name of the action', 'follow_path')
+
+
+@dataclass(frozen=True)
+class ServerDies(FaultModel):
+    """The process of a navigation server ends at once."""
+
+    name: ClassVar[str] = 'server_dies'
+    by: ClassVar[str] = 'navigation'
+    server: str = key('name of the action', 'follow_path')
+
+
+_ALL: Final[tuple[type[FaultModel], ...]] = (
+    StuckWheel, LocalizationLost, LidarFrozen, LidarBlinded, BatteryLow, DoorJammed, MessagesDropped, MessagesLate,
+    ServerRefuses, ServerFails, ServerHangs, ServerDies,
+)  # fmt: skip
+FAULTS: Final[Mapping[str, type[FaultModel]]] = {one.name: one for one in _ALL}
+"""Every fault by its name."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of an entity that is to come or is there: from ``begins`` to ``ends``, simulated time, s."""
+
+    entity: str
+    parameters: FaultModel
+    begins: float
+    ends: float = math.inf
+
+    @property
+    def name(self) -> str:
+        """Its name in the table."""
+        return self.parameters.name
+
+
+@dataclass(frozen=True)
+class FaultTiming(Specification):
+    """When a fault is there. It is an entry of the list ``faults`` of a world file."""
+
+    title: ClassVar[str] = 'fault'
+
+    entity: str = key('name of the robot or the door')
+    fault: str = key('name of the fault', choices=tuple(FAULTS))
+    after: float = key('simulated time until it begins', 0.0, unit='s', low=0.0)
+    duration: float = key('simulated time until it ends by itself; 0: not', 0.0, unit='s', low=0.0)
+
+
+def fault_parameters(fault: str, values: Mapping[str, Any]) -> FaultModel:
+    """The parameters of a fault from plain data.
+
+    Raises:
+        SimulationError: there is no such fault, or a value is wrong.
+    """
+    if fault not in FAULTS:
+        raise SimulationError(f"there is no fault '{fault}'{hint(fault, FAULTS)}")
+    problems: list[Problem] = []
+    parameters = read(FAULTS[fault], values, (), problems)
+    if parameters is None:
+        raise SimulationError(f'{fault}: ' + names(f'{one.where}: {one.message}' for one in problems))
+    return parameters

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far beams get on a map with bodies on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy
+from numpy.typing import NDArray
+
+from .bodies import Body
+from .geometry import Pose
+from .occupancy_map import OccupancyMap
+from .shapes import Circle
+
+_BEYOND: Final = 1e-6
+"""By how much, in cells, a beam goes into the next cell to be in it."""
+
+Floats = NDArray[numpy.floating[Any]]
+
+
+class Sensor(NamedTuple):
+    """Beams from a pose in the map: the direction of the first one and the angle from each to the next, rad.
+
+    ``range_max`` is as far as anything is looked for, m; ``owner`` the number of the body that is not seen.
+    """
+
+    pose: Pose
+    angle_min: float
+    angle_increment: float
+    beams: int
+    range_max: float
+    owner: int
+
+
+class Outlines(NamedTuple):
+    """Bodies as beams meet them.
+
+    ``circles`` are rows of x, y, radius and number of the body, ``segments`` rows of x, y, x, y and this number.
+    """
+
+    circles: Floats
+    segments: Floats
+
+
+def outlines(bodies: Iterable[Body]) -> Outlines:
+    """Of bodies, which are numbered in their order."""
+    circles: list[tuple[float, ...]] = []
+    segments: list[tuple[float, ...]] = []
+    for number, body in enumerate(bodies):
+        if isinstance(body.shape, Circle):
+            circles.append((body.pose.x, body.pose.y, body.shape.radius, number))
+        else:
+            segments += [(*side, number) for side in body.shape.sides(body.pose)]
+    return Outlines(numpy.array(circles).reshape(-1, 4), numpy.array(segments).reshape(-1, 5))
+
+
+class RayCaster:
+    """Casts the beams of any number of sensors at once."""
+
+    def __init__(self, world: OccupancyMap | None) -> None:
+        self._world = world
+
+    def cast(self, sensors: Sequence[Sensor], bodies: Outlines) -> list[Floats]:
+        """For each sensor, how far each beam gets, m; infinite where it meets nothing within its range."""
+        angles = [one.pose.yaw + one.angle_min + numpy.arange(one.beams) * one.angle_increment for one in sensors]
+        found = self._cast_on_map(sensors, angles) if self._world is not None else [
+            numpy.full(one.beams, math.inf) for one in sensors
+        ]  # fmt: skip
+        for sensor, heading, ranges in zip(sensors, angles, found, strict=True):
+            _cast_on_bodies(sensor, numpy.cos(heading), numpy.sin(heading), bodies, ranges)
+            ranges[ranges > sensor.range_max] = math.inf
+        return found
+
+    def _cast_on_map(self, sensors: Sequence[Sensor], angles: Sequence[Floats]) -> list[Floats]:
+        world = self._world
+        assert world is not None
+        beams = [one.beams for one in sensors]
+        headings = numpy.concatenate(angles) - world.origin.yaw
+        directions = numpy.stack([numpy.sin(headings), numpy.cos(headings)])  # in rows and columns
+        directions[numpy.abs(directions) < 1e-12] = 1e-12
+        starts = numpy.array([world.grid_position(one.pose.x, one.pose.y) for one in sensors]).T.repeat(beams, axis=1)
+        limits = numpy.repeat([one.range_max / world.resolution for one in sensors], beams)
+        ranges = _march(world, starts, directions, limits) * world.resolution
+        return numpy.split(ranges, numpy.cumsum(beams)[:-1])
+
+
+def _march(world: OccupancyMap, starts: Floats, directions: Floats, limits: Floats) -> Floats:
+    """How far beams get from positions in directions, both (2, n), in cells; infinite where they hit nothing."""
+    size = numpy.array([[world.height], [world.width]])
+    borders = numpy.stack([-starts / directions, (size - starts) / directions])
+    travelled = numpy.maximum(borders.min(axis=0).max(axis=0), 0.0) + _BEYOND
+    ends = numpy.minimum(borders.max(axis=0).min(axis=0), limits + 1.0) - _BEYOND
+    ranges = numpy.full(travelled.shape, math.inf)
+    beams = numpy.flatnonzero(travelled < ends)
+    while beams.size:
+        along = directions[:, beams]
+        places = starts[:, beams] + travelled[beams] * along
+        cells = numpy.floor(places).astype(int)
+        rows, columns = numpy.clip(cells, 0, size - 1)
+        struck = world.obstacles[rows, columns]
+        ranges[beams[struck]] = travelled[beams[struck]]
+        # To the next cell; or as far as nothing is round the centre of this one, less half its diagonal.
+        to_next = ((cells + (along > 0.0) - places) / along).min(axis=0) + _BEYOND
+        travelled[beams] += numpy.maximum(to_next, world.distances[rows, columns] / world.resolution - 0.71)
+        beams = beams[~struck & (travelled[beams] < ends[beams])]
+    return ranges
+
+
+def _cast_on_bodies(sensor: Sensor, cos: Floats, sin: Floats, bodies: Outlines, ranges: Floats) -> None:
+    """Shorten ranges to those at which beams meet bodies. A beam that starts in a circle meets it at once."""
+    x, y = sensor.pose.x, sensor.pose.y
+    circles = bodies.circles[bodies.circles[:, 3] != sensor.owner]
+    dx, dy, radius = circles[:, 0] - x, circles[:, 1] - y, circles[:, 2]
+    for i in numpy.flatnonzero(numpy.hypot(dx, dy) - radius <= sensor.range_max):
+        along = dx[i] * cos + dy[i] * sin
+        beside = dx[i] * sin - dy[i] * cos
+        chord = radius[i] ** 2 - beside**2
+        enters = along - numpy.sqrt(numpy.maximum(chord, 0.0))
+        leaves = along + numpy.sqrt(numpy.maximum(chord, 0.0))
+        meets = (chord >= 0.0) & (leaves >= 0.0)
+        ranges[meets] = numpy.minimum(ranges[meets], numpy.maximum(enters[meets], 0.0))
+    segments = bodies.segments[bodies.segments[:, 4] != sensor.owner]
+    for x0, y0, x1, y1, _ in segments:
+        ux, uy, wx, wy = x1 - x0, y1 - y0, x0 - x, y0 - y
+        across = cos * uy - sin * ux
+        with numpy.errstate(divide='ignore', invalid='ignore'):
+            distance = (wx * uy - wy * ux) / across
+            part = (wx * sin - wy * cos) / across
+        meets = (distance >= 0.0) & (part >= 0.0) & (part <= 1.0)
+        ranges[meets] = numpy.minimum(ranges[meets], distance[meets])

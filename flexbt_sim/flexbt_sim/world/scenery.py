@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is in the world beside robots: obstacles, doors, charging stations, zones."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from .bodies import Body, Surroundings, generator
+from .geometry import Pose
+from .models import DoorModel, ObstacleModel, RouteModel, StationModel, WalkModel, ZoneModel
+from .shapes import Polygon, contains
+
+EDGE: Final = 0.01
+"""What is seen of a door that is open, m."""
+
+
+class Obstacle(Body):
+    """Something in the way, at rest or moving. ``velocity`` is in m/s, in the map."""
+
+    def __init__(self, name: str, model: ObstacleModel, seed: int = 0) -> None:
+        super().__init__(name, model.shape, model.pose)
+        self.model = model
+        self.top_speed = max((one.speed for one in (model.route, model.random_walk) if one is not None), default=0.0)
+        self.is_mobile = self.top_speed > 0.0
+        self._seed = seed
+        self.reset()
+
+    @property
+    def start(self) -> Pose:
+        """Where it is at the start."""
+        return self.model.pose
+
+    def reset(self) -> None:
+        """As it was at the start, random numbers included."""
+        self.place(self.model.pose)
+        self._random = generator(self._seed, self.name, 'walk')
+        self._heading, self._left = 0.0, 0.0
+
+    def place(self, pose: Pose) -> None:
+        """Put it somewhere. Its route goes on from there to the first point."""
+        self.pose = pose
+        self.velocity = (0.0, 0.0)
+        self._next: int | None = 0
+        self._step = 1
+
+    def tick(self, surroundings: Surroundings, duration: float) -> None:
+        """Go on along the route, or walk about."""
+        if self.model.route is not None:
+            self._follow(self.model.route, surroundings, duration)
+        elif self.model.random_walk is not None:
+            self._walk(self.model.random_walk, surroundings, duration)
+
+    def _follow(self, route: RouteModel, surroundings: Surroundings, duration: float) -> None:
+        self.velocity = (0.0, 0.0)
+        for _ in range(len(route.waypoints) + 1):  # several may be within one tick
+            if self._next is None or duration <= 0.0:
+                return
+            x, y = route.waypoints[self._next]
+            dx, dy = x - self.pose.x, y - self.pose.y
+            distance = math.hypot(dx, dy)
+            if distance > 1e-9:
+                time = min(duration, distance / route.speed)
+                if not self._go(route.speed * dx / distance, route.speed * dy / distance, surroundings, time):
+                    return
+                duration -= time
+            if distance <= 1e-9 or duration > 0.0:
+                self._next = self._after(self._next, route)
+
+    def _after(self, index: int, route: RouteModel) -> int | None:
+        count = len(route.waypoints)
+        if route.order == 'loop' or count == 1:
+            return (index + 1) % count if route.order == 'loop' else None
+        if not 0 <= index + self._step < count:
+            if route.order == 'once':
+                return None
+            self._step = -self._step
+        return index + self._step
+
+    def _walk(self, walk: WalkModel, surroundings: Surroundings, duration: float) -> None:
+        if self._left <= 0.0:
+            self._heading = self._random.uniform(-math.pi, math.pi)
+            self._left = self._random.exponential(walk.period)
+        self._left -= duration
+        vx, vy = walk.speed * math.cos(self._heading), walk.speed * math.sin(self._heading)
+        if not self._go(vx, vy, surroundings, duration):
+            self._left = 0.0
+
+    def _go(self, vx: float, vy: float, surroundings: Surroundings, duration: float) -> bool:
+        x, y, yaw = self.pose
+        reach = math.hypot(vx, vy)
+        moved = surroundings.advance(self, lambda time: Pose(x + vx * time, y + vy * time, yaw), reach, duration)
+        self.velocity = (vx, vy) if moved == duration else (0.0, 0.0)
+        return moved == duration
+
+
+class Door(Body):
+    """A sliding door. ``opening`` is 0 when it is closed and 1 when it is open.
+
+    ``wants_open`` is what it was told, or, of an automatic one, what it has seen to be needed.
+    """
+
+    def __init__(self, name: str, model: DoorModel) -> None:
+        self.model = model
+        (x, y), (to_x, to_y) = model.from_, model.to
+        super().__init__(name, self._leaf(0.0), Pose(x, y, math.atan2(to_y - y, to_x - x)))
+        self.radius = math.hypot(model.length, model.thickness / 2.0)
+        self.top_speed = model.length / model.opening_time
+        self.is_jammed = False
+        self.reset()
+
+    @property
+    def start(self) -> Pose:
+        """Where it is."""
+        return self.pose
+
+    def reset(self) -> None:
+        """As it was at the start."""
+        self.wants_open = self.model.open
+        self._nobody_since = -math.inf
+        self._set(float(self.model.open))
+
+    def command(self, open_it: bool) -> None:
+        """Tell it to open or to close. An automatic one closes again by itself."""
+        self.wants_open = open_it
+
+    def tick(self, surroundings: Surroundings, duration: float) -> None:
+        """Open or close a little."""
+        model = self.model
+        if model.automatic:
+            middle = ((model.from_[0] + model.to[0]) / 2.0, (model.from_[1] + model.to[1]) / 2.0)
+            if surroundings.is_someone_near(*middle, model.range):
+                self.wants_open, self._nobody_since = True, surroundings.time
+            elif surroundings.time - self._nobody_since >= model.hold:
+                self.wants_open = False
+        before = self.opening
+        step = duration / model.opening_time
+        after = min(1.0, before + step) if self.wants_open else max(0.0, before - step)
+        if after == before or self.is_jammed:
+            return
+        self._set(after)
+        if after < before and surroundings.gap_to_bodies(self, self.pose) <= 0.0:
+            self._set(before)  # something is in its way
+
+    def _set(self, opening: float) -> None:
+        self.opening = opening
+        self.shape = self._leaf(opening)
+
+    def _leaf(self, opening: float) -> Polygon:
+        # An open door keeps its edge, so that a body that was looked for is always there.
+        end, side = self.model.length, self.model.thickness / 2.0
+        start = min(opening * end, end - EDGE)
+        return Polygon(((end, side), (start, side), (start, -side), (end, -side)))
+
+
+@dataclass
+class Station:
+    """A charging station."""
+
+    name: str
+    model: StationModel
+
+    @property
+    def pose(self) -> Pose:
+        """Where a robot has to be to be charged."""
+        return self.model.pose
+
+
+@dataclass
+class Zone:
+    """An area with a rule."""
+
+    name: str
+    model: ZoneModel
+
+    @property
+    def pose(self) -> Pose:
+        """Its origin."""
+        return self.model.pose
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether a point is in it."""
+        return contains(self.model.area, self.model.pose, x, y)
+
+
+Entity = Body | Station | Zone
+"""Whatever has a name in the world."""

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bodies on a map: how far each is from what it may run into, and how far it can go.
+
+Movement is by conservative advancement: a body goes as far as nothing can be, looks again, and so on, so that it never
+jumps over anything and never overlaps anything, whatever its speed and however long the tick. What was found is used
+for as long as it holds: a body that is far from everything costs no look at all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Final
+
+import numpy
+
+from flexbt_sim.errors import SimulationError
+
+from .bodies import At, Body
+from .geometry import FARTHEST, Pose
+from .occupancy_map import OccupancyMap
+from .shapes import Circle, Polygon, contains, gap
+
+COLLISION_CHECK_DISTANCE: Final = 0.002
+"""How far, m, a body goes from one collision check to the next when it is near one."""
+
+_REACH: Final = 1.0
+"""Distance, m, within which others are near."""
+
+_BLOCK: Final = 2.0
+"""Side of the squares, m, by which those who are near are found."""
+
+_LARGE: Final = 20.0
+"""Radius, m, from which a body is near to all."""
+
+
+class Space:
+    """A map, if there is one, and the solid bodies on it. ``time``, s, is that at the start of the tick."""
+
+    def __init__(self, world: OccupancyMap | None) -> None:
+        self.map = world
+        self.time = 0.0
+        self._bodies: dict[str, Body] = {}
+        self._fastest = 0.0
+        self._near_since = self._near_until = -math.inf
+        if world is not None:
+            self._field = world.half_cell_distances
+            self._rows, self._columns = 2 * world.height, 2 * world.width
+            self._cos, self._sin = math.cos(world.origin.yaw), math.sin(world.origin.yaw)
+
+    def add(self, body: Body) -> None:
+        """One more body."""
+        self._bodies[body.name] = body
+        self.changed()
+
+    def remove(self, body: Body) -> None:
+        """One body less."""
+        del self._bodies[body.name]
+        self.changed()
+
+    def changed(self) -> None:
+        """Something was put somewhere: what was found out before does not hold any more."""
+        self._near_since = self._near_until = -math.inf
+        self._fastest = max((body.top_speed for body in self._bodies.values()), default=0.0)
+        for body in self._bodies.values():
+            body.clear_until = -math.inf
+
+    # -- distances ---------------------------------------------------------------------------------------------------
+
+    def gap(self, body: Body, pose: Pose) -> float:
+        """Least distance, m, that a body at a pose has to anything: exact when it is small, else no more than it is.
+
+        Negative where it overlaps something.
+        """
+        return min(self._gap_to_map(body, pose), self.gap_to_bodies(body, pose))
+
+    def gap_to_bodies(self, body: Body, pose: Pose) -> float:
+        """Distance, m, from a body at a pose to the nearest other one; no more than it is when it is large."""
+        if self.time >= self._near_until:
+            self._find_near()
+        nearest = _REACH - 2.0 * self._fastest * (self.time - self._near_since) if self._fastest else _REACH
+        for other in body.near:
+            there = other.pose
+            apart = math.hypot(there.x - pose.x, there.y - pose.y) - body.radius - other.radius
+            if apart < nearest:
+                both_round = isinstance(body.shape, Circle) and isinstance(other.shape, Circle)
+                nearest = min(nearest, apart if both_round else gap(body.shape, pose, other.shape, there))
+        return nearest
+
+    def _gap_to_map(self, body: Body, pose: Pose) -> float:
+        if self.map is None:
+            return math.inf
+        shape = body.shape
+        room = self._clearance(pose.x, pose.y) - body.radius
+        if room > 0.0:
+            return room
+        if isinstance(shape, Circle):
+            return self.map.clearance(pose.x, pose.y) - shape.radius
+        return self._polygon_gap(shape, pose)
+
+    def _polygon_gap(self, polygon: Polygon, pose: Pose) -> float:
+        """Along the sides, in steps of at least a quarter of a cell, or of half of what is free there."""
+        assert self.map is not None
+        least = self.map.resolution / 4.0
+        nearest = math.inf
+        for x0, y0, x1, y1 in polygon.sides(pose):
+            length = math.hypot(x1 - x0, y1 - y0)
+            room, along = self._clearance(x0, y0), 0.0
+            while along < length:
+                step = min(max(least, room / 2.0), length - along)
+                along += step
+                part = along / length
+                ahead = self._clearance(x0 + part * (x1 - x0), y0 + part * (y1 - y0))
+                nearest = min(nearest, (room + ahead - step) / 2.0)  # clearances change no faster than places
+                room = ahead
+        return nearest
+
+    def _clearance(self, x: float, y: float) -> float:
+        """Distance, m, from a point to the nearest obstacle of the map: as far as the point next to it is, at least."""
+        world = self.map
+        assert world is not None
+        dx, dy = x - world.origin.x, y - world.origin.y
+        scale = 2.0 / world.resolution
+        row, column = (dy * self._cos - dx * self._sin) * scale, (dx * self._cos + dy * self._sin) * scale
+        r = min(max(round(row), 0), self._rows)
+        c = min(max(round(column), 0), self._columns)
+        return float(self._field[r, c]) - math.hypot(row - r, column - c) / scale
+
+    def is_someone_near(self, x: float, y: float, distance: float) -> bool:
+        """Whether a robot or a moving obstacle is within a distance, m, of a point."""
+        return any(
+            body.is_mobile and math.hypot(body.pose.x - x, body.pose.y - y) <= distance + body.radius
+            for body in self._bodies.values()
+        )
+
+    # -- movement ----------------------------------------------------------------------------------------------------
+
+    def advance(self, body: Body, at: At, reach: float, duration: float) -> float:
+        """Move a body along ``at``, on which no point of it is faster than ``reach``, m/s; the time, s, it moved for.
+
+        Where it overlaps something already, it may move so that it does less.
+        """
+        if reach == 0.0 or self.time + duration <= body.clear_until:
+            body.pose = at(duration)
+            return duration
+        gone = 0.0
+        room = self.gap(body, body.pose)
+        while True:
+            if room > reach * (duration - gone):
+                body.pose = at(duration)
+                body.clear_until = self.time + room / (self._fastest + body.top_speed)
+                return duration
+            step = min(duration - gone, max(room, COLLISION_CHECK_DISTANCE) / reach)
+            ahead = at(gone + step)
+            after = self.gap(body, ahead)
+            if after < 0.0 and after <= room:
+                return gone
+            body.pose = ahead
+            room, gone = after, gone + step
+            if gone >= duration:
+                return duration
+
+    # -- who is near -------------------------------------------------------------------------------------------------
+
+    def _find_near(self) -> None:
+        """Find for each body those that are within _REACH of it. It holds until they may have come half as near."""
+        self._near_since = self.time
+        self._near_until = self.time + _REACH / (4.0 * self._fastest) if self._fastest else math.inf
+        blocks: dict[tuple[int, int], list[Body]] = defaultdict(list)
+        large = [body for body in self._bodies.values() if body.radius > _LARGE]
+        for body in self._bodies.values():
+            body.near = [other for other in large if other is not body]
+            if body.radius <= _LARGE:
+                x, y, reach = body.pose.x, body.pose.y, body.radius + _REACH / 2.0
+                for column in range(math.floor((x - reach) / _BLOCK), math.floor((x + reach) / _BLOCK) + 1):
+                    for row in range(math.floor((y - reach) / _BLOCK), math.floor((y + reach) / _BLOCK) + 1):
+                        blocks[column, row].append(body)
+        pairs = set[tuple[str, str]]()
+        for bodies in blocks.values():
+            for i, one in enumerate(bodies):
+                for other in bodies[i + 1 :]:
+                    if (one.name, other.name) not in pairs:
+                        pairs.add((one.name, other.name))
+                        pairs.add((other.name, one.name))
+                        one.near.append(other)
+                        other.near.append(one)
+        for body in large:
+            body.near = [other for other in self._bodies.values() if other is not body]
+
+    # -- places ------------------------------------------------------------------------------------------------------
+
+    def check(self, body: Body, pose: Pose, others: Iterable[Body], *, on_map: bool) -> None:
+        """Whether a body fits at a pose among others, and, if asked for, on the map and in no obstacle of it.
+
+        Raises:
+            SimulationError: it does not; the message says why.
+        """
+        place = f'({pose.x:g}, {pose.y:g}, {pose.yaw:g})'
+        if not pose.is_place:
+            raise SimulationError(f'{place} is no pose; give finite numbers, of at most {FARTHEST:g}: m, m, rad')
+        for other in others:
+            if other is not body and gap(body.shape, pose, other.shape, other.pose) < 0.0:
+                raise SimulationError(f"'{body.name}' at {place} would overlap '{other.name}'")
+        world = self.map
+        if not on_map or world is None:
+            return
+        if not world.contains(*world.cell(pose.x, pose.y)):
+            raise SimulationError(
+                f'{place} is outside of the map of {world.width * world.resolution:g} x '
+                f'{world.height * world.resolution:g} m with its corner at ({world.origin.x:g}, {world.origin.y:g})'
+            )
+        if self._gap_to_map(body, pose) < 0.0 or self._covers_obstacle(body, pose):
+            raise SimulationError(
+                f"{place} is {world.clearance(pose.x, pose.y):.2f} m from an obstacle, and '{body.name}' has a radius "
+                f'of {body.radius:g} m'
+            )
+
+    def _covers_obstacle(self, body: Body, pose: Pose) -> bool:
+        """Whether an obstacle of the map is within a polygon, without a touch of its sides."""
+        world = self.map
+        if world is None or isinstance(body.shape, Circle):
+            return False
+        row, column = world.cell(pose.x, pose.y)
+        reach = math.ceil(body.radius / world.resolution) + 1
+        bottom, left = max(0, row - reach), max(0, column - reach)
+        cells = numpy.argwhere(world.obstacles[bottom : row + reach + 1, left : column + reach + 1])
+        return any(contains(body.shape, pose, *world.point(bottom + r, left + c)) for r, c in cells.tolist())

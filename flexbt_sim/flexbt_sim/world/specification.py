@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a world file may say: frozen dataclasses whose fields carry bounds and meaning, and the reading of them.
+
+The same declarations check files, requests at run time and objects made in Python, and the reference is written from
+them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import re
+import reprlib
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, TypeVar
+
+from flexbt_sim.errors import SimulationError
+
+from .geometry import FARTHEST, Pose
+from .shapes import MAX_CORNERS, Circle, Polygon, Shape, box
+
+NAME: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,62}')
+"""Names of entities: a robot's is its ROS namespace."""
+
+Path = tuple[str | int, ...]
+"""Where a value is: the keys and indices that lead to it."""
+
+S = TypeVar('S', bound='Specification')
+
+
+@dataclass(frozen=True)
+class Key:
+    """What is known about one key: its meaning, its unit, its bounds (both included), its choices."""
+
+    text: str
+    unit: str = ''
+    low: float = -FARTHEST
+    high: float = FARTHEST
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is wrong with a value, and how to mend it."""
+
+    path: Path
+    message: str
+
+    @property
+    def where(self) -> str:
+        """The path as text: ``robots.alpha.pose``."""
+        return '.'.join(map(str, self.path))
+
+
+def key(text: str, default: Any = dataclasses.MISSING, **details: Any) -> Any:
+    """A field of a specification; ``details`` are those of :class:`Key`."""
+    return dataclasses.field(default=default, metadata={'key': Key(text, **details)})
+
+
+@dataclass(frozen=True)
+class Specification:
+    """Base of what a mapping in a world file says. Values are checked however it is made.
+
+    Raises:
+        SimulationError: a value is out of its bounds; the message names it.
+    """
+
+    title: ClassVar[str] = ''
+
+    def __post_init__(self) -> None:
+        problems: list[Problem] = []
+        for name, one in keys_of(type(self)).items():
+            value = getattr(self, name)
+            if value is not None:
+                _bounded(value, one, (name,), problems)
+        problems = problems or [Problem((), text) for text in self.conflicts()]
+        if problems:
+            raise SimulationError('; '.join(f'{p.where}: {p.message}' if p.path else p.message for p in problems))
+
+    def conflicts(self) -> Iterable[str]:
+        """What is wrong with values that are right each by itself."""
+        return ()
+
+
+def keys_of(specification: type[Specification]) -> Mapping[str, Key]:
+    """The keys that a specification may have, in their order."""
+    fields = dataclasses.fields(specification)
+    return {one.name: one.metadata['key'] for one in fields if 'key' in one.metadata}
+
+
+def types_of(specification: type[Specification]) -> Mapping[str, Any]:
+    """The type of each key."""
+    return typing.get_type_hints(specification)
+
+
+def written(name: str) -> str:
+    """A key as it is written in a file: ``from_`` is ``from``, a word that Python keeps for itself."""
+    return name.rstrip('_')
+
+
+def read(specification: type[S], data: Any, path: Path, problems: list[Problem], base: S | None = None) -> S | None:
+    """What a mapping of plain data specifies; problems are added to the list, and None is returned, if it is wrong.
+
+    What the mapping leaves out is as in ``base``, or as by default.
+    """
+    if not isinstance(data, Mapping):
+        problems.append(Problem(path, f'expected a mapping of {names(map(written, keys_of(specification)))}, '
+                                      f'got {shown(data)}'))  # fmt: skip
+        return None
+    known = {written(name): name for name in keys_of(specification)}
+    before = len(problems)
+    values = {} if base is None else {name: getattr(base, name) for name in keys_of(specification)}
+    for word, value in data.items():
+        if word in known:
+            name = known[word]
+            values[name] = convert(types_of(specification)[name], value, (*path, word), problems, values.get(name))
+        else:
+            problems.append(Problem((*path, word), f'there is no such key{hint(word, known)}'))
+    for one in dataclasses.fields(specification):
+        if one.name in keys_of(specification) and one.name not in values and one.default is dataclasses.MISSING:
+            text = keys_of(specification)[one.name].text
+            problems.append(Problem(path, f"'{written(one.name)}' is missing: {text}"))
+    if len(problems) > before:
+        return None
+    for name, one_key in keys_of(specification).items():
+        if values.get(name) is not None:
+            _bounded(values[name], one_key, (*path, written(name)), problems)
+    if len(problems) > before:
+        return None
+    try:
+        return specification(**values)
+    except SimulationError as error:
+        problems.append(Problem(path, str(error)))
+        return None
+
+
+def convert(kind: Any, value: Any, path: Path, problems: list[Problem], base: Any = None) -> Any:
+    """A plain value as a type of the specifications; None, with a problem added, when it is none."""
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        if arguments == typing.get_args(Shape):
+            return _shape(value, path, problems)
+        if value is None:
+            return None
+        return convert(next(one for one in arguments if one is not type(None)), value, path, problems, base)
+    if origin is tuple and arguments[-1:] == (...,):
+        if not isinstance(value, list):
+            problems.append(Problem(path, f'expected a list, got {shown(value)}'))
+            return None
+        return tuple(convert(arguments[0], one, (*path, i), problems) for i, one in enumerate(value))
+    if origin is tuple:
+        return _numbers(value, len(arguments), path, problems)
+    if kind is Pose:
+        numbers = _numbers(value, 3, path, problems, ' (x, y in m, yaw in rad)')
+        return Pose(*numbers) if numbers else None
+    if isinstance(kind, type) and issubclass(kind, Specification):
+        return read(kind, value, path, problems, base)
+    return _scalar(kind, value, path, problems)
+
+
+_SCALARS: Final = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+
+
+def _scalar(kind: Any, value: Any, path: Path, problems: list[Problem]) -> Any:
+    if kind is float and (number := _number(value)) is not None:
+        return number
+    if kind is not float and type(value) is kind:
+        return value
+    problems.append(Problem(path, f'expected {_SCALARS[kind]}, got {shown(value)}'))
+    return None
+
+
+def _number(value: Any) -> float | None:
+    """A finite number, also one that YAML 1.1 takes for text, such as 1e-3."""
+    try:
+        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _numbers(value: Any, count: int, path: Path, problems: list[Problem], what: str = '') -> Any:
+    numbers = [_number(one) for one in value] if isinstance(value, list) else []
+    if len(numbers) == count and None not in numbers:
+        return tuple(numbers)
+    problems.append(Problem(path, f'expected a list of {count} numbers{what}, got {shown(value)}'))
+    return None
+
+
+def _shape(value: Any, path: Path, problems: list[Problem]) -> Shape | None:
+    """A number is the radius of a circle, two are length and width of a box, a list of points is a polygon."""
+    radius = _number(value)
+    try:
+        if radius is not None:
+            return Circle(radius)
+        if isinstance(value, list) and len(value) == 2 and not any(isinstance(one, list) for one in value):
+            sides = _numbers(value, 2, path, problems)
+            return box(*sides) if sides else None
+        if isinstance(value, list) and 3 <= len(value) <= MAX_CORNERS:
+            corners = [_numbers(one, 2, (*path, i), problems) for i, one in enumerate(value)]
+            return None if None in corners else Polygon(tuple(corners))
+    except SimulationError as error:
+        problems.append(Problem(path, str(error)))
+        return None
+    text = (
+        'expected a radius, [length, width] of a box, or the corners of a polygon [[x, y], [x, y], [x, y], ...] '
+        f'(at most {MAX_CORNERS})'
+    )
+    problems.append(Problem(path, f'{text}, got {shown(value)}'))
+    return None
+
+
+def _bounded(value: Any, one: Key, path: Path, problems: list[Problem]) -> None:
+    if isinstance(value, str):
+        if one.choices and value not in one.choices:
+            problems.append(Problem(path, f'{shown(value)} is none of {names(one.choices)}'))
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        if not one.low <= value <= one.high:
+            unit = f' {one.unit}' if one.unit else ''
+            problems.append(Problem(path, f'{value:g}{unit} is not within {one.low:g} to {one.high:g}{unit}'))
+    elif isinstance(value, tuple):
+        for i, part in enumerate(value):
+            _bounded(part, one, (*path, i), problems)
+
+
+def names(words: Iterable[Any]) -> str:
+    """Words in a line."""
+    return ', '.join(map(str, words))
+
+
+def hint(word: Any, known: Iterable[str]) -> str:
+    """A question after what was meant, or what there is."""
+    choices = list(known)
+    close = difflib.get_close_matches(str(word), choices, n=1)
+    if close:
+        return f"; do you mean '{close[0]}'?"
+    return f'; there is {reprlib.repr(names(choices))[1:-1]}' if len(choices) > 30 else f'; there is {names(choices)}'
+
+
+def shown(value: object) -> str:
+    """Enough of a value to recognise it."""
+    return reprlib.repr(value)[:80]

@@ -1,0 +1,431 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The world: robots and what is round them, on one clock."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, TypeVar
+
+from flexbt_sim.errors import SimulationError
+
+from .bodies import Body
+from .faults import Fault, FaultModel, fault_parameters
+from .geometry import Pose
+from .models import STEP, DoorModel, ObstacleModel, RobotModel, StationModel, ZoneModel
+from .occupancy_map import OccupancyMap
+from .ray_casting import RayCaster, Sensor, outlines
+from .robot import Robot, compose
+from .scenery import Door, Entity, Obstacle, Station, Zone
+from .space import Space
+from .specification import NAME, hint
+from .world_file import WorldFile
+
+MAX_ENTITIES: Final = 10_000
+
+EntityModel = RobotModel | ObstacleModel | DoorModel | StationModel | ZoneModel
+E = TypeVar('E')
+
+
+@dataclass(frozen=True)
+class EntityState:
+    """Where an entity is, and how fast; speeds in m/s and rad/s, those of a robot in its own frame."""
+
+    name: str
+    kind: str
+    pose: Pose
+    linear: tuple[float, float] = (0.0, 0.0)
+    angular: float = 0.0
+    faults: tuple[str, ...] = ()
+    odometry: Pose | None = None
+    estimate: Pose | None = None
+    in_contact: bool = False
+    battery: float | None = None
+    opening: float | None = None
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The state of a world at a simulated time, s: what others keep, compare and draw."""
+
+    time: float
+    entities: tuple[EntityState, ...]
+
+
+class World:
+    """Robots, obstacles, doors, stations and zones on a map, or on a plane without limits.
+
+    Names are unique among all entities. All that happens depends on the seed, the file and the calls only: with the
+    same of them, states are the same to the last bit. Not thread-safe.
+    """
+
+    def __init__(
+        self, world: OccupancyMap | None = None, *, places: Mapping[str, Pose] | None = None, seed: int = 0,
+        step: float = STEP,
+    ) -> None:  # fmt: skip
+        """``step`` is the longest simulated time, s, for which speeds are taken as constant.
+
+        Raises:
+            SimulationError: the step is not within 0.001 to 1 s.
+        """
+        if not 0.001 <= step <= 1.0:
+            raise SimulationError(f'a step of {step:g} s; give 0.001 to 1 s')
+        self.map = world
+        self.seed = seed
+        self.step_size = step
+        self.places: Mapping[str, Pose] = MappingProxyType(dict(places or {}))
+        self._nanoseconds = 0
+        self._entities: dict[str, Entity] = {}
+        self._robots: dict[str, Robot] = {}
+        self._obstacles: dict[str, Obstacle] = {}
+        self._doors: dict[str, Door] = {}
+        self._stations: dict[str, Station] = {}
+        self._zones: dict[str, Zone] = {}
+        self._movers: list[Body] = []
+        self._space = Space(world)
+        self._rays = RayCaster(world)
+        self._faults: list[Fault] = []
+        self._begun: set[Fault] = set()
+        self._at_start: dict[str, EntityModel] = {}
+
+    @classmethod
+    def load(cls, file: Path | str, *, seed: int | None = None) -> World:
+        """The world that a file describes; ``seed`` in place of that of the file.
+
+        Raises:
+            WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
+        """
+        told = WorldFile(Path(file))
+        model = told.model
+        world = cls(told.map, places=told.places, seed=model.seed if seed is None else seed, step=model.step)
+        for path, *entity in told.entities:
+            told.attempt(path, world.add, *entity)
+        for path, timing, parameters in told.faults:
+            told.attempt(path, world.set_fault, timing.entity, timing.fault, parameters, timing.after, timing.duration)
+        told.finish()
+        return world
+
+    # -- what there is -----------------------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self._nanoseconds * 1e-9
+
+    @property
+    def nanoseconds(self) -> int:
+        """Simulated time, ns."""
+        return self._nanoseconds
+
+    @property
+    def entities(self) -> Mapping[str, Entity]:
+        """Everything that has a name, by it."""
+        return MappingProxyType(self._entities)
+
+    @property
+    def robots(self) -> Mapping[str, Robot]:
+        """The robots by their names."""
+        return MappingProxyType(self._robots)
+
+    @property
+    def obstacles(self) -> Mapping[str, Obstacle]:
+        """The obstacles by their names."""
+        return MappingProxyType(self._obstacles)
+
+    @property
+    def doors(self) -> Mapping[str, Door]:
+        """The doors by their names."""
+        return MappingProxyType(self._doors)
+
+    @property
+    def stations(self) -> Mapping[str, Station]:
+        """The charging stations by their names."""
+        return MappingProxyType(self._stations)
+
+    @property
+    def zones(self) -> Mapping[str, Zone]:
+        """The zones by their names."""
+        return MappingProxyType(self._zones)
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Those that are there or to come."""
+        return tuple(self._faults)
+
+    def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
+        """The parameters of those that an entity has now, by their names; whoever carries them out."""
+        return {one.name: one.parameters for one in self._faults if one in self._begun and one.entity == entity}
+
+    # -- changes -----------------------------------------------------------------------------------------------------
+
+    def add(self, name: str, model: EntityModel, pose: Pose | None = None) -> Any:
+        """Add an entity; ``pose`` is that of a robot, or in place of that of the model. Returns the entity.
+
+        Raises:
+            SimulationError: the name is taken or cannot be one, the pose is missing, or there is no room.
+        """
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            raise SimulationError(f"'{name}' cannot be a name: give letters, digits and _, a letter first, at most 63")
+        if name in self._entities:
+            raise SimulationError(f"there is a '{name}' already; names are unique among all entities")
+        if len(self._entities) >= MAX_ENTITIES:
+            raise SimulationError(f'{MAX_ENTITIES} entities are the most that a world has')
+        entity = self._made(name, model, pose)
+        if isinstance(entity, Body):
+            self._check(entity, entity.pose)
+            self._space.add(entity)
+        self._entities[name] = entity
+        self._of_kind(entity)[name] = entity
+        self._order()
+        return entity
+
+    def _made(self, name: str, model: EntityModel, pose: Pose | None) -> Entity:
+        if isinstance(model, RobotModel):
+            if pose is None:
+                raise SimulationError(f"robot '{name}': its pose is missing")
+            return Robot(name, model, pose, self.seed)
+        if isinstance(model, DoorModel):
+            return Door(name, model)
+        if pose is not None:
+            model = dataclasses.replace(model, pose=pose)
+        if isinstance(model, ObstacleModel):
+            return Obstacle(name, model, self.seed)
+        return Station(name, model) if isinstance(model, StationModel) else Zone(name, model)
+
+    def _of_kind(self, entity: Entity) -> dict[str, Any]:
+        kinds: dict[type, dict[str, Any]] = {
+            Robot: self._robots, Obstacle: self._obstacles, Door: self._doors, Station: self._stations,
+            Zone: self._zones,
+        }  # fmt: skip
+        return kinds[type(entity)]
+
+    def _order(self) -> None:
+        """By their names, so that nothing depends on when they came."""
+        self._movers = [one for _, one in sorted(self._entities.items()) if isinstance(one, Body)]
+
+    def remove(self, name: str) -> None:
+        """Remove an entity and its faults.
+
+        Raises:
+            SimulationError: there is none of this name.
+        """
+        entity = self._entity(name)
+        if isinstance(entity, Body):
+            self._space.remove(entity)
+        del self._entities[name]
+        del self._of_kind(entity)[name]
+        self._faults = [one for one in self._faults if one.entity != name]
+        self._begun = {one for one in self._begun if one.entity != name}
+        self._order()
+
+    def move(self, name: str, pose: Pose) -> None:
+        """Put a robot, an obstacle, a station or a zone somewhere, at rest.
+
+        Raises:
+            SimulationError: there is none of this name, there is no room, or it is a door.
+        """
+        entity = self._entity(name)
+        if isinstance(entity, Door):
+            raise SimulationError(f"'{name}' is a door, which stays where it is")
+        if isinstance(entity, Robot | Obstacle):
+            self._check(entity, pose)
+            entity.place(pose)
+            self._space.changed()
+        elif not pose.is_place:
+            raise SimulationError(f"'{name}' cannot be at {tuple(pose)}")
+        elif isinstance(entity, Station | Zone):
+            entity.model = dataclasses.replace(entity.model, pose=pose)
+
+    def check_place(self, name: str, pose: Pose) -> None:
+        """Whether a robot or an obstacle fits at a pose.
+
+        Raises:
+            SimulationError: it does not; the message says why.
+        """
+        entity = self._entity(name)
+        if isinstance(entity, Body):
+            self._check(entity, pose)
+
+    def _check(self, body: Body, pose: Pose) -> None:
+        is_robot = isinstance(body, Robot)
+        others: Iterable[Body] = self._movers if is_robot else self._robots.values()
+        self._space.check(body, pose, others, on_map=is_robot)
+
+    def reset(self) -> None:
+        """All robots, obstacles and doors are as they were when they came, and so are the random numbers.
+
+        The time goes on, and so do faults.
+        """
+        for entity in self._entities.values():
+            if isinstance(entity, Robot | Obstacle | Door):
+                entity.reset()
+        self._space.changed()
+
+    def _entity(self, name: str) -> Entity:
+        if name not in self._entities:
+            raise SimulationError(f"there is no '{name}' in the world{hint(name, self._entities)}")
+        return self._entities[name]
+
+    # -- faults ------------------------------------------------------------------------------------------------------
+
+    def set_fault(
+        self, entity: str, fault: str, parameters: Mapping[str, Any] | None = None, after: float = 0.0,
+        duration: float = 0.0,
+    ) -> Fault:  # fmt: skip
+        """Bring a fault about: after a simulated time, s, and for a time, s; 0: until it is cleared.
+
+        One of the same name that the entity has, or will have, is over then.
+
+        Raises:
+            SimulationError: there is no such entity or fault, the one cannot have the other, or a value is wrong.
+        """
+        values = fault_parameters(fault, parameters or {})
+        kind = type(self._entity(entity)).__name__.lower()
+        if kind not in values.entities:
+            raise SimulationError(f"{fault}: '{entity}' is a {kind}; a {' or a '.join(values.entities)} can have it")
+        if not (0.0 <= after < math.inf and 0.0 <= duration < math.inf):
+            raise SimulationError(f'{fault}: after {after:g} s for {duration:g} s; give times that are not negative')
+        self.clear_fault(entity, fault)
+        begins = self.time + after
+        made = Fault(entity, values, begins, begins + duration if duration else math.inf)
+        self._faults.append(made)
+        self._run_faults()
+        return made
+
+    def clear_fault(self, entity: str, fault: str = '') -> int:
+        """End a fault of an entity, or keep it from coming; an empty name: all. How many there were.
+
+        Raises:
+            SimulationError: there is no such entity.
+        """
+        self._entity(entity)
+        ended = [one for one in self._faults if one.entity == entity and fault in ('', one.name)]
+        for one in ended:
+            self._end(one)
+        return len(ended)
+
+    def _run_faults(self) -> None:
+        now = self.time + 1e-9
+        for one in list(self._faults):
+            entity = self._entities[one.entity]
+            if one.begins <= now and one not in self._begun:
+                self._begun.add(one)
+                if isinstance(entity, Robot):
+                    entity.begin(one.name, one.parameters)
+                elif isinstance(entity, Door):
+                    entity.is_jammed = True
+            if one.ends <= now:
+                self._end(one)
+
+    def _end(self, one: Fault) -> None:
+        self._faults.remove(one)
+        if one in self._begun:
+            self._begun.remove(one)
+            entity = self._entities[one.entity]
+            if isinstance(entity, Robot):
+                entity.end(one.name)
+            elif isinstance(entity, Door):
+                entity.is_jammed = False
+
+    # -- time --------------------------------------------------------------------------------------------------------
+
+    def step(self, duration: float | None = None) -> None:
+        """Let simulated time pass, s; one step of the world by default. A longer time is so many steps and a rest.
+
+        Raises:
+            SimulationError: the duration is negative or not finite.
+        """
+        if duration is None:
+            self._tick(round(self.step_size * 1e9))
+            return
+        if not 0.0 <= duration < math.inf:
+            raise SimulationError(f'{duration} s cannot pass')
+        left, longest = round(duration * 1e9), round(self.step_size * 1e9)
+        while left > 0:
+            self._tick(min(left, longest))
+            left -= longest
+
+    def _tick(self, nanoseconds: int) -> None:
+        if self._faults:
+            self._run_faults()
+        duration = nanoseconds * 1e-9
+        self._space.time = self.time
+        for body in self._movers:
+            body.tick(self._space, duration)
+        self._nanoseconds += nanoseconds
+        if self._zones:
+            self._find_zones()
+        if self._stations:
+            self._charge()
+        self._scan()
+
+    def _find_zones(self) -> None:
+        for robot in self._robots.values():
+            x, y, _ = robot.pose
+            inside = [zone for zone in self._zones.values() if zone.contains(x, y)]
+            names = tuple(zone.name for zone in inside)
+            if names != robot.zones:
+                slow = min((zone.model.speed for zone in inside if zone.model.kind == 'slow'), default=math.inf)
+                forbidden = sum(one.model.kind == 'no_go' and one.name not in robot.zones for one in inside)
+                shadow = any(zone.model.kind == 'sensor_shadow' for zone in inside)
+                robot.enter(names, slow, forbidden, in_shadow=shadow)
+
+    def _charge(self) -> None:
+        for robot in self._robots.values():
+            if robot.battery is not None:
+                rests = robot.linear == robot.angular == 0.0
+                robot.battery.is_charging = rests and any(
+                    robot.pose.distance(station.pose) <= station.model.reach for station in self._stations.values()
+                )
+
+    def _scan(self) -> None:
+        now = self.time
+        due: list[Robot] = []
+        for robot in self._robots.values():
+            if now + 1e-9 >= robot.next_scan and robot.model.lidar is not None:
+                period = 1.0 / robot.model.lidar.rate
+                robot.next_scan = period * (math.floor(now / period + 1e-6) + 1)
+                if robot.is_scanning and robot.is_powered:
+                    due.append(robot)
+        if not due:
+            return
+        numbers = {body.name: number for number, body in enumerate(self._movers)}
+        sensors = []
+        for robot in due:
+            lidar = robot.model.lidar
+            assert lidar is not None
+            pose = compose(robot.pose, lidar.pose)
+            sensors.append(
+                Sensor(pose, lidar.angle_min, lidar.angle_increment, lidar.beams, lidar.range_max, numbers[robot.name])
+            )
+        for robot, ranges in zip(due, self._rays.cast(sensors, outlines(self._movers)), strict=True):
+            robot.see(now, ranges)
+
+    # -- what others see ---------------------------------------------------------------------------------------------
+
+    def state(self, name: str) -> EntityState:
+        """The state of an entity.
+
+        Raises:
+            SimulationError: there is none of this name.
+        """
+        entity = self._entity(name)
+        kind = type(entity).__name__.lower()
+        faults = tuple(self.active_faults(name)) if self._faults else ()
+        if isinstance(entity, Robot):
+            return EntityState(
+                name, kind, entity.pose, (entity.linear, 0.0), entity.angular, faults, entity.odometry,
+                entity.estimate, entity.in_contact, None if entity.battery is None else entity.battery.level,
+            )  # fmt: skip
+        if isinstance(entity, Obstacle):
+            return EntityState(name, kind, entity.pose, entity.velocity, faults=faults)
+        opening = entity.opening if isinstance(entity, Door) else None
+        return EntityState(name, kind, entity.pose, faults=faults, opening=opening)
+
+    def snapshot(self) -> Snapshot:
+        """The state of all entities."""
+        return Snapshot(self.time, tuple(map(self.state, self._entities)))

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""World files: YAML, of which every key is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import yaml
+
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml
+from flexbt_sim.errors import MapError, SimulationError, WorldError
+
+from .faults import FAULTS, FaultTiming
+from .floor_plan import FloorPlan
+from .geometry import Pose
+from .models import MODELS, STEP, DoorModel, ObstacleModel, RobotModel, StationModel, ZoneModel
+from .occupancy_map import OccupancyMap, load_map
+from .specification import NAME, Problem, Specification, convert, hint, key, keys_of, names, read, shown
+from .specification import Path as Where
+
+MAX_BYTES: Final = 2_000_000
+
+
+@dataclass(frozen=True)
+class WorldModel(Specification):
+    """The top of a world file. Maps and worlds of other packages are named by their paths relative to this file."""
+
+    title: ClassVar[str] = 'world'
+
+    map: str | None = key('YAML file of a map, as map_server reads it, relative to the world file', None)
+    plan: FloorPlan | None = key('rooms and walls that are drawn here, in place of a map', None)
+    seed: int = key('seed of all random numbers', 0, low=0, high=2**53)
+    step: float = key('longest time for which speeds are taken as constant', STEP, unit='s', low=0.001, high=1.0)
+
+
+_ENTITIES: Final[Mapping[str, type[Specification]]] = {
+    'obstacles': ObstacleModel, 'doors': DoorModel, 'stations': StationModel, 'zones': ZoneModel,
+}  # fmt: skip
+SECTIONS: Final[Mapping[str, str]] = {
+    'models': 'models of robots by their names; what `based_on` another leaves out is as there',
+    'robots': 'robots by their names: `pose`, `model`, and whatever is to be otherwise than in the model',
+    'obstacles': 'obstacles by their names',
+    'doors': 'doors by their names',
+    'stations': 'charging stations by their names',
+    'zones': 'zones by their names',
+    'places': 'named poses: NAME: [x, y, yaw]',
+    'faults': 'a list of what goes wrong, and when',
+}
+"""The keys of a world file beside those of :class:`WorldModel`."""
+
+
+class WorldFile:
+    """What a world file describes: the map, and in their order entities and faults, each with where it is said.
+
+    Raises:
+        WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._problems: list[Problem] = []
+        self._marks: dict[Where, tuple[int, int]] = {}
+        reader = _Reader(self._data(), file.parent, self._problems)
+        self.model = reader.model()
+        self.places = reader.places()
+        self.entities = reader.entities()
+        self.faults = reader.faults()
+        self.map = reader.map(self.model)
+        self.finish()
+
+    def _data(self) -> Any:
+        file = self._file
+        try:
+            if not file.is_file() or file.stat().st_size > MAX_BYTES:
+                raise OSError(f'not a regular file of at most {MAX_BYTES} bytes')
+            text = file.read_text(encoding='utf-8')
+        except (OSError, ValueError) as error:
+            raise WorldError([f'{file}: cannot be read: {error}; give a world file']) from error
+        try:
+            node = compose_yaml(text)
+            if node is None:
+                return {}
+            _mark(node, (), self._marks, self._problems)
+            return construct_yaml(node)
+        except YamlError as error:
+            raise WorldError([f'{file}:{error.line}:{error.column}: {error.reason}']) from error
+
+    def attempt(self, path: Where, action: Callable[..., object], *arguments: Any) -> None:
+        """Do what is said at a place of the file; an error becomes one of the file."""
+        try:
+            action(*arguments)
+        except SimulationError as error:
+            self._problems.append(Problem(path, str(error)))
+
+    def finish(self) -> None:
+        """Raise what is wrong so far, as a WorldError."""
+        if self._problems:
+            raise WorldError([_line(self._file, one, self._marks) for one in self._problems])
+
+
+def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], problems: list[Problem]) -> None:
+    """Note where each value is: the line and column of its key, or of itself in a list."""
+    marks.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
+    if isinstance(node, yaml.MappingNode):
+        seen = set[str]()
+        for key_node, value in node.value:
+            word: Any = construct_yaml(key_node) if isinstance(key_node, yaml.ScalarNode) else '?'
+            marks[*path, word] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
+            if str(word) in seen:
+                problems.append(Problem((*path, word), 'is there twice; leave one of them out'))
+            seen.add(str(word))
+            _mark(value, (*path, word), marks, problems)
+    elif isinstance(node, yaml.SequenceNode):
+        for i, one in enumerate(node.value):
+            _mark(one, (*path, i), marks, problems)
+
+
+def _line(file: Path, problem: Problem, marks: Mapping[Where, tuple[int, int]]) -> str:
+    path = problem.path
+    while path not in marks and path:
+        path = path[:-1]
+    line, column = marks.get(path, (1, 1))
+    where = f'{problem.where}: ' if problem.path else ''
+    return f'{file}:{line}:{column}: {where}{problem.message}'
+
+
+class _Reader:
+    def __init__(self, data: Any, directory: Path, problems: list[Problem]) -> None:
+        self._data = data
+        self._directory = directory
+        self._problems = problems
+
+    def model(self) -> WorldModel:
+        data = self._data
+        if not isinstance(data, Mapping):
+            self._problems.append(Problem((), f'expected a mapping with {names(SECTIONS)}, got {shown(data)}'))
+            self._data = {}
+            return WorldModel()
+        known = [*keys_of(WorldModel), *SECTIONS]
+        for word in data:
+            if word not in known:
+                self._problems.append(Problem((word,), f'there is no such key{hint(word, known)}'))
+        top = {word: value for word, value in data.items() if word in keys_of(WorldModel)}
+        return read(WorldModel, top, (), self._problems) or WorldModel()
+
+    def places(self) -> dict[str, Pose]:
+        return {name: convert(Pose, value, ('places', name), self._problems) for name, value in self._section('places')}
+
+    def entities(self) -> list[tuple[Where, str, Any, Pose | None]]:
+        """For each where it is said, its name, model and pose."""
+        return [*self._robots(), *self._others()]
+
+    def _section(self, section: str) -> list[tuple[str, Any]]:
+        """The entries of a section whose names can be ones."""
+        data = self._data.get(section)
+        if data is None:
+            return []
+        if not isinstance(data, Mapping):
+            self._problems.append(Problem((section,), f'expected a mapping of names, got {shown(data)}'))
+            return []
+        entries = []
+        for name, value in data.items():
+            if isinstance(name, str) and NAME.fullmatch(name):
+                entries.append((name, value))
+            else:
+                text = 'cannot be a name: give letters, digits and _, a letter first, at most 63'
+                self._problems.append(Problem((section, name), text))
+        return entries
+
+    def map(self, model: WorldModel) -> OccupancyMap | None:
+        if model.map is not None and model.plan is not None:
+            self._problems.append(Problem(('map',), "there is a 'plan' too; leave one of them out"))
+            return None
+        if model.plan is not None:
+            return model.plan.drawn()
+        if model.map is None:
+            return None
+        try:
+            return load_map(self._directory / model.map)
+        except MapError as error:
+            self._problems.append(Problem(('map',), str(error)))
+            return None
+
+    def _models(self) -> dict[str, RobotModel]:
+        models = dict(MODELS)
+        for name, value in self._section('models'):
+            made = self._model(value, ('models', name), models, 'based_on')
+            if made is not None:
+                models[name] = made
+        return models
+
+    def _model(self, value: Any, path: Where, models: Mapping[str, RobotModel], base_key: str) -> RobotModel | None:
+        """A model of a robot, in which ``base_key`` names another one."""
+        if not isinstance(value, Mapping):
+            self._problems.append(Problem(path, f'expected a mapping, got {shown(value)}'))
+            return None
+        base = value.get(base_key, 'waffle')
+        if base not in models:
+            self._problems.append(
+                Problem((*path, base_key), f"there is no model '{base}' before this{hint(base, models)}")
+            )
+            return None
+        rest = {word: one for word, one in value.items() if word not in (base_key, 'pose')}
+        return read(RobotModel, rest, path, self._problems, models[base])
+
+    def _robots(self) -> list[tuple[Where, str, Any, Pose | None]]:
+        models = self._models()
+        robots: list[tuple[Where, str, Any, Pose | None]] = []
+        for name, value in self._section('robots'):
+            path: Where = ('robots', name)
+            model = self._model(value, path, models, 'model')
+            if model is None:
+                continue
+            if 'pose' not in value:
+                self._problems.append(Problem(path, "'pose' is missing: where it is at the start, [x, y, yaw]"))
+                continue
+            pose = convert(Pose, value['pose'], (*path, 'pose'), self._problems)
+            robots.append((path, name, model, pose))
+        return robots
+
+    def _others(self) -> list[tuple[Where, str, Any, Pose | None]]:
+        return [
+            ((section, name), name, read(specification, value, (section, name), self._problems), None)
+            for section, specification in _ENTITIES.items()
+            for name, value in self._section(section)
+        ]
+
+    def faults(self) -> list[tuple[Where, FaultTiming, Mapping[str, Any]]]:
+        """For each where it is said, its timing and its parameters."""
+        entries = self._data.get('faults') or []
+        if not isinstance(entries, list):
+            self._problems.append(Problem(('faults',), f'expected a list, got {shown(entries)}'))
+            return []
+        faults: list[tuple[Where, FaultTiming, Mapping[str, Any]]] = []
+        for i, entry in enumerate(entries):
+            path: Where = ('faults', i)
+            parameters: Any = {}
+            rest = entry
+            if isinstance(entry, Mapping):
+                parameters = entry.get('parameters') or {}
+                rest = {word: value for word, value in entry.items() if word != 'parameters'}
+            timing = read(FaultTiming, rest, path, self._problems)
+            if timing is not None and read(FAULTS[timing.fault], parameters, (*path, 'parameters'), self._problems):
+                faults.append((path, timing, parameters))
+        return faults
