@@ -57,16 +57,18 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
     )
     if len(pose) != 3:
         raise SimulationError(f"parameter 'initial_pose': expected [x, y, yaw], got {pose}")
+    range_min = declare.real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm')
+    range_max = declare.real('scan_range_max', lidar.range_max, 0.1, 100.0, 'm')
+    if range_min >= range_max:
+        raise SimulationError(
+            f"parameter 'scan_range_min': {range_min:g} m is not below 'scan_range_max' {range_max:g} m"
+        )
     lidar = LidarModel(
         beams=declare.integer('scan_beams', lidar.beams, 1, 100_000, 'beams of the lidar'),
-        range_min=declare.real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),
-        range_max=declare.real('scan_range_max', lidar.range_max, 0.1, 100.0, 'm'),
+        range_min=range_min,
+        range_max=range_max,
         noise=declare.real('scan_noise', lidar.noise, 0.0, 1.0, 'standard deviation of a range, m'),
     )
-    if lidar.range_min >= lidar.range_max:
-        raise SimulationError(
-            f"parameter 'scan_range_min': {lidar.range_min:g} m is not below 'scan_range_max' {lidar.range_max:g} m"
-        )
     return SimulatorParameters(
         map=Path(
             declare.text('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()
