@@ -3,7 +3,9 @@
 
 FlexbtError
 └── SimulationError
-    ├── MapError            a map that cannot be used; names file, field and remedy
+    ├── FileError           a file that cannot be used; names file, field and remedy
+    │   ├── MapError        of a map
+    │   └── GraphError      of a graph of routes
     ├── WorldError          a world file that cannot be used; all that is wrong with it, with places and remedies
     └── NavigationError     a request that ends with one of Nav2's error codes
 """
@@ -20,13 +22,21 @@ class SimulationError(FlexbtError):
     """Base of the errors of this package."""
 
 
-class MapError(SimulationError):
-    """A map cannot be used."""
+class FileError(SimulationError):
+    """A file cannot be used. ``field`` is what in it is wrong, or nothing when it is the whole."""
 
     def __init__(self, file: Path, field: str, message: str) -> None:
         super().__init__(f'{file}: {field}: {message}' if field else f'{file}: {message}')
         self.file = file
         self.field = field
+
+
+class MapError(FileError):
+    """A map cannot be used."""
+
+
+class GraphError(FileError):
+    """A graph of routes cannot be used."""
 
 
 class WorldError(SimulationError):

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The graph: nodes at places, and edges that lead from one to another in one direction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Final
+
+from scipy.spatial import KDTree
+
+from flexbt_sim.world import Pose
+
+MOST: Final = 1e9
+"""The greatest number that means anything, whatever its unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Operation:
+    """What is to be done on the way. ``trigger`` is NODE (achieved), ON_ENTER or ON_EXIT (of an edge)."""
+
+    name: str
+    type: str
+    trigger: str
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class RouteNode:
+    """A place, m in ``frame``. ``id`` as messages carry it: 0 to 65535."""
+
+    id: int
+    x: float
+    y: float
+    frame: str = 'map'
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    operations: tuple[Operation, ...] = ()
+
+    @property
+    def point(self) -> tuple[float, float]:
+        return self.x, self.y
+
+
+@dataclass(frozen=True, eq=False)
+class RouteEdge:
+    """A way from one node to another. ``metadata`` may be written: what has been learnt on the way.
+
+    When it is not ``overridable``, ``cost`` is what it costs; otherwise the edge scorers say that.
+    """
+
+    id: int
+    start: RouteNode
+    end: RouteNode
+    cost: float = 0.0
+    overridable: bool = True
+    metadata: dict[str, Any] = field(default_factory=dict)
+    operations: tuple[Operation, ...] = ()
+
+    @property
+    def length(self) -> float:
+        """m."""
+        return math.dist(self.start.point, self.end.point)
+
+    @property
+    def heading(self) -> float:
+        """rad."""
+        return math.atan2(self.end.y - self.start.y, self.end.x - self.start.x)
+
+
+class RouteGraph:
+    """Nodes and edges by their ids. It has at least one node."""
+
+    def __init__(self, nodes: Mapping[int, RouteNode], edges: Mapping[int, RouteEdge]) -> None:
+        self.nodes = nodes
+        self.edges = edges
+        self._leaving: dict[int, list[RouteEdge]] = {id: [] for id in nodes}
+        for edge in edges.values():
+            self._leaving[edge.start.id].append(edge)
+
+    def leaving(self, node: RouteNode) -> list[RouteEdge]:
+        """The edges that begin at a node."""
+        return self._leaving[node.id]
+
+    def nearest(self, pose: Pose, count: int) -> list[RouteNode]:
+        """So many nodes, or all there are, the nearest one first."""
+        _, found = self._tree.query(pose[:2], k=range(1, min(count, len(self.nodes)) + 1))
+        nodes = list(self.nodes.values())
+        return [nodes[index] for index in found]
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        return KDTree([node.point for node in self.nodes.values()])
+
+    @property
+    def frames(self) -> set[str]:
+        """Those of the nodes."""
+        return {node.frame for node in self.nodes.values()}
+
+    def moved(self, frame: str, origins: Mapping[str, Pose]) -> RouteGraph:
+        """The same graph in one frame; ``origins`` are the poses in it of the other frames."""
+        place = _placing(frame, origins)
+        nodes = {id: place(node) for id, node in self.nodes.items()}
+        return RouteGraph(
+            nodes,
+            {id: replace(edge, start=nodes[edge.start.id], end=nodes[edge.end.id]) for id, edge in self.edges.items()},
+        )
+
+
+def _placing(frame: str, origins: Mapping[str, Pose]) -> Callable[[RouteNode], RouteNode]:
+    def place(node: RouteNode) -> RouteNode:
+        if node.frame == frame:
+            return node
+        x, y, yaw = origins[node.frame]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        return replace(node, x=x + node.x * cos - node.y * sin, y=y + node.x * sin + node.y * cos, frame=frame)
+
+    return place
+
+
+def speed_limit(edge: RouteEdge) -> float:
+    """The part of the greatest speed that is allowed on an edge, of (0, 1].
+
+    Nav2 documents percent (85.0), and its samples have parts (0.85): up to 1 it is a part.
+    """
+    value = number(edge, 'speed_limit')
+    if value is None or value <= 0.0:
+        return 1.0
+    return min(1.0, value if value <= 1.0 else value / 100.0)
+
+
+def number(edge: RouteEdge, key: str) -> float | None:
+    """A number in the metadata of an edge, or None."""
+    value = edge.metadata.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST:
+        return None
+    return float(value)

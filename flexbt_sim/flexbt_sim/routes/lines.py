@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Straight lines between places: what is on them, and where they are nearest to a place."""
+
+from __future__ import annotations
+
+import math
+
+import numpy
+from numpy.typing import NDArray
+
+from flexbt_sim.navigation import Costmap
+
+Point = tuple[float, float]
+"""x and y, m."""
+
+
+def line_costs(costmap: Costmap, start: Point, end: Point) -> tuple[NDArray[numpy.uint8], bool]:
+    """Costs of the cells on a line, as far as they are on the map (at least one: 0), and whether all of them are."""
+    world = costmap.world
+    ends = numpy.array([world.grid_position(*start), world.grid_position(*end)])
+    count = max(1, math.ceil(2.0 * float(numpy.hypot(*(ends[1] - ends[0])))))
+    rows, columns = numpy.floor(numpy.linspace(ends[0], ends[1], count + 1)).astype(int).T
+    inside = (rows >= 0) & (rows < world.height) & (columns >= 0) & (columns < world.width)
+    costs = costmap.costs[rows[inside], columns[inside]]
+    return (costs if costs.size else numpy.zeros(1, numpy.uint8)), bool(inside.all())
+
+
+def closest_point(place: Point, start: Point, end: Point) -> Point:
+    """The point of the line from start to end that is closest to a place."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    square = dx * dx + dy * dy
+    part = ((place[0] - start[0]) * dx + (place[1] - start[1]) * dy) / square if square else 0.0
+    part = min(1.0, max(0.0, part))
+    return start[0] + part * dx, start[1] + part * dy
+
+
+def cosine(ax: float, ay: float, bx: float, by: float) -> float:
+    """Of the angle between two vectors; 0 when one of them has no direction."""
+    lengths = math.hypot(ax, ay) * math.hypot(bx, by)
+    return (ax * bx + ay * by) / lengths if lengths > 1e-12 else 0.0
