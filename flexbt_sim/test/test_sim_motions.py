@@ -25,7 +25,7 @@ from flexbt_sim.navigation import (
     Velocity,
     collides,
 )
-from flexbt_sim.world import OccupancyMap, Pose, Robot
+from flexbt_sim.world import MapRobot, OccupancyMap, Pose
 
 OPEN = drawn(*['.' * 120] * 120)
 CENTRE = Pose(3.0, 3.0, 2.0)
@@ -77,7 +77,7 @@ def test_an_operator_cannot_drive_the_robot_into_an_obstacle(
     start = data.draw(anywhere)
     teleop = AssistedTeleop(lambda: Velocity(linear, angular), 0.0, costs(world))
     # The robot itself is no faster than its limits, so that it is never nearer than the command says.
-    done = Run(Robot(world, start, LIMITS)).go(teleop, until=6.0)
+    done = Run(MapRobot(world, start, LIMITS)).go(teleop, until=6.0)
     assert not done.touched
     assert all(
         0.0 <= sent * wanted <= wanted * wanted
