@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package_name = 'flexbt_server'
@@ -11,6 +13,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
+        ('share/' + package_name + '/behavior_trees', sorted(map(str, Path('behavior_trees').glob('*.xml')))),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test looks for it

@@ -26,6 +26,14 @@ BT_EXECUTOR: Final = 'bt_executor'
 BT_GET_DATA: Final = 'bt_get_data'
 BT_SET_DATA: Final = 'bt_set_data'
 
+# What Nav2's clients find at the BT server
+BT_NAVIGATOR: Final = 'bt_navigator'
+WAYPOINT_FOLLOWER: Final = 'waypoint_follower'
+NAVIGATE_TO_POSE: Final = 'navigate_to_pose'
+NAVIGATE_THROUGH_POSES: Final = 'navigate_through_poses'
+FOLLOW_WAYPOINTS: Final = 'follow_waypoints'
+GOAL_POSE: Final = 'goal_pose'
+
 # Topics of the BT server
 TREE_STRUCTURE: Final = 'tree_structure'
 TREE_STATUS: Final = 'tree_status'

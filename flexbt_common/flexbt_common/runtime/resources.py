@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Files by name: ``package/relative/path`` in the share directory of an installed package, or an absolute path.
 
+An absolute path in the share directory of a package, as programs put it together, is the same as its name there.
+
 A name may come from another process. So it leads to nothing outside of the share directories and the
 directories that were allowed explicitly, not through ``..`` and not through a symbolic link. (A link inside of a
 share directory that leads out of it is followed only when it was put there by the installation of the package
@@ -53,6 +55,7 @@ def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
 def _found(name: str, allowed: Sequence[Path]) -> Path:
     if not name or '\0' in name or name != name.encode(errors='replace').decode():
         raise ResourceError(repr(name), _EXPECTED)
+    name = _in_package(name) or name
     if name.startswith('/'):
         return _existing(name, _inside_allowed(name, allowed))
     package, _, rest = name.partition('/')
@@ -61,16 +64,31 @@ def _found(name: str, allowed: Sequence[Path]) -> Path:
         raise ResourceError(name, _EXPECTED)
     if '..' in relative.parts:
         raise ResourceError(name, "a path inside a package must not contain '..'")
-    try:
-        share = Path(get_package_share_directory(package))
-    except (PackageNotFoundError, ValueError):
+    share = _share_of(package)
+    if share is None:
         near = difflib.get_close_matches(package, get_packages_with_prefixes(), n=1)
         hint = f'; did you mean {near[0]!r}?' if near else ''
         raise ResourceError(
             name, f'no installed package {package!r}; install it, or source the workspace that has it{hint}'
-        ) from None
+        )
     _refuse_links(name, share, relative)
     return _existing(name, share / relative)
+
+
+def _in_package(name: str) -> str:
+    """``package/relative/path`` for an absolute path in the share directory of a package, otherwise ''."""
+    path = PurePosixPath(name)
+    for share in path.parents:
+        if share.parent.name == 'share' and _share_of(share.name) == Path(share):
+            return f'{share.name}/{path.relative_to(share)}'
+    return ''
+
+
+def _share_of(package: str) -> Path | None:
+    try:
+        return Path(get_package_share_directory(package))
+    except (PackageNotFoundError, ValueError):
+        return None
 
 
 def _inside_allowed(name: str, allowed: Sequence[Path]) -> Path:

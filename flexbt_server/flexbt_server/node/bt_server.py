@@ -19,9 +19,10 @@ from flexbt_core.behavior_tree import JsonTypes
 from flexbt_core.behavior_tree.model import acceleration
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
-from flexbt_server.errors import BtServerError, ServerParameterError
+from flexbt_server.errors import BtServerError, ServerParameterError, UnknownTreeError
 from flexbt_server.goals import TreeGoals
 from flexbt_server.leaves import LeafServices, TopicCaches, TriggerServices
+from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
 from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher
 from flexbt_server.trees import Blackboards, RosJsonTypes, TreeStore
@@ -48,12 +49,15 @@ class BtServer:
         )
         if parameters.publish_statuses:
             acceleration().prepare(manifest.node_class for manifest in registry)
-        store = TreeStore(registry, parameters.allowed_directories, parameters.max_file_size, parameters.max_depth)
+        allowed = (*parameters.allowed_directories, *parameters.navigators.tree_files)
+        store = TreeStore(registry, allowed, parameters.max_file_size, parameters.max_depth)
         self._preload(store, parameters.preload)
+        self._check_default_trees(store, parameters.navigators)
         boards = Blackboards()
+        links = ActionLinks(runtime)
         services = LeafServices(
             runtime=runtime,
-            actions=ActionLinks(runtime),
+            actions=links,
             services=ServiceLinks(runtime),
             topics=TopicCaches(runtime),
             triggers=TriggerServices(runtime),
@@ -74,6 +78,19 @@ class BtServer:
         self.control = runtime.call(lambda: ControlServer(runtime, goals.find_run))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
         self.data = runtime.call(lambda: DataServers(runtime, boards, reader, goals.wake, admission))
+        self.navigators = runtime.call(
+            lambda: Navigators(
+                runtime,
+                parameters.navigators,
+                goals,
+                boards,
+                links,
+                refusal,
+                lambda: services.appear_timeout(parameters.server_timeout),
+                parameters.cancel_timeout,
+            )
+        )
+        self._call = runtime.call
         self.alive = LivelinessToken(runtime)
         runtime.on_close(lambda: self._end(runtime))
         self._log = logger.info
@@ -82,6 +99,7 @@ class BtServer:
     def activate(self) -> None:
         """Let goals in."""
         self._admission.open()
+        self._call(self.navigators.activate)
         self._log('active')
 
     def deactivate(self, why: str, refusal: str, within: float) -> None:
@@ -106,6 +124,7 @@ class BtServer:
 
     def _stop(self, why: str, refusal: str, within: float) -> bool:
         self._admission.close(refusal)
+        self._call(lambda: self.navigators.deactivate(refusal))
         return self.goals.stop_all(f'the BT server {why}', within)
 
     def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
@@ -123,6 +142,13 @@ class BtServer:
         refused = [str(error) for report in reports if report.code == BtLoadReport.REFUSED for error in report.errors]
         if refused:
             raise ServerParameterError(f"parameter 'preload': {'; '.join(refused)}")
+
+    def _check_default_trees(self, store: TreeStore, navigators: NavigatorParameters) -> None:
+        for name, tree in navigators.default_trees.items():
+            try:
+                store.find(tree)
+            except UnknownTreeError as error:
+                raise ServerParameterError(f'parameter {DEFAULT_TREES[name]!r}: {error}') from None
 
 
 def main(args: list[str] | None = None) -> int:

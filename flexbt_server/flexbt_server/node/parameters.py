@@ -16,6 +16,7 @@ from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_core.behavior_tree.xml import MAX_BYTES, MAX_DEPTH
 from flexbt_server.errors import ServerParameterError
+from flexbt_server.navigators import NavigatorParameters, declare_navigator_parameters
 
 DEFAULT_ERROR_CODE_NAMES: Final = (
     'compute_path_error_code',
@@ -51,6 +52,7 @@ class ServerParameters:
     btlog_directory: Path | None
     btlog_keep: int
     publish_statuses: bool
+    navigators: NavigatorParameters
 
 
 def declare_parameters(node: Node) -> ServerParameters:
@@ -118,4 +120,5 @@ def declare_parameters(node: Node) -> ServerParameters:
         publish_statuses=declare.flag(
             'publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published'
         ),
+        navigators=declare_navigator_parameters(declare),
     )

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far a robot has still to go, and how long that takes: for the feedback of navigators."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.time import Time
+
+LEAST_SPEED: Final = 0.01
+LEAST_DISTANCE: Final = 0.1
+"""Below these, m/s and m, no time is estimated, as in Nav2."""
+
+SMOOTHING: Final = 0.3
+"""Time over which the speed is taken, s, as Nav2 smooths that of the odometry."""
+
+
+def distance_left(path: Any, pose: PoseStamped) -> float:
+    """Metres along ``path`` from its pose that is nearest to ``pose``; 0 while there is no path."""
+    if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
+        return 0.0
+    here = (pose.pose.position.x, pose.pose.position.y)
+    points = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
+    nearest = min(range(len(points)), key=lambda index: math.dist(here, points[index]))
+    return sum(math.dist(a, b) for a, b in itertools.pairwise(points[nearest:]))
+
+
+def seconds_left(distance: float, speed: float) -> float:
+    """How long ``distance``, m, takes at ``speed``, m/s; 0 while the robot hardly moves, or is nearly there."""
+    return distance / speed if speed > LEAST_SPEED and distance > LEAST_DISTANCE else 0.0
+
+
+class Speed:
+    """The speed of a robot by its poses, m/s."""
+
+    def __init__(self) -> None:
+        self._poses: list[tuple[float, float, float]] = []
+
+    def at(self, pose: PoseStamped) -> float:
+        """The speed over the last :data:`SMOOTHING` seconds and up to this pose."""
+        at = pose.pose.position
+        seen = (Time.from_msg(pose.header.stamp).nanoseconds * 1e-9, at.x, at.y)
+        if self._poses and seen[0] < self._poses[-1][0]:
+            self._poses.clear()  # time has gone back
+        if not self._poses or seen[0] > self._poses[-1][0]:
+            self._poses.append(seen)
+        while len(self._poses) > 2 and self._poses[1][0] <= seen[0] - SMOOTHING:
+            del self._poses[0]
+        (since, *there), (until, *here) = self._poses[0], self._poses[-1]
+        return math.dist(there, here) / (until - since) if until > since else 0.0

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The action ``follow_waypoints``: poses one after the other, each a goal of ``navigate_to_pose``.
+
+A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may pause
+(Nav2's waypoint task executor ``wait_at_waypoint``).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any, Final
+
+from nav2_msgs.action import FollowWaypoints, NavigateToPose
+from nav2_msgs.msg import MissedWaypoint
+
+from flexbt_common import names
+from flexbt_common.calls import (
+    ActionCall,
+    ActionServerLink,
+    GoalAdmission,
+    GoalOutcome,
+    GoalServer,
+    GoalStatus,
+    ServedGoal,
+)
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import Timer
+
+Result = FollowWaypoints.Result
+
+MOST_MISSED: Final = 1000
+"""Missed waypoints that a result tells of, the last ones: a goal may have thousands of millions of loops."""
+
+
+@dataclass(frozen=True)
+class _Settings:
+    runtime: NodeRuntime
+    link: ActionServerLink
+    stop_on_failure: bool
+    pause: float
+    server_timeout: Callable[[], float]
+    cancel_timeout: float
+
+
+class WaypointFollower:
+    """Serves FollowWaypoints. On the executor thread."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        link: ActionServerLink,
+        *,
+        stop_on_failure: bool,
+        pause: float,
+        server_timeout: Callable[[], float],
+        cancel_timeout: float,
+        refusal: str,
+    ) -> None:
+        """``link`` leads to ``navigate_to_pose``; ``pause`` is that at each waypoint, s of the clock of the node. The
+        timeouts are in s of wall time.
+        """
+        self._settings = _Settings(runtime, link, stop_on_failure, pause, server_timeout, cancel_timeout)
+        self._tour: _Tour | None = None
+        self._admission = GoalAdmission(names.WAYPOINT_FOLLOWER, refusal)
+        server = GoalServer(
+            runtime, FollowWaypoints, names.FOLLOW_WAYPOINTS, self._serve, self._cancel, admission=self._admission
+        )
+        runtime.on_close(lambda: runtime.call(server.close))
+
+    def admit(self, refusal: str) -> None:
+        """Refuse goals for this reason, which follows a subject, and end the one that is served; '' to let them in."""
+        if not refusal:
+            self._admission.open()
+            return
+        self._admission.close(refusal)
+        if self._tour is not None:
+            self._tour.stop(f'{names.WAYPOINT_FOLLOWER} {refusal}')
+
+    def _serve(self, served: ServedGoal) -> None:
+        poses, first = served.request.poses, served.request.goal_index
+        if first >= len(poses):
+            why = f'there is no waypoint {first} among the {len(poses)} of the goal' if poses else 'it has no waypoints'
+            served.abort(_result(f'the goal cannot be followed: {why}'))
+            return
+        older, newer = self._tour, _Tour(self._settings, served, self._ended)
+        self._tour = newer
+        newer.begin(None if older is None else older.replaced())
+
+    def _cancel(self, served: ServedGoal) -> None:
+        if self._tour is not None and self._tour.served is served:
+            self._tour.cancel()
+
+    def _ended(self, tour: _Tour) -> None:
+        if self._tour is tour:
+            self._tour = None
+
+
+class _Tour:
+    """The way of one goal."""
+
+    def __init__(self, settings: _Settings, served: ServedGoal, on_end: Callable[[_Tour], None]) -> None:
+        self.served = served
+        self._settings = settings
+        self._on_end = on_end
+        self._index = int(served.request.goal_index)
+        self._loops = int(served.request.number_of_loops)
+        self._missed: deque[MissedWaypoint] = deque(maxlen=MOST_MISSED)
+        self._reached = False
+        self._call: ActionCall | None = None
+        self._pause: Timer | None = None
+        self._is_canceled = False
+
+    def begin(self, driven: ActionCall | None) -> None:
+        """Drive to the first waypoint. ``driven``: what the robot does until then, which the navigator replaces."""
+        self._drive(driven)
+
+    def replaced(self) -> ActionCall | None:
+        """A newer goal has come; gives what the robot does for this one."""
+        call = self._call
+        self._end(self.served.abort, 'a newer goal has taken over')
+        return call
+
+    def cancel(self) -> None:
+        """The client does not want it any more: ends when the robot has stopped."""
+        self._is_canceled = True
+        if self._call is not None:
+            self._call.cancel(self._settings.cancel_timeout)
+        else:
+            self._end(self.served.canceled)
+
+    def stop(self, why: str) -> None:
+        """End at once; the robot is stopped."""
+        if self._call is not None:
+            self._call.cancel(self._settings.cancel_timeout)
+        self._end(self.served.abort, why)
+
+    def _drive(self, replaced: ActionCall | None = None) -> None:
+        self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index))
+        pose = deepcopy(self.served.request.poses[self._index])
+        pose.header.stamp = self._settings.runtime.clock.stamp()
+
+        def arrived(outcome: GoalOutcome) -> None:
+            if replaced is not None:
+                replaced.cancel(self._settings.cancel_timeout)  # the navigator may have refused to replace it
+            if self.served.active:
+                self._call = None
+                self._arrived(outcome)
+
+        self._call = ActionCall(
+            self._settings.link,
+            NavigateToPose.Goal(pose=pose),
+            on_done=arrived,
+            on_feedback=lambda _: self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index)),
+            server_timeout=self._settings.server_timeout(),
+        )
+
+    def _arrived(self, outcome: GoalOutcome) -> None:
+        if self._is_canceled:
+            self._end(self.served.canceled)
+        elif outcome.status is GoalStatus.SUCCEEDED:
+            self._reached = True
+            clock = self._settings.runtime.clock
+            if self._settings.pause:
+                self._pause = clock.call_at(
+                    clock.now() + self._settings.pause, lambda: self._settings.runtime.post(self._go_on)
+                )
+            else:
+                self._go_on()
+        else:
+            self._miss(outcome)
+
+    def _miss(self, outcome: GoalOutcome) -> None:
+        code = getattr(outcome.result, 'error_code', 0) or Result.UNKNOWN
+        pose = self.served.request.poses[self._index]
+        self._missed.append(MissedWaypoint(index=self._index, goal=pose, error_code=code))
+        told = f'waypoint {self._index} was not reached: {outcome.reason}'
+        self._settings.runtime.node.get_logger().warning(told)
+        if self._settings.stop_on_failure:
+            self._end(self.served.abort, told)
+        else:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """To the next waypoint, if there is one."""
+        if not self.served.active:
+            return
+        self._index += 1
+        if self._index == len(self.served.request.poses) and self._loops:
+            if not self._reached:
+                self._end(self.served.abort, 'no waypoint was reached in a whole loop')
+                return
+            self._index = 0
+            self._loops -= 1
+            self._reached = False
+        if self._index < len(self.served.request.poses):
+            self._drive()
+        else:
+            self._end(self.served.succeed)
+
+    def _end(self, how: Callable[[Any], None], why: str = '') -> None:
+        if self._pause is not None:
+            self._pause.cancel()
+        how(_result(why, self._missed))
+        self._on_end(self)
+
+
+def _result(why: str, missed: Iterable[MissedWaypoint] = ()) -> Any:
+    return Result(error_code=Result.UNKNOWN if why else Result.NONE, error_msg=why, missed_waypoints=list(missed))

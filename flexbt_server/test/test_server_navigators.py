@@ -1,0 +1,415 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The navigators of a live server with scripted navigation servers: what a client of Nav2 gets, and when."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose
+
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
+from flexbt_common.errors import ResourceError
+from flexbt_common.runtime import resolve_file
+from flexbt_common.values import from_entry
+from flexbt_msgs.msg import TreeStatus
+from flexbt_server.errors import ServerParameterError
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.server_world import DEADLINE, World, document, open_world, pose
+from flexbt_testing.waiting import wait_until
+
+NAVIGATORS = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]
+GOAL_OUTSIDE_MAP = 204
+NO_VIAPOINTS_GIVEN = 309
+
+
+class Front:
+    """A client of Nav2 before a server with navigators, and a robot that stands at the origin."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.navigation = world.navigation
+        self.planner = world.navigation.actions[names.COMPUTE_PATH_TO_POSE]
+        self.follow = world.navigation.actions[names.FOLLOW_PATH]
+        runtime = world.client.runtime
+        links = ActionLinks(runtime)
+        self._to_pose = links.link(NavigateToPose, names.NAVIGATE_TO_POSE)
+        self._through = links.link(NavigateThroughPoses, names.NAVIGATE_THROUGH_POSES)
+        self._waypoints = links.link(FollowWaypoints, names.FOLLOW_WAYPOINTS)
+        self._poses, self._goal_poses = runtime.call(
+            lambda: [runtime.node.create_publisher(PoseStamped, topic, 1) for topic in (names.POSE, names.GOAL_POSE)]
+        )
+
+    def stand(self, x: float, seconds: float = 1.0) -> None:
+        """Tell that the robot is at x, until the server knows."""
+        here = pose(x)
+        here.header.stamp.sec, here.header.stamp.nanosec = int(seconds), round(seconds % 1.0 * 1e9)
+        wait_until(lambda: (self._poses.publish(here), self.world.server.goals.pose == here)[1], 'the pose')
+
+    def to(self, x: float, y: float = 0.0, tree: str = '', frame: str = 'map') -> SentGoal:
+        return SentGoal(self._to_pose, NavigateToPose.Goal(pose=pose(x, y, frame), behavior_tree=tree), DEADLINE)
+
+    def through(self, *xs: float, tree: str = '') -> SentGoal:
+        return SentGoal(
+            self._through, NavigateThroughPoses.Goal(poses=[pose(x) for x in xs], behavior_tree=tree), DEADLINE
+        )
+
+    def waypoints(self, *xs: float, **fields: Any) -> SentGoal:
+        return SentGoal(self._waypoints, FollowWaypoints.Goal(poses=[pose(x) for x in xs], **fields), DEADLINE)
+
+    def click(self, x: float) -> None:
+        """As RViz's goal tool."""
+        wait_until(self._goal_poses.get_subscription_count, 'goal_pose')
+        self._goal_poses.publish(pose(x))
+
+    def driven_to(self) -> list[float]:
+        """Where the paths end that the controller got."""
+        return [goal.path.poses[-1].pose.position.x for goal in self.follow.goals]
+
+    def planned_to(self) -> list[float]:
+        return [goal.goal.pose.position.x for goal in self.planner.goals]
+
+    def drives_to(self, x: float) -> None:
+        """Wait until the controller drives on a path to x."""
+        wait_until(lambda: self.follow.running and self.driven_to()[-1] == x, f'the path to {x}')
+
+    def arrive(self) -> None:
+        """Let the controller, and those that come after it, be at the end of the path."""
+        self.navigation.hold.discard(names.FOLLOW_PATH)
+        for number in self.follow.running:
+            self.follow.end(number)
+
+
+@contextlib.contextmanager
+def open_front(**parameters: Any) -> Iterator[Front]:
+    with open_world(navigators=NAVIGATORS, feedback_rate=50.0, **parameters) as world:
+        world.server.activate()
+        front = Front(world)
+        front.stand(0.0)
+        yield front
+
+
+@pytest.fixture
+def front() -> Iterator[Front]:
+    with open_front() as opened:
+        yield opened
+
+
+@pytest.fixture
+def driving(front: Front) -> Front:
+    """A robot that drives until it is told to stop."""
+    front.navigation.hold.add(names.FOLLOW_PATH)
+    return front
+
+
+def ended(goal: SentGoal, status: GoalStatus = GoalStatus.SUCCEEDED, *fragments: str, code: int = 0) -> Any:
+    """The result of a goal that has to end so."""
+    outcome = goal.wait()
+    assert outcome.status is status, outcome
+    assert goal.result.error_code == code
+    for fragment in fragments:
+        assert fragment in goal.result.error_msg
+    return goal.result
+
+
+def test_to_a_pose(front: Front) -> None:
+    assert ended(front.to(3.0)).error_msg == ''
+    assert (front.planned_to(), front.driven_to()) == ([3.0], [3.0])
+
+
+def test_through_poses(front: Front) -> None:
+    ended(front.through(3.0, 4.0))
+    (goal,) = front.navigation.actions[names.COMPUTE_PATH_THROUGH_POSES].goals
+    assert [place.pose.position.x for place in goal.goals] == [3.0, 4.0]
+
+
+def test_codes_are_those_of_the_servers_and_messages_name_the_node(front: Front) -> None:
+    front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, GOAL_OUTSIDE_MAP)
+    ended(front.to(100.0), GoalStatus.ABORTED, 'ComputePathToPose', 'scripted failure 0', code=GOAL_OUTSIDE_MAP)
+    ended(front.to(1.0))  # the code is not left for the next goal
+
+
+def test_no_poses_fail_by_the_code_of_the_planner(front: Front) -> None:
+    front.navigation.fail[names.COMPUTE_PATH_THROUGH_POSES] = (100, NO_VIAPOINTS_GIVEN)
+    ended(front.through(), GoalStatus.ABORTED, code=NO_VIAPOINTS_GIVEN)
+
+
+def test_feedback(driving: Front) -> None:
+    front = driving
+    goal = front.to(3.0)
+    wait_until(lambda: goal.feedback and goal.feedback[-1].distance_remaining == pytest.approx(3.0))
+    assert goal.feedback[-1].current_pose == front.world.server.goals.pose
+    assert goal.feedback[-1].estimated_time_remaining.sec == 0  # it stands still
+    for step in range(1, 11):  # 0.5 m/s
+        front.stand(0.05 * step, 1.0 + 0.1 * step)
+        count = len(goal.feedback)
+        wait_until(lambda count=count: len(goal.feedback) > count + 1)
+    last = goal.feedback[-1]
+    # The path has two poses; that at the start is the nearer one.
+    assert last.distance_remaining == pytest.approx(3.0)
+    left = last.estimated_time_remaining
+    assert left.sec + left.nanosec * 1e-9 == pytest.approx(6.0, rel=0.05)
+    assert last.number_of_recoveries == 0
+    front.arrive()
+    ended(goal)
+
+
+def test_recoveries_and_poses_that_are_left(driving: Front) -> None:
+    driving.navigation.fail[names.COMPUTE_PATH_THROUGH_POSES] = (4, 308)
+    goal = driving.through(3.0, 4.0)
+    wait_until(lambda: goal.feedback and goal.feedback[-1].number_of_recoveries == 1)
+    wait_until(lambda: goal.feedback[-1].number_of_poses_remaining == 2)
+    driving.drives_to(4.0)
+    again = driving.through(5.0)  # takes over: counts and time begin again
+    wait_until(lambda: again.feedback and again.feedback[-1].number_of_poses_remaining == 1)
+    assert again.feedback[-1].number_of_recoveries == 0
+    assert again.feedback[-1].navigation_time.sec <= goal.feedback[-1].navigation_time.sec
+
+
+def test_a_newer_goal_takes_over_without_a_stop(driving: Front) -> None:
+    first = driving.to(1.0)
+    driving.drives_to(1.0)
+    second = driving.to(2.0)
+    ended(first, GoalStatus.ABORTED, 'newer goal')
+    driving.drives_to(2.0)
+    assert 'canceled' not in driving.follow.statuses.values()  # the controller went from one path to the other
+    driving.arrive()
+    ended(second)
+
+
+def test_two_clients_that_preempt_each_other_five_times_a_second(driving: Front) -> None:
+    goals = []
+    for number in range(20):
+        goals.append(driving.to(float(number + 1)))
+        wait_until(lambda: goals[-1].accepted.is_set())
+    driving.drives_to(20.0)
+    driving.arrive()
+    ended(goals[-1])
+    for goal in goals[:-1]:
+        assert goal.wait().status is GoalStatus.ABORTED
+    assert 'canceled' not in driving.follow.statuses.values()
+
+
+def test_another_tree_cannot_take_over(driving: Front) -> None:
+    driving.world.client.load_tree('<ComputePathToPose goal="{goal}" path="{path}"/>', 'PlanOnly')
+    first = driving.to(1.0)
+    driving.drives_to(1.0)
+    ended(driving.to(2.0, tree='PlanOnly'), GoalStatus.ABORTED, 'navigate_to_pose drives the robot', 'cancel it first')
+    assert driving.planned_to() == [1.0]  # nor has it changed the goal of the tree that runs
+    # The default tree by its name is the same tree.
+    again = driving.to(3.0, tree='flexbt_server/behavior_trees/navigate_to_pose.xml')
+    driving.drives_to(3.0)
+    assert first.wait().status is GoalStatus.ABORTED
+    driving.arrive()
+    ended(again)
+
+
+def test_navigators_exclude_each_other(driving: Front) -> None:
+    first = driving.to(1.0)
+    driving.drives_to(1.0)
+    ended(driving.through(2.0), GoalStatus.ABORTED, 'navigate_to_pose drives the robot')
+    driving.arrive()
+    ended(first)
+
+
+def test_what_is_canceled_makes_room_when_it_has_stopped(driving: Front) -> None:
+    first = driving.to(1.0)
+    driving.drives_to(1.0)
+    driving.follow.delay_cancel = 0.3
+    first.call.cancel(DEADLINE)
+    second = driving.through(2.0)  # sent before the robot has stopped, as BasicNavigator does
+    third = driving.through(3.0)  # and this replaces it before it has begun, or a moment later
+    assert first.wait().status is GoalStatus.CANCELED
+    driving.drives_to(3.0)
+    assert second.wait().status is GoalStatus.ABORTED
+    assert driving.follow.statuses[0] == 'canceled'
+    third.call.cancel(DEADLINE)
+    assert third.wait().status is GoalStatus.CANCELED
+
+
+def test_a_goal_that_waits_can_be_canceled(driving: Front) -> None:
+    first = driving.to(1.0)
+    driving.drives_to(1.0)
+    driving.follow.delay_cancel = 1.0
+    first.call.cancel(DEADLINE)
+    second = driving.through(2.0)
+    assert second.accepted.wait(DEADLINE)
+    second.call.cancel(DEADLINE)
+    assert second.wait().status is GoalStatus.CANCELED
+    assert not driving.navigation.actions[names.COMPUTE_PATH_THROUGH_POSES].goals
+    assert first.wait().status is GoalStatus.CANCELED
+
+
+def test_a_goal_in_a_frame_that_is_not_known_leaves_the_running_one_alone(driving: Front) -> None:
+    first = driving.to(1.0)
+    driving.drives_to(1.0)
+    ended(driving.to(2.0, frame='nowhere'), GoalStatus.ABORTED, "'nowhere'", "'map'")
+    wait_until(lambda: len(driving.planner.goals) > 1, 'the next plan')
+    assert set(driving.planned_to()) == {1.0}
+    driving.arrive()
+    ended(first)
+
+
+def test_a_goal_needs_the_pose_of_the_robot() -> None:
+    with open_world(navigators=NAVIGATORS, server_timeout=0.2) as world:
+        world.server.activate()
+        ended(Front(world).to(1.0), GoalStatus.ABORTED, 'pose of the robot is not known')
+
+
+def test_a_tree_that_cannot_be_loaded(front: Front) -> None:
+    ended(front.to(1.0, tree='Nowhere'), GoalStatus.ABORTED, "no tree 'Nowhere'")
+    ended(front.to(1.0, tree='/etc/hostname.xml'), GoalStatus.ABORTED, 'allowed_directories')
+
+
+def test_a_tree_that_raises_ends_its_goal_only(front: Front) -> None:
+    front.world.client.load_tree('<Script code="x := goal + 1"/>', 'Broken')
+    assert front.to(1.0, tree='Broken').wait().status is GoalStatus.ABORTED
+    ended(front.to(1.0))
+
+
+def test_an_edit_between_goals_is_taken_over(tmp_path: Path) -> None:
+    file = tmp_path / 'tree.xml'
+    file.write_text(document('<ComputePathToPose goal="{goal}" path="{path}"/>'))
+    with open_front(default_nav_to_pose_bt_xml=str(file)) as front:
+        ended(front.to(1.0))
+        assert front.driven_to() == []
+        drive = '<ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/>'
+        file.write_text(document(f'<Sequence>{drive}</Sequence>'))
+        ended(front.to(2.0))
+        assert front.driven_to() == [2.0]
+        file.write_text(document('<NoSuchNode/>'))
+        ended(front.to(3.0))  # the last good version
+        assert front.driven_to() == [2.0, 3.0]
+
+
+def test_a_default_tree_that_cannot_be_loaded_is_told_at_the_start() -> None:
+    wrong = {'navigators': NAVIGATORS, 'default_nav_to_pose_bt_xml': '/no/such.xml'}
+    with pytest.raises(ServerParameterError, match=r'default_nav_to_pose_bt_xml.*/no/such'), open_world(**wrong):
+        pass
+    with pytest.raises(ServerParameterError, match=r'navigators.*dock_robot'), open_world(navigators=['dock_robot']):
+        pass
+
+
+def test_a_path_in_a_package_share_is_that_of_the_package() -> None:
+    file = resolve_file('flexbt_server/behavior_trees/navigate_to_pose.xml')
+    share = next(parent for parent in file.parents if parent.name == 'flexbt_server')
+    assert resolve_file(str(share / 'behavior_trees/navigate_to_pose.xml')) == file
+    with pytest.raises(ResourceError):
+        resolve_file(str(share / '../../../../../etc/hostname'))
+
+
+def test_nothing_of_the_goal_before_is_left_but_what_the_tree_keeps(front: Front) -> None:
+    keys = '<SetBlackboard value="5" output_key="kept"/>'
+    front.world.client.load_tree(
+        f'<Sequence>{keys}<ComputePathToPose goal="{{goal}}" path="{{path}}"/></Sequence>', 'A'
+    )
+    ended(front.to(1.0, tree='A'))
+    front.world.client.load_tree('<AlwaysSuccess/>', 'B')
+    ended(front.to(2.0, tree='B'))
+    result = front.world.client.get('path', 'kept', 'goal', blackboard=names.NAVIGATE_TO_POSE)
+    assert [entry.key for entry in result.entries] == ['path', 'kept', 'goal']
+    path, kept, goal = map(from_entry, result.entries)
+    assert (len(path.poses), kept, goal.pose.position.x) == (0, '5', 2.0)
+
+
+def test_goal_pose(driving: Front) -> None:
+    driving.click(1.0)
+    driving.drives_to(1.0)
+    driving.click(2.0)
+    driving.drives_to(2.0)
+    assert 'canceled' not in driving.follow.statuses.values()
+
+
+def test_the_run_is_seen_paused_and_stopped_as_any_other(driving: Front) -> None:
+    runtime = driving.world.client.runtime
+    seen: list[TreeStatus] = []
+    runtime.call(
+        lambda: runtime.node.create_subscription(TreeStatus, names.TREE_STATUS, seen.append, names.latched(64))
+    )
+    goal = driving.to(1.0)
+    driving.drives_to(1.0)
+    wait_until(lambda: seen, 'the stream of transitions')
+    assert driving.world.server.goals.stop_all('was stopped', DEADLINE)
+    ended(goal, GoalStatus.ABORTED, 'was stopped')
+    assert driving.follow.statuses[0] == 'canceled'
+    wait_until(lambda: seen[-1].finished)
+
+
+def test_the_lifecycle_of_bt_navigator(driving: Front) -> None:
+    runtime = driving.world.client.runtime
+    manager = LifecycleClient(runtime, names.BT_NAVIGATOR)
+    assert manager.state() == 'active'
+    assert LifecycleClient(runtime, names.WAYPOINT_FOLLOWER).state() == 'active'
+    goal = driving.to(1.0)
+    driving.drives_to(1.0)
+    assert manager.change('deactivate')
+    ended(goal, GoalStatus.ABORTED, 'deactivated')
+    assert driving.to(2.0).wait().status is GoalStatus.REJECTED
+    assert manager.change('activate')
+    driving.navigation.hold.clear()
+    ended(driving.to(3.0))
+
+
+def test_waypoints(front: Front) -> None:
+    goal = front.waypoints(1.0, 2.0, 3.0)
+    assert ended(goal).missed_waypoints == []
+    assert front.driven_to() == [1.0, 2.0, 3.0]
+    seen = [feedback.current_waypoint for feedback in goal.feedback]
+    assert seen == sorted(seen) and set(seen) == {0, 1, 2}
+
+
+def test_waypoints_in_loops_from_an_index(front: Front) -> None:
+    ended(front.waypoints(1.0, 2.0, goal_index=1, number_of_loops=2))
+    assert front.driven_to() == [2.0, 1.0, 2.0, 1.0, 2.0]
+
+
+def test_a_waypoint_that_is_missed_ends_it(front: Front) -> None:
+    front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, GOAL_OUTSIDE_MAP)
+    result = ended(front.waypoints(1.0, 2.0), GoalStatus.ABORTED, 'waypoint 0', code=FollowWaypoints.Result.UNKNOWN)
+    ((missed),) = result.missed_waypoints
+    assert (missed.index, missed.error_code, missed.goal) == (0, GOAL_OUTSIDE_MAP, pose(1.0))
+    assert front.driven_to() == []
+
+
+def test_waypoints_that_are_missed_are_left_out() -> None:
+    with open_front(stop_on_failure=False) as front:
+        front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, GOAL_OUTSIDE_MAP)
+        result = ended(front.waypoints(1.0, 2.0))
+        assert [missed.index for missed in result.missed_waypoints] == [0]
+        assert front.driven_to() == [2.0]
+        front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1000, GOAL_OUTSIDE_MAP)
+        endless = front.waypoints(1.0, 2.0, number_of_loops=2**32 - 1)
+        ended(endless, GoalStatus.ABORTED, 'whole loop', code=FollowWaypoints.Result.UNKNOWN)
+
+
+@pytest.mark.parametrize(('xs', 'fields', 'why'), [((), {}, 'no waypoints'), ((1.0,), {'goal_index': 1}, 'waypoint 1')])
+def test_waypoints_that_cannot_be(front: Front, xs: tuple[float, ...], fields: dict[str, int], why: str) -> None:
+    ended(front.waypoints(*xs, **fields), GoalStatus.ABORTED, why, code=FollowWaypoints.Result.UNKNOWN)
+
+
+def test_newer_waypoints_take_over_and_a_cancel_stops_the_robot(driving: Front) -> None:
+    first = driving.waypoints(1.0, 2.0)
+    driving.drives_to(1.0)
+    second = driving.waypoints(3.0, 4.0)
+    ended(first, GoalStatus.ABORTED, 'newer goal', code=FollowWaypoints.Result.UNKNOWN)
+    driving.drives_to(3.0)
+    assert 'canceled' not in driving.follow.statuses.values()
+    second.call.cancel(DEADLINE)
+    assert second.wait().status is GoalStatus.CANCELED
+    assert driving.follow.statuses[len(driving.follow.goals) - 1] == 'canceled'
+
+
+def test_the_robot_pauses_at_waypoints() -> None:
+    with open_front(**{'wait_at_waypoint.waypoint_pause_duration': 3_600_000}) as front:
+        goal = front.waypoints(1.0, 2.0)
+        wait_until(lambda: front.follow.statuses.get(0) == 'succeed')
+        goal.call.cancel(DEADLINE)
+        assert goal.wait().status is GoalStatus.CANCELED
+        assert front.driven_to() == [1.0]
+    with open_front(**{'wait_at_waypoint.waypoint_pause_duration': 50}) as front:
+        ended(front.waypoints(1.0, 2.0))
