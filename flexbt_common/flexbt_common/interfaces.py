@@ -47,6 +47,9 @@ class Interface:
     used_by: tuple[str, ...] = ()
 
 
+LIFECYCLE: Final = ('get_state', 'change_state')
+"""Services of a part that stands in for a managed node of another name."""
+
 ROBOT: Final = ROLES['robot']
 EVERY_NODE: Final = tuple(node for nodes in ROLES.values() for node in nodes)
 CONSOLES: Final = (CONSOLE, OBSERVER)
@@ -118,6 +121,19 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(names.CONTROL_TREE, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
     *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(RECORDER,)),
     *_topics('/diagnostics', by=(BT_SERVER, ONBOARD_EXECUTIVE)),
+    # What Nav2's clients find there
+    *_actions(
+        names.NAVIGATE_TO_POSE,
+        names.NAVIGATE_THROUGH_POSES,
+        names.FOLLOW_WAYPOINTS,
+        by=BT_SERVER,
+        to=(BT_SERVER, ONBOARD_EXECUTIVE),
+    ),
+    *_services(
+        *(f'{node}/{service}' for node in (names.BT_NAVIGATOR, names.WAYPOINT_FOLLOWER) for service in LIFECYCLE),
+        by=(BT_SERVER,),
+    ),
+    *_topics(names.GOAL_POSE, to=(BT_SERVER,)),
     # Navigation
     *_actions(
         names.COMPUTE_PATH_TO_POSE,

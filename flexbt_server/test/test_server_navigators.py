@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,10 @@ def driving(front: Front) -> Front:
     return front
 
 
+def more_than(items: list[Any], count: int) -> bool:
+    return len(items) > count
+
+
 def ended(goal: SentGoal, status: GoalStatus = GoalStatus.SUCCEEDED, *fragments: str, code: int = 0) -> Any:
     """The result of a goal that has to end so."""
     outcome = goal.wait()
@@ -147,8 +152,8 @@ def test_feedback(driving: Front) -> None:
     assert goal.feedback[-1].estimated_time_remaining.sec == 0  # it stands still
     for step in range(1, 11):  # 0.5 m/s
         front.stand(0.05 * step, 1.0 + 0.1 * step)
-        count = len(goal.feedback)
-        wait_until(lambda count=count: len(goal.feedback) > count + 1)
+        seen = len(goal.feedback) + 1
+        wait_until(partial(more_than, goal.feedback, seen))
     last = goal.feedback[-1]
     # The path has two poses; that at the start is the nearer one.
     assert last.distance_remaining == pytest.approx(3.0)

@@ -69,7 +69,8 @@ def used(probe: Probe) -> dict[str, set[Right]]:
 def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
     """What the nodes have used while a mission was driven."""
     with Stack(tmp_path) as stack, NodeRuntime.open('probe') as runtime:
-        stack.start_all({'speed_factor': '4.0'})
+        navigators = '[navigate_to_pose, navigate_through_poses, follow_waypoints]'
+        stack.start_all({'speed_factor': '4.0'}, {'navigators': navigators})
         stack.start('recorder', {'file': str(tmp_path / 'run.mcap')})
         probe = Probe(runtime)
         consoles = [

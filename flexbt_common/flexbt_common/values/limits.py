@@ -37,6 +37,10 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/OperatorInput_Goal.prompt': 10_000,
     'flexbt_msgs/OperatorInput_Goal.choices': 200,
     'nav2_msgs/ComputePathThroughPoses_Goal.goals': 10_000,
+    'nav2_msgs/NavigateThroughPoses_Goal.poses': 10_000,
+    'nav2_msgs/NavigateThroughPoses_Goal.behavior_tree': 4_096,  # it may be a file
+    'nav2_msgs/NavigateToPose_Goal.behavior_tree': 4_096,
+    'nav2_msgs/FollowWaypoints_Goal.poses': 10_000,
     'nav_msgs/Path.poses': 20_000,  # 1 km of 5 cm
     'nav_msgs/OccupancyGrid.data': 10_000_000,  # as many cells as maps from files may have
 }

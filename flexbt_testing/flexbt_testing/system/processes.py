@@ -92,10 +92,11 @@ class Stack:
                 words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables
             )
 
-    def start_all(self, simulator: Mapping[str, str] | None = None) -> None:
-        """Start everything but the console."""
+    def start_all(self, simulator: Mapping[str, str] | None = None, bt_server: Mapping[str, str] | None = None) -> None:
+        """Start everything but the console, with these parameters."""
         self.start('simulator', simulator)
-        for name in ('navigation', 'bt_server', 'onboard_executive'):
+        self.start('bt_server', bt_server)
+        for name in ('navigation', 'onboard_executive'):
             self.start(name)
 
     def kill(self, name: str) -> float:
