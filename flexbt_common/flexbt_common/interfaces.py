@@ -151,6 +151,12 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(
         names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP, names.IS_PATH_VALID, by=(NAVIGATION,), to=(BT_SERVER,)
     ),
+    *_services(
+        *(service for costmap in names.COSTMAPS for service in names.costmap_services(costmap)),
+        by=(NAVIGATION,),
+        to=(BT_SERVER,),
+    ),
+    *_topics(*(topic for costmap in names.COSTMAPS for topic in names.costmap_topics(costmap)), by=(NAVIGATION,)),
     *_topics(
         'controller_selector',
         'goal_checker_selector',
@@ -168,8 +174,10 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(names.RESET, by=(SIMULATOR,)),
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, RECORDER)),
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
-    *_topics(names.SCAN, names.ODOM, by=(SIMULATOR,)),
-    *_topics(names.TF, names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
+    *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION,)),
+    *_topics(names.ODOM, by=(SIMULATOR,)),
+    *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
+    *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
     *(Interface(Kind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, RECORDER)),
 )

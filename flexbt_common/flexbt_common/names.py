@@ -88,8 +88,27 @@ CMD_VEL_TELEOP: Final = 'cmd_vel_teleop'
 PREEMPT_TELEOP: Final = 'preempt_teleop'
 CLEAR_GLOBAL_COSTMAP: Final = 'global_costmap/clear_entirely_global_costmap'
 CLEAR_LOCAL_COSTMAP: Final = 'local_costmap/clear_entirely_local_costmap'
+COSTMAPS: Final = ('global_costmap', 'local_costmap')
 IS_PATH_VALID: Final = 'is_path_valid'
 PLAN: Final = 'plan'
+
+
+def costmap_topics(costmap: str) -> tuple[str, str, str]:
+    """Of one of :data:`COSTMAPS`: what is shown of it, its costs, and the footprint of the robot on it."""
+    return f'{costmap}/costmap', f'{costmap}/costmap_raw', f'{costmap}/published_footprint'
+
+
+def costmap_services(costmap: str) -> tuple[str, str, str, str]:
+    """Of one of :data:`COSTMAPS`: those that clear it except round the robot, round it, and round a pose, and the one
+    that gives it. Those that clear it entirely have names of their own, since the trees name them.
+    """
+    clear = f'{costmap}/clear'
+    return (
+        f'{clear}_except_{costmap}',
+        f'{clear}_around_{costmap}',
+        f'{clear}_around_pose_{costmap}',
+        f'{costmap}/get_costmap',
+    )
 
 
 def alive_topic(node_name: str) -> str:

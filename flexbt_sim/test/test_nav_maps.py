@@ -9,15 +9,17 @@ from collections.abc import Callable, Iterator
 
 import numpy
 import pytest
+from geometry_msgs.msg import PolygonStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath
-from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
+from nav2_msgs.msg import Costmap
+from nav2_msgs.srv import ClearCostmapAroundRobot, ClearEntireCostmap, IsPathValid
 from nav_msgs.msg import OccupancyGrid, Path
 from numpy.typing import NDArray
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes import built_in_map, grid_message, time_message
-from flexbt_sim.world import OCCUPIED, UNKNOWN, OccupancyMap, load_map
+from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, load_map
 from flexbt_testing.nodes.sim_world import (
     DEADLINE,
     DOCK,
@@ -29,6 +31,7 @@ from flexbt_testing.nodes.sim_world import (
     open_navigation,
     open_simulator,
 )
+from flexbt_testing.waiting import wait_until
 
 Plan = ComputePathToPose.Result
 EAST = (11.2, 4.45)
@@ -133,6 +136,65 @@ def test_unknown_space_is_free(surveyor: Surveyor) -> None:
     surveyor.probe.place(DOCK)
     surveyor.publish(forget)
     surveyor.wait_for_plan((3.25, 1.25), Plan.NONE)
+
+
+def forget_the_walls(cells: NDArray[numpy.int8]) -> None:
+    """The lidar sees them all the same."""
+    cells[:] = FREE
+
+
+def test_what_only_the_lidar_sees_is_on_the_costmaps_and_comes_back_after_clearing(surveyor: Surveyor) -> None:
+    probe = surveyor.probe
+    probe.place((0.8, 6.0, 0.0))
+    through_wall = line((0.8, 6.0), (0.8, 4.0))
+    surveyor.publish(forget_the_walls)
+    wait_until(lambda: valid(surveyor, through_wall)[0] is False, DEADLINE)
+    shown: list[OccupancyGrid] = []
+    raw: list[Costmap] = []
+    footprints: list[PolygonStamped] = []
+    node = probe.runtime.node
+    topics = names.costmap_topics(names.COSTMAPS[1])
+    subscriptions = probe.runtime.call(
+        lambda: [
+            node.create_subscription(message, topic, got.append, names.latched() if latched else 1)
+            for message, topic, got, latched in (
+                (OccupancyGrid, topics[0], shown, True),
+                (Costmap, topics[1], raw, True),
+                (PolygonStamped, topics[2], footprints, False),
+            )
+        ]
+    )
+    wait_until(lambda: shown and raw and footprints, DEADLINE)
+    info = shown[-1].info
+    assert info.height * info.resolution == pytest.approx(3.0, abs=0.06)
+    assert info.width * info.resolution == pytest.approx(0.8 + 1.5, abs=0.06)  # the map ends at 0
+    assert info.origin.position.y == pytest.approx(6.0 - 1.5, abs=0.06)
+    assert {99, 100} < set(shown[-1].data)
+    assert {0, 253, 254} < set(raw[-1].data)
+    assert raw[-1].metadata.size_x * raw[-1].metadata.size_y == len(raw[-1].data)
+    assert max(math.dist((point.x, point.y), (0.8, 6.0)) for point in footprints[-1].polygon.points) < 0.25
+    probe.ask(ClearEntireCostmap, names.CLEAR_GLOBAL_COSTMAP, ClearEntireCostmap.Request())
+    around = names.costmap_services(names.COSTMAPS[1])[1]
+    before = len(raw)
+    probe.ask(ClearCostmapAroundRobot, around, ClearCostmapAroundRobot.Request(reset_distance=10.0))
+    wait_until(lambda: any(254 not in message.data for message in raw[before:]), DEADLINE)
+    wait_until(lambda: 254 in raw[-1].data and valid(surveyor, through_wall)[0] is False, DEADLINE)
+    probe.runtime.call(lambda: [node.destroy_subscription(one) for one in subscriptions])
+    surveyor.publish()
+
+
+def test_a_plan_leads_round_what_only_the_lidar_sees(surveyor: Surveyor) -> None:
+    probe = surveyor.probe
+    probe.place((0.8, 6.0, 0.0))
+    surveyor.publish(forget_the_walls)
+    wait_until(lambda: valid(surveyor, line((0.8, 6.0), (0.8, 4.0)))[0] is False, DEADLINE)
+    poses = probe.plan((0.8, 4.0, 0.0)).result.path.poses
+    assert all(
+        ROOMS.clearance(stamped.pose.position.x, stamped.pose.position.y) > 0.1
+        for stamped in poses
+        if math.dist((stamped.pose.position.x, stamped.pose.position.y), (0.8, 6.0)) < 1.0
+    )
+    surveyor.publish()
 
 
 def _grid(**fields: object) -> OccupancyGrid:

@@ -42,6 +42,8 @@ LIMITS: Final[Mapping[str, int]] = {
     'nav2_msgs/NavigateToPose_Goal.behavior_tree': 4_096,
     'nav2_msgs/FollowWaypoints_Goal.poses': 10_000,
     'nav_msgs/Path.poses': 20_000,  # 1 km of 5 cm
+    'sensor_msgs/LaserScan.ranges': 100_000,
+    'sensor_msgs/LaserScan.intensities': 100_000,
     'nav_msgs/OccupancyGrid.data': 10_000_000,  # as many cells as maps from files may have
 }
 """The bounds that differ, by type and field; of a list of texts, ``field[]`` is that of each text."""

@@ -2,7 +2,8 @@
 """Planning and control. Pure."""
 
 from .behaviors import AssistedTeleop, DriveMotion, SpinMotion
-from .costmap import INSCRIBED, LETHAL, Costmap, Inflation
+from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
+from .layers import LayeredCostmap, Observation, ObstacleRanges
 from .motions import LOOK_AHEAD, STOP, Motion, Velocity, collides
 from .path_follower import FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare
@@ -17,12 +18,16 @@ __all__ = [
     'SPACING',
     'STOP',
     'AssistedTeleop',
+    'Box',
     'Costmap',
     'DriveMotion',
     'FollowerLimits',
     'GridPlanner',
     'Inflation',
+    'LayeredCostmap',
     'Motion',
+    'Observation',
+    'ObstacleRanges',
     'PathFollower',
     'PlanningStopped',
     'ProgressChecker',

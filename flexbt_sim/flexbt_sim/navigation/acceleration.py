@@ -25,6 +25,7 @@ class Loops(NamedTuple):
     search: Callable[..., Any]
     is_clear: Callable[..., Any]
     mean_cost: Callable[..., Any]
+    trace: Callable[..., Any]
 
 
 @functools.cache

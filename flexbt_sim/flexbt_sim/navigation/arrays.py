@@ -99,3 +99,38 @@ def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]
     points = (start + (numpy.array(end) - start) * parts).astype(int)
     rows, columns = numpy.clip(points, 0, (costs.shape[0] - 1, costs.shape[1] - 1)).T
     return float(costs[rows, columns].mean())
+
+
+def trace(
+    marks: Bools,
+    obstacles: Bools,
+    row: float,
+    column: float,
+    directions: Weights,
+    cleared: Weights,
+    struck: Weights,
+    tolerance: float,
+) -> None:
+    """See :func:`.kernels.trace`."""
+    steps = numpy.arange(math.floor(2.0 * cleared.max(initial=0.0)) + 1) / 2.0
+    seen = steps <= cleared[:, None]
+    marks[_cells(marks, (row, column) + directions[:, None] * steps[:, None], seen)] = False
+    places = (row, column) + directions * struck[:, None]
+    known = numpy.zeros(len(places), bool)
+    cells = numpy.floor(places).astype(int)
+    reach = math.ceil(tolerance)
+    for up in range(-reach, reach + 1):
+        for right in range(-reach, reach + 1):
+            near = numpy.add(cells, (up, right))
+            gaps = numpy.maximum(numpy.maximum(near - places, places - near - 1.0), 0.0)
+            on_map = ((near >= 0) & (near < marks.shape)).all(axis=1)
+            rows, columns = numpy.clip(near, 0, numpy.subtract(marks.shape, 1)).T
+            known |= on_map & obstacles[rows, columns] & ((gaps**2).sum(axis=1) <= tolerance * tolerance)
+    marks[_cells(marks, places, (struck >= 0.0) & ~known)] = True
+
+
+def _cells(grid: Bools, places: Weights, chosen: Bools) -> tuple[NDArray[numpy.int64], NDArray[numpy.int64]]:
+    """Rows and columns of the cells of a grid in which the chosen places are."""
+    cells = numpy.floor(places[chosen]).astype(int)
+    rows, columns = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)].T
+    return rows, columns

@@ -66,8 +66,7 @@ class Box:
 class Costmap:
     """Cost of each cell for the centre of the robot: 0 to 252, 253 in collision, 254 obstacle. Unknown is free.
 
-    A value: it does not change, and may be used by any thread. ``world`` has the geometry of the grid; ``obstacles``
-    are those of the world, unless others are given.
+    ``world`` has the geometry of the grid; ``obstacles`` are those of the world, unless others are given.
     """
 
     def __init__(self, world: OccupancyMap, inflation: Inflation, obstacles: Bools | None = None) -> None:
@@ -78,14 +77,18 @@ class Costmap:
         self._reach = min(reach, max(self.obstacles.shape))
         self._squares, self.costs = self._inflated(Box(0, world.height, 0, world.width))
 
-    def changed(self, obstacles: Bools, box: Box) -> Costmap:
-        """With other obstacles, which differ from the present ones in a box only: what is near it is computed anew."""
-        copy = object.__new__(Costmap)
-        copy.world, copy.inflation, copy.obstacles, copy._reach = self.world, self.inflation, obstacles, self._reach
-        near = box.grown(self._reach, obstacles.shape)
-        copy._squares, copy.costs = self._squares.copy(), self.costs.copy()
-        copy._squares[near.cells], copy.costs[near.cells] = copy._inflated(near)
-        return copy
+    def copy(self) -> Costmap:
+        """As it is now; for another thread, or for obstacles of its own."""
+        other = object.__new__(Costmap)
+        other.world, other.inflation, other._reach = self.world, self.inflation, self._reach
+        other.obstacles, other._squares, other.costs = self.obstacles.copy(), self._squares.copy(), self.costs.copy()
+        return other
+
+    def refresh(self, box: Box) -> None:
+        """``obstacles`` were changed in a box: compute anew what is near it."""
+        near = box.grown(self._reach, self.obstacles.shape)
+        self._squares[near.cells], self.costs[near.cells] = self._inflated(near)
+        self.__dict__.pop('regions', None)
 
     def _inflated(self, box: Box) -> tuple[Squares, Costs]:
         """Squared gaps, see :mod:`.kernels`, and costs in a box."""

@@ -251,3 +251,45 @@ def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]
         column = int(start[1] + (end[1] - start[1]) * part)
         total += int(costs[min(max(row, 0), height - 1), min(max(column, 0), width - 1)])
     return total / samples
+
+
+def trace(
+    marks: Bools,
+    obstacles: Bools,
+    row: float,
+    column: float,
+    directions: Weights,
+    cleared: Weights,
+    struck: Weights,
+    tolerance: float,
+) -> None:
+    """Clear the marks along beams, then mark where these were struck; all in cells.
+
+    The beams come from (row, column); ``directions``, shape (n, 2), are unit steps up and to the right; ``cleared`` is
+    how far each beam has seen nothing, ``struck`` where it was reflected, negative for nowhere. What is within
+    ``tolerance`` of an obstacle is that, and not marked.
+    """
+    height, width = marks.shape
+    for beam in range(len(directions)):
+        up, right = directions[beam, 0], directions[beam, 1]
+        for step in range(math.floor(2.0 * cleared[beam]) + 1):
+            r, c = math.floor(row + up * step / 2.0), math.floor(column + right * step / 2.0)
+            if 0 <= r < height and 0 <= c < width:
+                marks[r, c] = False
+    reach = math.ceil(tolerance)
+    for beam in range(len(directions)):
+        if struck[beam] < 0.0:
+            continue
+        at_row, at_column = row + directions[beam, 0] * struck[beam], column + directions[beam, 1] * struck[beam]
+        r, c = math.floor(at_row), math.floor(at_column)
+        if not (0 <= r < height and 0 <= c < width):
+            continue
+        known = False
+        for a in range(max(0, r - reach), min(height, r + reach + 1)):
+            for b in range(max(0, c - reach), min(width, c + reach + 1)):
+                if obstacles[a, b]:
+                    above = max(a - at_row, at_row - a - 1.0, 0.0)
+                    beside = max(b - at_column, at_column - b - 1.0, 0.0)
+                    known = known or above * above + beside * beside <= tolerance * tolerance
+        if not known:
+            marks[r, c] = True

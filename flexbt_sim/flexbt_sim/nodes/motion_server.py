@@ -99,7 +99,7 @@ class MotionArbiter:
 
     def _on_map(self) -> None:
         if self.running is not None:
-            self.running.motion.update(self.robot.costmap)
+            self.running.motion.update(self.robot.costmaps.local)
 
     def end(self, end: GoalEnd, *, stop: bool = True) -> None:
         """End the motion that drives, and stop the robot."""

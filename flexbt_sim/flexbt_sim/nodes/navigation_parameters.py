@@ -30,6 +30,8 @@ class NavigationParameters:
     map_frame: str
     pose_topic: str
     map_topic: str
+    scan_topic: str
+    base_frame: str
     cmd_vel_topic: str
     stamped_cmd_vel: bool
     pose_timeout: float
@@ -91,6 +93,8 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         map_frame=declare.text('global_frame', 'map', 'frame of map, poses and paths'),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
         map_topic=declare.text('map_topic', names.MAP, 'topic of the map'),
+        scan_topic=declare.text('scan_topic', names.SCAN, 'topic of the lidar, sensor_msgs/LaserScan'),
+        base_frame=declare.text('robot_base_frame', 'base_link', 'frame of the robot, in which the lidar is mounted'),
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         pose_timeout=declare.real(

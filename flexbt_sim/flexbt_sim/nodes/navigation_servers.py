@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, Final
 
 from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
-from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
+from nav2_msgs.srv import IsPathValid
 
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
@@ -85,7 +85,7 @@ class Navigation:
                 lambda request: SpinMotion(
                     bounded(request.target_yaw, 'target_yaw', MOST_TURN),
                     seconds_of(request.time_allowance),
-                    self._robot.costmap,
+                    self._robot.costmaps.local,
                 ),
                 lambda motion: Spin.Feedback(angular_distance_traveled=float(motion.turned)),
             ),
@@ -107,8 +107,6 @@ class Navigation:
         SmootherServer(runtime, self._parameters, self._robot)
         TeleopServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
-        for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP):
-            runtime.node.create_service(ClearEntireCostmap, name, self._clear)
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
     # -- motions -----------------------------------------------------------------------------------------------------
@@ -124,7 +122,7 @@ class Navigation:
         speed = 0.0
         if running is not None and isinstance(running.motion, PathFollower):
             progress, speed = running.motion.progress, running.motion.speed
-        follower = PathFollower(path, self._robot.costmap, parameters.follower, progress)
+        follower = PathFollower(path, self._robot.costmaps.local, parameters.follower, progress)
         follower.speed = speed
         return follower
 
@@ -145,19 +143,15 @@ class Navigation:
             raise NavigationError('INVALID_INPUT', 'the speed is 0')
         if distance * speed < 0.0:
             raise NavigationError('INVALID_INPUT', f'distance {distance:g} and speed {speed:g} have opposite signs')
-        return DriveMotion(distance, speed, seconds_of(request.time_allowance), self._robot.costmap)
+        return DriveMotion(distance, speed, seconds_of(request.time_allowance), self._robot.costmaps.local)
 
     # -- services ----------------------------------------------------------------------------------------------------
-
-    def _clear(self, request: Any, response: Any) -> Any:
-        self._robot.clear_costmap()
-        return response
 
     def _is_path_valid(self, request: Any, response: Any) -> Any:
         try:
             check_limits(request)
             poses = path_in_map(request.path, self._parameters.map_frame)
-            costmap, here = self._robot.costmap, self._robot.pose
+            costmap, here = self._robot.costmaps.shared, self._robot.pose
         except FlexbtError as error:
             self._runtime.node.get_logger().warning(f'is_path_valid: {error}')
             return response

@@ -76,7 +76,7 @@ class PlannerServer:
             return
         try:
             start, poses = self._checked(goal.request, goals)
-            planner = GridPlanner(self._robot.costmap, self._parameters.planner_tolerance)
+            planner = GridPlanner(self._robot.costmaps.shared, self._parameters.planner_tolerance)
         except Exception as error:
             on_end(end_by(self._runtime, error, 'the planner'))
             return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the navigation servers have of the robot: its pose, the map with its costs, and a way to drive."""
+"""What the navigation servers have of the robot: its pose, its costmaps, and a way to drive."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import Costmap, Velocity
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.navigation import Velocity
+from flexbt_sim.world import Pose
 
+from .costmap_server import CostmapServer
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, pose_in_map
 from .ros_messages import map_of, seconds_of, twist
@@ -40,12 +41,12 @@ class RobotInterface:
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
         self._pose_at = self._pose_steady = -math.inf
-        self._world: OccupancyMap | None = None
-        self._costmap: Costmap | None = None
+        self._has_map = False
         self._waiting: list[Callable[[], None]] = []
         node = runtime.node
         node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
+        self.costmaps = CostmapServer(runtime, parameters, lambda: self.pose)
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
 
@@ -68,7 +69,7 @@ class RobotInterface:
 
     @property
     def _is_known(self) -> bool:
-        return self.silence < self._parameters.pose_timeout and self._world is not None
+        return self.silence < self._parameters.pose_timeout and self._has_map
 
     def _tell_waiting(self) -> None:
         if self._is_known:
@@ -103,19 +104,6 @@ class RobotInterface:
         """What told the pose is gone."""
         self._pose, self._pose_at, self._pose_steady = None, -math.inf, -math.inf
 
-    @property
-    def costmap(self) -> Costmap:
-        """The inflated map. Raises NavigationError UNKNOWN while there is no map."""
-        if self._costmap is None:
-            if self._world is None:
-                raise NavigationError('UNKNOWN', f'there is no map: nothing on {self._parameters.map_topic}')
-            self._costmap = Costmap(self._world, self._parameters.inflation)
-        return self._costmap
-
-    def clear_costmap(self) -> None:
-        """Forget what was made of the map; it is made anew from the last message when it is needed."""
-        self._costmap = None
-
     def drive(self, velocity: Velocity) -> None:
         """Send a velocity command."""
         command = twist(velocity)
@@ -135,17 +123,20 @@ class RobotInterface:
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         self._pose_at, self._pose_steady = self._runtime.clock.now(), self._runtime.steady.now()
+        time = seconds_of(message.header.stamp)
+        self.costmaps.add_pose(time, self._pose)
         self._tell_waiting()
-        self.on_pose(self._pose, seconds_of(message.header.stamp))
+        self.on_pose(self._pose, time)
 
     def _receive_map(self, grid: OccupancyGrid) -> None:
         try:
             check_limits(grid)
             check_frame(grid.header.frame_id, self._parameters.map_frame, 'the map')
-            self._world = map_of(grid)
+            world = map_of(grid)
         except FlexbtError as error:
             self._runtime.node.get_logger().error(f'ignored: {error}')
             return
-        self.clear_costmap()
+        self.costmaps.set_map(world)
+        self._has_map = True
         self._tell_waiting()
         self.on_map()

@@ -81,17 +81,20 @@ def twist(velocity: Velocity) -> Twist:
     return message
 
 
+def grid_info(corner: Pose, resolution: float, size: tuple[int, int], stamp: Time) -> MapMetaData:
+    """Of a grid: the pose of its lower left corner, the size of a cell, m, its columns and rows."""
+    return MapMetaData(
+        map_load_time=stamp,
+        resolution=float(resolution),
+        width=size[0],
+        height=size[1],
+        origin=pose_message(corner),
+    )
+
+
 def grid_message(world: OccupancyMap, frame: str, stamp: Time) -> OccupancyGrid:
     """A map."""
-    grid = OccupancyGrid(
-        info=MapMetaData(
-            map_load_time=stamp,
-            resolution=float(world.resolution),
-            width=world.width,
-            height=world.height,
-            origin=pose_message(world.origin),
-        )
-    )
+    grid = OccupancyGrid(info=grid_info(world.origin, world.resolution, (world.width, world.height), stamp))
     grid.header.frame_id = frame
     grid.header.stamp = stamp
     grid.data.frombytes(world.cells.tobytes())

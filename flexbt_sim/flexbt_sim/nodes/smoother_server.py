@@ -60,7 +60,7 @@ class SmootherServer:
         try:
             check_id(request.smoother_id, tuple(SMOOTHERS), 'smoother', 'INVALID_SMOOTHER')
             poses = path_in_map(request.path, self._parameters.map_frame)
-            costmap = self._robot.costmap
+            costmap = self._robot.costmaps.shared
         except Exception as error:
             on_end(end_by(self._runtime, error, 'the smoother'))
             return

@@ -49,7 +49,7 @@ class TeleopServer:
 
     def _begin(self, request: Any) -> AssistedTeleop:
         self._commanded_at = -math.inf  # what was commanded before counts no more
-        return AssistedTeleop(self._latest, seconds_of(request.time_allowance), self._arbiter.robot.costmap)
+        return AssistedTeleop(self._latest, seconds_of(request.time_allowance), self._arbiter.robot.costmaps.local)
 
     def _latest(self) -> Velocity:
         age = self._runtime.steady.now() - self._commanded_at

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Costmaps with the layers of Nav2: the static map, obstacles that a lidar sees, and inflation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy
+from numpy.typing import NDArray
+
+from flexbt_sim.world import OccupancyMap, Pose
+
+from .acceleration import loops
+from .costmap import Box, Costmap
+from .kernels import Bools
+
+KNOWN_TOLERANCE: Final = 0.03
+"""How far from an obstacle of the static map, m, a beam may end that was reflected by it: three standard deviations of
+the noise of a lidar. Nav2 marks such points too; they would make each passage a cell narrower on both sides."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a lidar has seen at one moment.
+
+    ``sensor`` is the pose of the lidar in the frame of the map; ``angles``, rad, are those of the beams relative to its
+    heading, ``ranges``, m, their lengths: infinite where nothing is within ``range_max``, -infinite or NaN where
+    nothing is known (REP 117).
+    """
+
+    sensor: Pose
+    angles: NDArray[numpy.float64]
+    ranges: NDArray[numpy.float64]
+    range_max: float = math.inf
+
+
+@dataclass(frozen=True)
+class ObstacleRanges:
+    """How far obstacles are marked and free space is cleared, m: Nav2's obstacle_max_range and raytrace_max_range."""
+
+    mark: float = 2.5
+    clear: float = 3.0
+
+
+class LayeredCostmap:
+    """A costmap that follows what is seen. Only what has changed is computed anew.
+
+    ``costmap`` is changed in place; another thread uses a copy of it.
+    """
+
+    def __init__(self, static: Costmap, ranges: ObstacleRanges | None = None, window: float = math.inf) -> None:
+        """``static`` is the map without anything seen. Obstacles outside of a square round the robot, ``window`` m
+        wide, are forgotten: the rolling window of a local costmap.
+        """
+        self.costmap = static.copy()
+        self._static: Bools = static.obstacles
+        self._marks: Bools = numpy.zeros_like(static.obstacles)
+        self._ranges = ranges or ObstacleRanges()
+        self._window_size = window
+        self._window = Box(0, 0, 0, 0)
+        self.changes = 0
+
+    def observe(self, observation: Observation, robot: Pose) -> None:
+        """Take over what a lidar has seen. Nothing is marked where the robot itself is."""
+        world = self.costmap.world
+        old, self._window = self._window, self.window(robot)
+        reach = max(self._ranges.mark, self._ranges.clear)
+        seen = _square(world, observation.sensor, 2.0 * reach)
+        touched = _around(seen, old, self._window) if math.isfinite(self._window_size) else seen
+        before = self._marks[touched.cells].copy()
+        self._trace(observation)
+        self._clear_disc(robot)
+        if math.isfinite(self._window_size):
+            kept = self._marks[self._window.cells].copy()
+            self._marks[touched.cells] = False
+            self._marks[self._window.cells] = kept
+        self._take_over(touched, before)
+
+    def window(self, robot: Pose) -> Box:
+        """The part of the grid round the robot whose obstacles are not forgotten."""
+        world = self.costmap.world
+        if math.isinf(self._window_size):
+            return Box(0, world.height, 0, world.width)
+        return _square(world, robot, self._window_size)
+
+    def clear(self) -> None:
+        """Forget all that was seen: Nav2's clear_entirely. The static map stays."""
+        height, width = self._marks.shape
+        self._forget(numpy.ones(self._marks.shape, bool), Box(0, height, 0, width))
+
+    def clear_square(self, centre: Pose, size: float) -> None:
+        """Forget what was seen in a square, ``size`` m wide: Nav2's clear_around_robot and clear_around_pose."""
+        box = _square(self.costmap.world, centre, size)
+        self._forget(numpy.ones(self._marks[box.cells].shape, bool), box)
+
+    def clear_except_square(self, centre: Pose, size: float) -> None:
+        """Forget what was seen outside of a square, ``size`` m wide: Nav2's clear_except_region."""
+        outside = numpy.ones(self._marks.shape, bool)
+        outside[_square(self.costmap.world, centre, size).cells] = False
+        height, width = self._marks.shape
+        self._forget(outside, Box(0, height, 0, width))
+
+    def _forget(self, chosen: Bools, box: Box) -> None:
+        before = self._marks[box.cells].copy()
+        self._marks[box.cells] &= ~chosen
+        self._take_over(box, before)
+
+    def _trace(self, observation: Observation) -> None:
+        world = self.costmap.world
+        row, column = world.grid_position(observation.sensor.x, observation.sensor.y)
+        angles = observation.angles + (observation.sensor.yaw - world.origin.yaw)
+        ranges = numpy.where(numpy.isnan(observation.ranges), -1.0, observation.ranges)
+        seen = numpy.minimum(ranges, min(self._ranges.clear, observation.range_max))
+        cleared = numpy.where(ranges < 0.0, 0.0, seen) / world.resolution
+        struck = numpy.where((ranges >= 0.0) & (ranges <= self._ranges.mark), ranges, -1.0) / world.resolution
+        directions = numpy.stack([numpy.sin(angles), numpy.cos(angles)], axis=1)
+        tolerance = KNOWN_TOLERANCE / world.resolution
+        loops().trace(self._marks, self._static, row, column, directions, cleared, struck, tolerance)
+
+    def _clear_disc(self, robot: Pose) -> None:
+        """Nav2's footprint clearing."""
+        world, radius = self.costmap.world, self.costmap.inflation.robot_radius
+        box = _square(world, robot, 2.0 * radius)
+        row, column = world.grid_position(robot.x, robot.y)
+        rows, columns = numpy.ogrid[box.cells]
+        inside = numpy.hypot(rows + 0.5 - row, columns + 0.5 - column) * world.resolution <= radius
+        self._marks[box.cells] &= ~inside
+
+    def _take_over(self, box: Box, before: Bools) -> None:
+        """The marks in a box were changed."""
+        rows, columns = numpy.nonzero(self._marks[box.cells] != before)
+        if not rows.size:
+            return
+        changed = Box(
+            box.bottom + int(rows.min()),
+            box.bottom + int(rows.max()) + 1,
+            box.left + int(columns.min()),
+            box.left + int(columns.max()) + 1,
+        )
+        self.costmap.obstacles[changed.cells] = self._static[changed.cells] | self._marks[changed.cells]
+        self.costmap.refresh(changed)
+        self.changes += 1
+
+
+def _square(world: OccupancyMap, centre: Pose, size: float) -> Box:
+    """The cells of a square, ``size`` m wide, that lies as the grid does; those that are on the map."""
+    (row, column), half = world.grid_position(centre.x, centre.y), size / 2.0 / world.resolution
+    bottom, top = (min(max(math.floor(at), 0), world.height) for at in (row - half, row + half + 1.0))
+    left, right = (min(max(math.floor(at), 0), world.width) for at in (column - half, column + half + 1.0))
+    return Box(bottom, top, left, right)
+
+
+def _around(*boxes: Box) -> Box:
+    """The smallest box that holds others; empty ones do not count."""
+    filled: Sequence[Box] = [box for box in boxes if box.bottom < box.top and box.left < box.right]
+    if not filled:
+        return boxes[0]
+    return Box(
+        min(box.bottom for box in filled),
+        max(box.top for box in filled),
+        min(box.left for box in filled),
+        max(box.right for box in filled),
+    )

@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The costmaps of the robot: the global one, on which plans are made, and the local one, on which it drives.
+
+Both are made of the map, what the lidar sees, and inflation. Nav2's topics show them, and its services clear them.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+import numpy
+from geometry_msgs.msg import Point32, Polygon, PolygonStamped
+from nav2_msgs.msg import Costmap as CostmapMessage
+from nav2_msgs.srv import (
+    ClearCostmapAroundPose,
+    ClearCostmapAroundRobot,
+    ClearCostmapExceptRegion,
+    ClearEntireCostmap,
+    GetCostmap,
+)
+from nav_msgs.msg import OccupancyGrid
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+
+from flexbt_common import names
+from flexbt_common.errors import TransformError
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.transforms import TransformBuffer, rigid_of
+from flexbt_common.values import check_limits
+from flexbt_core.errors import FlexbtError
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation import Box, Costmap, LayeredCostmap, Observation
+from flexbt_sim.world import OccupancyMap, Pose, compose, wrap
+
+from .navigation_parameters import NavigationParameters
+from .request_checks import bounded, pose_in_map
+from .ros_messages import grid_info, seconds_of
+
+GLOBAL, LOCAL = names.COSTMAPS
+PERIODS: Final = {GLOBAL: 1.0, LOCAL: 0.2}
+"""Time from update to update, s: Nav2's update_frequency of 1 and 5 Hz."""
+
+WINDOWS: Final = {GLOBAL: math.inf, LOCAL: 3.0}
+"""Width of the square round the robot whose obstacles are kept, m: a rolling window as that of Nav2."""
+
+MOST_RESET_DISTANCE: Final = 1e6
+POSES: Final = 200
+"""Poses that are kept: what a lidar saw is placed by the pose at that time."""
+
+GREATEST_STEP: Final = 0.5
+"""Farther apart, m, two poses are not on one way: the robot was put somewhere else."""
+
+COMPLAINT_SECONDS: Final = 5.0
+
+_SHOWN: Final = numpy.array([0, *(1 + 97 * (cost - 1) // 251 for cost in range(1, 253)), 99, 100, -1], numpy.int8)
+"""The occupancy that shows a cost, as Nav2 shows it: 99 for inscribed, 100 for lethal, -1 for unknown."""
+
+
+@dataclass
+class _Kept:
+    """A costmap, with what is known of its updates. ``shared`` is a copy for other threads, after so many changes."""
+
+    layers: LayeredCostmap
+    updated: float = -math.inf
+    shared: tuple[int, Costmap] | None = None
+
+
+class CostmapServer:
+    """On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, robot_pose: Callable[[], Pose]) -> None:
+        """``robot_pose()`` gives the pose of the robot, or raises NavigationError."""
+        self._runtime = runtime
+        self._parameters = parameters
+        self._robot_pose = robot_pose
+        self._kept: dict[str, _Kept] = {}
+        self._poses: deque[tuple[float, Pose]] = deque(maxlen=POSES)
+        self._scan: LaserScan | None = None
+        self._observation: tuple[float, Observation, Pose] | None = None
+        self._frames = TransformBuffer()
+        node = runtime.node
+        node.create_subscription(LaserScan, parameters.scan_topic, self._receive_scan, qos_profile_sensor_data)
+        node.create_subscription(TFMessage, names.TF_STATIC, self._receive_frames, names.latched(100))
+        self._publishers: dict[str, tuple[Any, ...]] = {}
+        for name, entirely in ((GLOBAL, names.CLEAR_GLOBAL_COSTMAP), (LOCAL, names.CLEAR_LOCAL_COSTMAP)):
+            shown, raw, footprint = names.costmap_topics(name)
+            self._publishers[name] = (
+                node.create_publisher(OccupancyGrid, shown, names.latched()),
+                node.create_publisher(CostmapMessage, raw, names.latched()),
+                node.create_publisher(PolygonStamped, footprint, 1),
+            )
+            except_region, around_robot, around_pose, get = names.costmap_services(name)
+            services = (
+                (ClearEntireCostmap, entirely, lambda _request, layers: layers.clear()),
+                (ClearCostmapExceptRegion, except_region, self._clear_except),
+                (ClearCostmapAroundRobot, around_robot, self._clear_around_robot),
+                (ClearCostmapAroundPose, around_pose, self._clear_around_pose),
+            )
+            for service_type, service, clear in services:
+                node.create_service(service_type, service, partial(self._clear, name, clear))
+            node.create_service(GetCostmap, get, partial(self._get, name))
+
+    # -- for the other servers ---------------------------------------------------------------------------------------
+
+    @property
+    def local(self) -> Costmap:
+        """The local costmap, which follows what is seen: for the executor thread only.
+
+        Raises:
+            NavigationError: UNKNOWN while there is no map.
+        """
+        return self._known(LOCAL).layers.costmap
+
+    @property
+    def shared(self) -> Costmap:
+        """The global costmap as it is now, for any thread. Raises as :attr:`local`."""
+        kept = self._known(GLOBAL)
+        self._update(GLOBAL, kept)
+        if kept.shared is None or kept.shared[0] != kept.layers.changes:
+            kept.shared = kept.layers.changes, kept.layers.costmap.copy()
+        return kept.shared[1]
+
+    def _known(self, name: str) -> _Kept:
+        try:
+            return self._kept[name]
+        except KeyError:
+            raise NavigationError('UNKNOWN', f'there is no map: nothing on {self._parameters.map_topic}') from None
+
+    # -- what comes in -----------------------------------------------------------------------------------------------
+
+    def set_map(self, world: OccupancyMap) -> None:
+        """There is a new map. What was seen is forgotten."""
+        static = Costmap(world, self._parameters.inflation)
+        self._kept = {name: _Kept(LayeredCostmap(static, window=WINDOWS[name])) for name in names.COSTMAPS}
+        self._observation = None
+        for name in names.COSTMAPS:
+            self._publish(name)
+
+    def add_pose(self, time: float, pose: Pose) -> None:
+        """The robot was there at a time, s."""
+        if self._poses and (time <= self._poses[-1][0] or pose.distance(self._poses[-1][1]) > GREATEST_STEP):
+            self._poses.clear()
+        self._poses.append((time, pose))
+        self._observe()
+
+    def _receive_scan(self, scan: LaserScan) -> None:
+        try:
+            check_limits(scan)
+            numbers = (scan.angle_min, scan.angle_increment, scan.range_max)
+            if math.isnan(sum(numbers)) or not all(map(math.isfinite, numbers[:2])):
+                raise NavigationError('UNKNOWN', f'a scan with angles or a range that are no numbers: {numbers}')
+        except FlexbtError as error:
+            self._complain(error)
+            return
+        self._scan = scan
+        self._observe()
+
+    def _receive_frames(self, message: TFMessage) -> None:
+        try:
+            check_limits(message)
+            for stamped in message.transforms:
+                self._frames.set(
+                    stamped.header.frame_id, stamped.child_frame_id, rigid_of(stamped.transform), is_static=True
+                )
+        except FlexbtError as error:
+            self._complain(error)
+
+    def _complain(self, error: FlexbtError) -> None:
+        self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+
+    def _observe(self) -> None:
+        """Take a scan over as soon as a pose is known that is not older: the two come by different topics."""
+        scan = self._scan
+        if scan is None or not self._poses or not self._kept:
+            return
+        time = seconds_of(scan.header.stamp)
+        after = bisect_left(self._poses, time, key=lambda known: known[0])
+        if after == len(self._poses):
+            return
+        self._scan = None
+        if after == 0 and self._poses[0][0] > time:
+            return  # from before it was put there
+        robot = _between(self._poses[max(0, after - 1)], self._poses[after], time)
+        try:
+            mounted = self._mounted(scan.header.frame_id)
+        except TransformError as error:
+            self._complain(error)
+            return
+        ranges = numpy.array(scan.ranges, numpy.float64)
+        ranges[(ranges < scan.range_min) | (numpy.isfinite(ranges) & (ranges > scan.range_max))] = math.nan
+        angles = scan.angle_min + scan.angle_increment * numpy.arange(len(ranges))
+        observation = Observation(compose(robot, mounted), angles, ranges, float(scan.range_max))
+        self._observation = (time, observation, robot)
+        for name, kept in self._kept.items():
+            if not 0.0 <= time - kept.updated < PERIODS[name] - 0.01:
+                self._update(name, kept)
+                self._publish(name)
+
+    def _mounted(self, frame: str) -> Pose:
+        """Where a lidar is on the robot. Raises TransformError."""
+        base = self._parameters.base_frame
+        if frame in ('', base):
+            return Pose(0.0, 0.0, 0.0)
+        (x, y, _), (_, _, z, w) = self._frames.lookup(base, frame)
+        return Pose(x, y, 2.0 * math.atan2(z, w))
+
+    def _update(self, name: str, kept: _Kept) -> None:
+        if self._observation is not None and self._observation[0] != kept.updated:
+            kept.updated, observation, robot = self._observation
+            kept.layers.observe(observation, robot)
+
+    # -- what goes out -----------------------------------------------------------------------------------------------
+
+    def _publish(self, name: str) -> None:
+        """To whoever listens; who comes later gets what was published last."""
+        shown, raw, footprint = self._publishers[name]
+        if shown.get_subscription_count():
+            box, info = self._shown_part(name)
+            grid = OccupancyGrid(info=info, header=self._header())
+            grid.data.frombytes(_SHOWN[self._kept[name].layers.costmap.costs[box.cells]].tobytes())
+            shown.publish(grid)
+        if raw.get_subscription_count():
+            raw.publish(self._message(name))
+        if self._poses and footprint.get_subscription_count():
+            footprint.publish(self._footprint(self._poses[-1][1]))
+
+    def _header(self) -> Header:
+        return Header(frame_id=self._parameters.map_frame, stamp=self._runtime.clock.stamp())
+
+    def _shown_part(self, name: str) -> tuple[Box, Any]:
+        layers = self._kept[name].layers
+        world = layers.costmap.world
+        if math.isfinite(WINDOWS[name]) and self._poses:
+            box = layers.window(self._poses[-1][1])
+        else:
+            box = Box(0, world.height, 0, world.width)
+        corner = Pose(*world.point(box.bottom - 0.5, box.left - 0.5), world.origin.yaw)
+        size = (box.right - box.left, box.top - box.bottom)
+        return box, grid_info(corner, world.resolution, size, self._runtime.clock.stamp())
+
+    def _message(self, name: str) -> CostmapMessage:
+        box, info = self._shown_part(name)
+        message = CostmapMessage(header=self._header())
+        meta = message.metadata
+        meta.map_load_time = meta.update_time = info.map_load_time
+        meta.layer, meta.resolution, meta.origin = 'master', info.resolution, info.origin
+        meta.size_x, meta.size_y = info.width, info.height
+        message.data.frombytes(self._kept[name].layers.costmap.costs[box.cells].tobytes())
+        return message
+
+    def _footprint(self, pose: Pose) -> PolygonStamped:
+        """The circle as Nav2 shows it: a polygon of 16 corners."""
+        radius = self._parameters.inflation.robot_radius
+        corners = [
+            Point32(x=pose.x + radius * math.cos(angle), y=pose.y + radius * math.sin(angle))
+            for angle in (math.tau * corner / 16.0 for corner in range(16))
+        ]
+        return PolygonStamped(header=self._header(), polygon=Polygon(points=corners))
+
+    # -- services ----------------------------------------------------------------------------------------------------
+
+    def _clear(self, name: str, clear: Callable[[Any, LayeredCostmap], None], request: Any, response: Any) -> Any:
+        """Nav2's services answer nothing: what is wrong is told in the log."""
+        try:
+            check_limits(request)
+            clear(request, self._known(name).layers)
+        except FlexbtError as error:
+            self._runtime.node.get_logger().error(f'{name} is not cleared: {error}')
+        else:
+            self._publish(name)
+        return response
+
+    def _clear_except(self, request: Any, layers: LayeredCostmap) -> None:
+        layers.clear_except_square(self._robot_pose(), _distance(request))
+
+    def _clear_around_robot(self, request: Any, layers: LayeredCostmap) -> None:
+        layers.clear_square(self._robot_pose(), _distance(request))
+
+    def _clear_around_pose(self, request: Any, layers: LayeredCostmap) -> None:
+        pose = pose_in_map(request.pose, self._parameters.map_frame, 'the pose', 'INVALID_INPUT')
+        layers.clear_square(pose, _distance(request))
+
+    def _get(self, name: str, _request: Any, response: Any) -> Any:
+        if name in self._kept:
+            response.map = self._message(name)
+        return response
+
+
+def _distance(request: Any) -> float:
+    return abs(bounded(request.reset_distance, 'reset_distance', MOST_RESET_DISTANCE))
+
+
+def _between(before: tuple[float, Pose], after: tuple[float, Pose], time: float) -> Pose:
+    """Where the robot was between two poses."""
+    share = (time - before[0]) / (after[0] - before[0]) if after[0] > before[0] else 1.0
+    a, b = before[1], after[1]
+    return Pose(a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), wrap(a.yaw + share * wrap(b.yaw - a.yaw)))
