@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from flexbt_testing.behavior_trees import conformance as bt_conformance
@@ -110,61 +112,70 @@ def test_timed_nodes_give_the_trace_of_btcpp(body: str, ops: list[list[object]])
 SUB_TREE = '<SubTree ID="Sub" name="sub" x="{x}"/>'
 
 
-@needs_wheel
-@pytest.mark.parametrize(
-    ('body', 'sub_tree'),
-    [
-        # Text for an entry that has no type: it is emptied, and refuses text then; numbers it takes.
-        ('<Sequence><Script code="x := 1"/><SetBlackboard value="5" output_key="x"/></Sequence>', ''),
-        ('<Sequence><Script code="x := 1"/><SetBlackboard value="{t}" output_key="x"/></Sequence>', ''),
-        ('<Sequence><Script code="x := 1"/><SetBlackboard value="{n}" output_key="x"/></Sequence>', ''),
-        (
-            '<Sequence><SetBlackboard value="{x}" output_key="y"/>'
-            '<SetBlackboard value="{y}" output_key="x"/></Sequence>',
-            '',
-        ),
-        # Through the port of a sub-tree it stays without a type.
-        (f'<Sequence><Script code="x := 1"/>{SUB_TREE}</Sequence>', '<SetBlackboard value="5" output_key="x"/>'),
-        (f'<Fallback>{SUB_TREE}<AlwaysSuccess/></Fallback>', '<SetBlackboard value="5" output_key="x"/>'),
-        # Text in an entry of numbers: what the scope that has it can still write.
-        *(
-            (f'<Sequence>{SUB_TREE}{write}</Sequence>', '<Act name="w" _write="n:s:7"/>')
-            for write in (
-                '<Act name="v" _write="n:i:3"/>',
-                '<Act name="v" _write="n:s:3"/>',
-                '<SetBlackboard value="3" output_key="n"/>',
-                '<SetBlackboard value="{n}" output_key="n"/>',
-                '<Script code="n = 3"/>',
-                '<Script code="n = \'3\'"/>',
-                '<Script code="n += 1"/>',
-                '<LoopInt queue="1;2;3" value="{n}"><AlwaysSuccess/></LoopInt>',
-                '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>',
-            )
-        ),
-        # An entry that a node watches, before it is written.
-        ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := \'a\'"/></Fallback>', ''),
-        ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := 1; y := \'2\'"/></Fallback>', ''),
-        ('<Fallback><WasEntryUpdated entry="{y}"/><SetBlackboard value="a" output_key="y"/></Fallback>', ''),
-        ('<Fallback><WasEntryUpdated entry="{y}"/><Act name="v" _write="y:s:a;y:s:b;y:i:2" _read="y"/></Fallback>', ''),
-        # A condition whose result stands, and is not asked anew.
-        ('<IfThenElse><Act name="c" _script="F" _post="n += 1"/><AlwaysSuccess/></IfThenElse>', ''),
-        # Integers of a script that the type of their entry has no room for.
-        ('<Sequence><Script code="n = 3000000000"/><Script code="n = n - 1"/></Sequence>', ''),
-        ('<Sequence><Script code="n = 3000000000"/><Repeat num_cycles="{n}"><AlwaysFailure/></Repeat></Sequence>', ''),
-    ],
-)
-def test_a_surprise_is_the_same_as_in_btcpp(body: str, sub_tree: str) -> None:
+# A tree, and its sub-tree.
+SURPRISES = [
+    # Text for an entry that has no type: it is emptied, and refuses text then; numbers it takes.
+    ('<Sequence><Script code="x := 1"/><SetBlackboard value="5" output_key="x"/></Sequence>', ''),
+    ('<Sequence><Script code="x := 1"/><SetBlackboard value="{t}" output_key="x"/></Sequence>', ''),
+    ('<Sequence><Script code="x := 1"/><SetBlackboard value="{n}" output_key="x"/></Sequence>', ''),
+    (
+        '<Sequence><SetBlackboard value="{x}" output_key="y"/><SetBlackboard value="{y}" output_key="x"/></Sequence>',
+        '',
+    ),
+    # Through the port of a sub-tree it stays without a type.
+    (f'<Sequence><Script code="x := 1"/>{SUB_TREE}</Sequence>', '<SetBlackboard value="5" output_key="x"/>'),
+    (f'<Fallback>{SUB_TREE}<AlwaysSuccess/></Fallback>', '<SetBlackboard value="5" output_key="x"/>'),
+    # Text in an entry of numbers: what the scope that has it can still write.
+    *(
+        (f'<Sequence>{SUB_TREE}{write}</Sequence>', '<Act name="w" _write="n:s:7"/>')
+        for write in (
+            '<Act name="v" _write="n:i:3"/>',
+            '<Act name="v" _write="n:s:3"/>',
+            '<SetBlackboard value="3" output_key="n"/>',
+            '<SetBlackboard value="{n}" output_key="n"/>',
+            '<Script code="n = 3"/>',
+            '<Script code="n = \'3\'"/>',
+            '<Script code="n += 1"/>',
+            '<LoopInt queue="1;2;3" value="{n}"><AlwaysSuccess/></LoopInt>',
+            '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>',
+        )
+    ),
+    # An entry that a node watches, before it is written.
+    ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := \'a\'"/></Fallback>', ''),
+    ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := 1; y := \'2\'"/></Fallback>', ''),
+    ('<Fallback><WasEntryUpdated entry="{y}"/><SetBlackboard value="a" output_key="y"/></Fallback>', ''),
+    ('<Fallback><WasEntryUpdated entry="{y}"/><Act name="v" _write="y:s:a;y:s:b;y:i:2" _read="y"/></Fallback>', ''),
+    # A condition whose result stands, and is not asked anew.
+    ('<IfThenElse><Act name="c" _script="F" _post="n += 1"/><AlwaysSuccess/></IfThenElse>', ''),
+    # Integers of a script that the type of their entry has no room for.
+    ('<Sequence><Script code="n = 3000000000"/><Script code="n = n - 1"/></Sequence>', ''),
+    ('<Sequence><Script code="n = 3000000000"/><Repeat num_cycles="{n}"><AlwaysFailure/></Repeat></Sequence>', ''),
+]
+BOARDS: list[dict[str, Any]] = [{'n': 2, 't': 'text'}, {'n': 2, 't': '7', 'x': 'old'}, {'n': 2, 't': '', 'x': 0.5}]
+
+
+def surprises(body: str, sub_tree: str) -> list[dict[str, Any]]:
+    """The tree on each blackboard."""
     trees = f'<BehaviorTree ID="Main">{body}</BehaviorTree>'
     if sub_tree:
         trees += f'<BehaviorTree ID="Sub">{sub_tree}</BehaviorTree>'
         trees = trees.replace('x="{x}"', 'x="{x}" n="{n}"')
-    for board in ({'n': 2, 't': 'text'}, {'n': 2, 't': '7', 'x': 'old'}, {'n': 2, 't': '', 'x': 0.5}):
-        case = {
-            'xml': f'<root BTCPP_format="4" main_tree_to_execute="Main">{trees}</root>',
-            'bb': board,
-            'ops': [['tick'], ['tick'], ['tick']],
-        }
-        (expected,) = bt_wheel.traces([case])
+    xml = f'<root BTCPP_format="4" main_tree_to_execute="Main">{trees}</root>'
+    return [{'xml': xml, 'bb': board, 'ops': [['tick'], ['tick'], ['tick']]} for board in BOARDS]
+
+
+@pytest.fixture(scope='module')
+def traces_of_btcpp() -> dict[str, object]:
+    """Of all surprises, from one process."""
+    cases = [case for surprise in SURPRISES for case in surprises(*surprise)]
+    return {str(case): trace for case, trace in zip(cases, bt_wheel.traces(cases), strict=True)}
+
+
+@needs_wheel
+@pytest.mark.parametrize(('body', 'sub_tree'), SURPRISES)
+def test_a_surprise_is_the_same_as_in_btcpp(body: str, sub_tree: str, traces_of_btcpp: dict[str, Any]) -> None:
+    for case in surprises(body, sub_tree):
+        expected = traces_of_btcpp[str(case)]
         assert not expected['load_error']
         found = bt_conformance.difference(expected, bt_scripted.Run(case).trace())
         assert not found, found
