@@ -59,12 +59,12 @@ def _topics(*topics: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) ->
     return tuple(Interface(Kind.TOPIC, name, by, to) for name in topics)
 
 
-def _services(*services: str, by: tuple[str, ...], to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
+def _services(*services: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
     return tuple(Interface(Kind.SERVICE, name, by, to) for name in services)
 
 
-def _actions(*actions: str, by: str, to: tuple[str, ...]) -> tuple[Interface, ...]:
-    return tuple(Interface(Kind.ACTION, name, (by,), to) for name in actions)
+def _actions(*actions: str, to: tuple[str, ...], by: str | None = None) -> tuple[Interface, ...]:
+    return tuple(Interface(Kind.ACTION, name, () if by is None else (by,), to) for name in actions)
 
 
 OF_NODES: Final[tuple[Interface, ...]] = (
@@ -160,9 +160,27 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(
         'controller_selector',
         'goal_checker_selector',
+        'path_handler_selector',
         'planner_selector',
         'progress_checker_selector',
         'smoother_selector',
+        'goal_update',
+        'goals_update',
+        '/battery_status',
+        to=(BT_SERVER,),
+    ),
+    # What Nav2's trees use, and only other robots have
+    *_actions(
+        names.COMPUTE_ROUTE,
+        names.COMPUTE_AND_TRACK_ROUTE,
+        names.DOCK_ROBOT,
+        names.UNDOCK_ROBOT,
+        names.FOLLOW_OBJECT,
+        to=(BT_SERVER,),
+    ),
+    *_services(
+        'collision_monitor/toggle',
+        'reinitialize_global_localization',
         to=(BT_SERVER,),
     ),
     *_topics(names.CMD_VEL_TELEOP, names.PREEMPT_TELEOP, to=(NAVIGATION,)),
@@ -175,7 +193,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, RECORDER)),
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
     *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION,)),
-    *_topics(names.ODOM, by=(SIMULATOR,)),
+    *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
     *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),

@@ -24,7 +24,7 @@ def node_registry(on_broken: Callable[[str, Exception], None], dialect: Dialect 
     register_nav2(registry, dialect)
     points = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
     sources: list[tuple[str, Callable[[], Callable[[NodeRegistry], None]]]] = [
-        ('flexbt_server.leaves', lambda: _ros_leaves(dialect)),
+        ('flexbt_server.nav2', lambda: _ros_leaves(dialect)),
         *((f'{point.name} = {point.value}', point.load) for point in points),
     ]
     for name, load in sources:
@@ -36,6 +36,6 @@ def node_registry(on_broken: Callable[[str, Exception], None], dialect: Dialect 
 
 
 def _ros_leaves(dialect: Dialect) -> Callable[[NodeRegistry], None]:
-    from flexbt_server.leaves import register_leaves
+    from flexbt_server.nav2 import register_leaves
 
     return lambda registry: register_leaves(registry, dialect)

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that reach ROS: bases for one's own, and those of Nav2's trees."""
+"""Leaves that reach ROS: bases for one's own, and the one that runs a behavior."""
 
 from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_type
 
-from .action_leaf import ACTION_PORTS, ActionLeaf
+from .action_leaf import ACTION_PORTS, SERVER_PORTS, ActionLeaf
+from .behavior_leaf import ExecuteBehavior
 from .leaf_services import LeafServices
-from .register import register_leaves
-from .service_leaf import ServiceLeaf
-from .topic_cache import TopicCaches
+from .robot_frames import RobotFrames
+from .service_leaf import SERVICE_PORTS, ServiceLeaf
+from .topic_cache import TopicCache, TopicCaches
 from .topic_leaf import TopicCondition
 from .trigger_services import TriggerServices
 
@@ -17,12 +18,16 @@ __all__ = [
     'PATH',
     'POSES',
     'POSE_STAMPED',
+    'SERVER_PORTS',
+    'SERVICE_PORTS',
     'ActionLeaf',
+    'ExecuteBehavior',
     'LeafServices',
+    'RobotFrames',
     'ServiceLeaf',
+    'TopicCache',
     'TopicCaches',
     'TopicCondition',
     'TriggerServices',
     'message_type',
-    'register_leaves',
 ]

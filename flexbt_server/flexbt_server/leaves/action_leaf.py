@@ -157,8 +157,12 @@ class ActionLeaf(StatefulAction):
         """The goal succeeded: write the output ports."""
         return NodeStatus.SUCCESS
 
-    def on_failure(self, outcome: GoalOutcome) -> None:
-        """The goal did not succeed: write what the output ports have to hold then."""
+    def on_failure(self, outcome: GoalOutcome) -> NodeStatus | None:
+        """The goal did not succeed: write what the output ports have to hold then.
+
+        Gives the status that the leaf has for it; None for FAILURE, with the reason.
+        """
+        return None
 
     # -- mechanics ---------------------------------------------------------------------------------------------------
 
@@ -172,6 +176,11 @@ class ActionLeaf(StatefulAction):
     def action_name(self) -> str:
         """Name of the action, as the node resolves it."""
         return str(self.get_input_or('server_name', '') or self.default_server)
+
+    @property
+    def sent_goal(self) -> Any:
+        """The goal that was sent last; None before the first."""
+        return None if self._goal is None else self._goal.message
 
     def on_start(self) -> NodeStatus:
         self._goal = None
@@ -288,8 +297,9 @@ class ActionLeaf(StatefulAction):
         reason = told or outcome.reason
         if outcome.status is GoalStatus.CANCELED:
             reason = 'the goal was canceled by somebody else'
-        self.on_failure(outcome)
-        return self._failed(reason or outcome.status.name, code)
+        status = self.on_failure(outcome)
+        failed = self._failed(reason or outcome.status.name, code)
+        return failed if status is None else status
 
     def _failed(self, reason: str, code: int = 0) -> NodeStatus:
         self.set_output('error_code_id', code)

@@ -89,6 +89,3 @@ class ExecuteBehavior(ActionLeaf):
 
     def _words(self, port: str) -> list[str]:
         return separated(str(self.get_input(port)))
-
-
-NODES: Final = (ExecuteBehavior,)

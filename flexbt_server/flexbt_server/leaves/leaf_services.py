@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.liveness import STARTED
 from flexbt_common.runtime import NodeRuntime
 
+from .robot_frames import RobotFrames
 from .topic_cache import TopicCaches
 from .trigger_services import TriggerServices
 
@@ -20,9 +21,9 @@ class LeafServices:
 
     ``runtime`` owns the node and the thread on which everything of rclpy happens; ``actions`` and ``services`` are
     the shared clients, ``topics`` the shared subscriptions, ``triggers`` the services that nodes of trees offer;
-    ``pose_topic`` is the topic of the robot's pose. ``server_timeout`` and ``cancel_timeout`` are the deadlines for
-    acceptance and for the confirmation of a cancel, in seconds of wall time; ``start_timeout`` is the age of this
-    process up to which a server is waited for in any case.
+    ``frames`` knows where the robot is. ``server_timeout`` and ``cancel_timeout`` are the deadlines for acceptance and
+    for the confirmation of a cancel, in seconds of wall time; ``start_timeout`` is the age of this process up to which
+    a server is waited for in any case. ``goal_reached_tol`` is Nav2's parameter of this name, m.
     """
 
     runtime: NodeRuntime
@@ -30,10 +31,12 @@ class LeafServices:
     services: ServiceLinks
     topics: TopicCaches
     triggers: TriggerServices
-    pose_topic: str
+    frames: RobotFrames
     server_timeout: float
     cancel_timeout: float
     start_timeout: float = 0.0
+    goal_reached_tol: float = 0.25
+    _told: set[str] = field(default_factory=set)
 
     def appear_timeout(self, timeout: float) -> float:
         """How long to wait for a server to appear, s of wall time, where ``timeout`` is how long it has otherwise.
@@ -41,3 +44,9 @@ class LeafServices:
         The processes of a robot begin together, in any order: as long as this one is young, that one may be starting.
         """
         return max(timeout, self.start_timeout - (time.monotonic() - STARTED))
+
+    def tell_once(self, message: str) -> None:
+        """Warn people of something that a tree asks for and that cannot be, once in the life of the server."""
+        if message not in self._told:
+            self._told.add(message)
+            self.runtime.node.get_logger().warning(message)

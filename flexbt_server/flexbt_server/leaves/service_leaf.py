@@ -7,19 +7,11 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
-from action_msgs.srv import CancelGoal
-from nav2_msgs import srv
-from nav_msgs.msg import Path
-
-from flexbt_common import names
 from flexbt_common.calls import ServiceCall
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
 from flexbt_core.behavior_tree.model import STRING, UNSIGNED, PortError
-from flexbt_server.trees import PATH
 
-from .action_leaf import SERVER_PORTS
 from .leaf_services import LeafServices
-from .navigation_actions import count_recovery
 
 SERVICE_PORTS: Final[dict[str, Port]] = {
     'service_name': input_port(STRING, optional=True, description="name of the service, if not the node's default"),
@@ -71,6 +63,10 @@ class ServiceLeaf(StatefulAction):
             request = self.make_request()
         except (PortError, ValueError) as error:
             return self.fail(str(error))
+        return self.ask(request)
+
+    def ask(self, request: Any) -> NodeStatus:
+        """Send a request; RUNNING. In :meth:`on_response` another one, after the first."""
         milliseconds = self.get_input_or('server_timeout', None)
         timeout = self.host.server_timeout if milliseconds is None else milliseconds / 1000.0
         self._call = ServiceCall(
@@ -95,100 +91,3 @@ class ServiceLeaf(StatefulAction):
         if self._call is not None:
             self._call.cancel()
             self._call = None
-
-
-class ClearEntireCostmap(ServiceLeaf):
-    """Forgets everything that a costmap has seen. Counts as a recovery."""
-
-    __slots__ = ()
-
-    service_type = srv.ClearEntireCostmap
-    default_service = names.CLEAR_GLOBAL_COSTMAP
-
-    def make_request(self) -> Any:
-        count_recovery(self.blackboard)
-        return self.service_type.Request()
-
-
-class IsPathValid(ServiceLeaf):
-    """Succeeds when no pose of ``path`` is in collision."""
-
-    __slots__ = ()
-
-    service_type = srv.IsPathValid
-    default_service = names.IS_PATH_VALID
-    ports = SERVICE_PORTS | {'path': input_port(PATH, optional=True, description='the path to check')}
-
-    def make_request(self) -> Any:
-        return self.service_type.Request(path=self.get_input_or('path', Path()))
-
-    def on_response(self, response: Any) -> NodeStatus:
-        return NodeStatus.SUCCESS if response.is_valid else self.fail('the path is not valid')
-
-
-class CancelAction(ServiceLeaf):
-    """Cancels all goals of an action server, whoever sent them."""
-
-    __slots__ = ()
-
-    service_type = CancelGoal
-    ports = SERVER_PORTS
-    default_action: ClassVar[str] = ''
-
-    @property
-    def service_name(self) -> str:
-        return f'{self.get_input_or("server_name", "") or self.default_action}/_action/cancel_goal'
-
-    def make_request(self) -> Any:
-        return CancelGoal.Request()  # neither a goal nor a time: all goals
-
-    def on_response(self, response: Any) -> NodeStatus:
-        if response.return_code == CancelGoal.Response.ERROR_NONE:
-            return NodeStatus.SUCCESS
-        return self.fail(f'{self.service_name} refused to cancel (return code {response.return_code})')
-
-
-class CancelControl(CancelAction):
-    """Cancels all goals of follow_path."""
-
-    __slots__ = ()
-    default_action = names.FOLLOW_PATH
-
-
-class CancelSpin(CancelAction):
-    """Cancels all goals of spin."""
-
-    __slots__ = ()
-    default_action = names.SPIN
-
-
-class CancelBackUp(CancelAction):
-    """Cancels all goals of backup."""
-
-    __slots__ = ()
-    default_action = names.BACKUP
-
-
-class CancelWait(CancelAction):
-    """Cancels all goals of wait."""
-
-    __slots__ = ()
-    default_action = names.WAIT
-
-
-class CancelDriveOnHeading(CancelAction):
-    """Cancels all goals of drive_on_heading."""
-
-    __slots__ = ()
-    default_action = names.DRIVE_ON_HEADING
-
-
-NODES: Final = (
-    ClearEntireCostmap,
-    IsPathValid,
-    CancelControl,
-    CancelSpin,
-    CancelBackUp,
-    CancelWait,
-    CancelDriveOnHeading,
-)

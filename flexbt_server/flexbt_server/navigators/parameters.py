@@ -67,7 +67,11 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
     return NavigatorParameters(
         navigators=served,
         default_trees={name: tree for name, tree in trees.items() if name in served},
-        global_frame=declare.text('global_frame', 'map', 'frame that goals of navigators are transformed to'),
+        global_frame=declare.text(
+            'global_frame',
+            'map',
+            'frame of robot and goals where none is named, and of the goals of navigators',
+        ),
         goal_key=declare.text('goal_blackboard_id', 'goal', 'blackboard key of the goal of navigate_to_pose'),
         goals_key=declare.text('goals_blackboard_id', 'goals', 'blackboard key of those of navigate_through_poses'),
         path_key=declare.text('path_blackboard_id', 'path', 'blackboard key of the path that the robot follows'),

@@ -10,6 +10,8 @@ from __future__ import annotations
 import sys
 from concurrent.futures import ThreadPoolExecutor, wait
 
+from geometry_msgs.msg import PoseStamped
+
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalAdmission, ServiceLinks
 from flexbt_common.lifecycle import SHUTTING_DOWN, run_managed_node
@@ -21,7 +23,7 @@ from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError, UnknownTreeError
 from flexbt_server.goals import TreeGoals
-from flexbt_server.leaves import LeafServices, TopicCaches, TriggerServices
+from flexbt_server.leaves import LeafServices, RobotFrames, TopicCaches, TriggerServices
 from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
 from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher
@@ -55,16 +57,23 @@ class BtServer:
         self._check_default_trees(store, parameters.navigators)
         boards = Blackboards()
         links = ActionLinks(runtime)
+        topics = TopicCaches(runtime)
         services = LeafServices(
             runtime=runtime,
             actions=links,
             services=ServiceLinks(runtime),
-            topics=TopicCaches(runtime),
+            topics=topics,
             triggers=TriggerServices(runtime),
-            pose_topic=parameters.pose_topic,
+            frames=RobotFrames(
+                runtime,
+                topics.cache(PoseStamped, parameters.pose_topic, 1),
+                parameters.navigators.global_frame,
+                parameters.robot_base_frame,
+            ),
             server_timeout=parameters.server_timeout,
             cancel_timeout=parameters.cancel_timeout,
             start_timeout=parameters.start_timeout,
+            goal_reached_tol=parameters.goal_reached_tol,
         )
         reader = self._reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
         runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))

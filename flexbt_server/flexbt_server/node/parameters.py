@@ -25,6 +25,15 @@ DEFAULT_ERROR_CODE_NAMES: Final = (
     'backup_error_code',
     'backup_code_id',
     'drive_on_heading_error_code',
+    'wait_error_code',
+    'assisted_teleop_error_code',
+    'compute_route_error_code',
+    'smoother_error_code',
+    'dock_robot_error_code',
+    'undock_robot_error_code',
+    'follow_object_error_code',
+    'nav_to_pose_error_code',
+    'nav_thru_poses_error_code',
 )
 
 
@@ -43,6 +52,8 @@ class ServerParameters:
     start_timeout: float
     peer_timeout: float
     pose_topic: str
+    robot_base_frame: str
+    goal_reached_tol: float
     error_code_names: tuple[str, ...]
     max_file_size: int
     max_depth: int
@@ -103,6 +114,10 @@ def declare_parameters(node: Node) -> ServerParameters:
         ),
         peer_timeout=declare.real('peer_timeout', PEER_TIMEOUT, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
+        robot_base_frame=declare.text('robot_base_frame', 'base_link', 'frame of the robot that the poses are of'),
+        goal_reached_tol=declare.real(
+            'goal_reached_tol', 0.25, 0.0, 100.0, 'how far from its goal GoalReached takes the robot to be there, m'
+        ),
         error_code_names=declare.texts(
             'error_code_names',
             DEFAULT_ERROR_CODE_NAMES,

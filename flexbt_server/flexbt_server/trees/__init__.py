@@ -3,8 +3,18 @@
 
 from .blackboards import NO_RECOVERIES, RECOVERIES_KEY, Blackboards, Value, entries_of, read_values, write_all
 from .kept import Kept
+from .nav2_values import TrackingFeedback, WaypointStatus
 from .ros_json import RosJsonTypes
-from .ros_ports import DURATION, PATH, POSE_STAMPED, POSES, message_type
+from .ros_ports import (
+    DURATION,
+    PATH,
+    POSE_STAMPED,
+    POSES,
+    ROUTE,
+    TRACKING_FEEDBACK,
+    WAYPOINT_STATUSES,
+    message_type,
+)
 from .tree_store import FileReport, FoundTree, TreeStore
 
 __all__ = [
@@ -14,13 +24,18 @@ __all__ = [
     'POSES',
     'POSE_STAMPED',
     'RECOVERIES_KEY',
+    'ROUTE',
+    'TRACKING_FEEDBACK',
+    'WAYPOINT_STATUSES',
     'Blackboards',
     'FileReport',
     'FoundTree',
     'Kept',
     'RosJsonTypes',
+    'TrackingFeedback',
     'TreeStore',
     'Value',
+    'WaypointStatus',
     'entries_of',
     'message_type',
     'read_values',

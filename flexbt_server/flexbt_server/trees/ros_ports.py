@@ -12,11 +12,14 @@ from typing import Any, Final
 
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import PoseStamped
+from nav2_msgs.msg import Route
 from nav_msgs.msg import Path
 
 from flexbt_common.values import message_type_name, text_to_value
 from flexbt_core.behavior_tree import ConversionError, PortType
 from flexbt_core.errors import FlexbtError
+
+from .nav2_values import TrackingFeedback
 
 _POSE_FIELDS: Final = 9
 _PATH_HEADER_FIELDS: Final = 2
@@ -88,3 +91,6 @@ POSE_STAMPED: Final = message_type(PoseStamped, _pose)
 PATH: Final = message_type(Path, _path)
 DURATION: Final = message_type(Duration)
 POSES: Final = PortType('geometry_msgs/msg/PoseStamped[]', list, 'object', _poses_from_text)
+ROUTE: Final = message_type(Route)
+TRACKING_FEEDBACK: Final = PortType('nav2_msgs/msg/TrackingFeedback', TrackingFeedback)
+WAYPOINT_STATUSES: Final = PortType('nav2_msgs/msg/WaypointStatus[]', list)

@@ -30,7 +30,7 @@ from flexbt_tools.trees import UNKNOWN_PORT, is_stand_in
 from .mock_plan import PASS, REAL, MockPlan, Rule, Step
 
 _ENGINE: Final = 'flexbt_core.behavior_tree.'
-_FOR_ROS: Final = 'flexbt_server.leaves.'
+_FOR_ROS: Final = ('flexbt_server.leaves.', 'flexbt_server.nav2.')
 _LEAVES: Final = (NodeKind.ACTION, NodeKind.CONDITION)
 
 

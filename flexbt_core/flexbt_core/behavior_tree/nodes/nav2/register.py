@@ -7,10 +7,10 @@ from typing import Final
 
 from flexbt_core.behavior_tree.engine import NodeRegistry
 
-from . import controls, error_codes, goals, paths, rates, sequences
+from . import controls, error_codes, goals, paths, rates, sequences, timers
 from .dialects import Dialect, of_dialect
 
-FAMILIES: Final = (controls, sequences, paths, rates, goals, error_codes)
+FAMILIES: Final = (controls, sequences, paths, rates, goals, timers, error_codes)
 
 
 def register_nav2(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:

@@ -7,29 +7,37 @@ from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.behavior_tree.nodes.nav2 import Dialect, of_dialect
+from flexbt_server.leaves import ExecuteBehavior
 
 from . import (
-    behavior_leaf,
-    navigation_actions,
+    costmap_services,
+    decorators,
+    goal_leaves,
+    mission_actions,
+    motion_actions,
     path_leaves,
-    pause_resume_services,
-    service_leaf,
-    topic_decorators,
-    topic_leaf,
+    planning_actions,
+    pose_leaves,
+    services,
+    topic_leaves,
 )
 
 FAMILIES: Final = (
-    navigation_actions,
-    behavior_leaf,
-    service_leaf,
-    topic_leaf,
+    planning_actions,
+    motion_actions,
+    mission_actions,
+    costmap_services,
+    services,
     path_leaves,
-    topic_decorators,
-    pause_resume_services,
+    goal_leaves,
+    pose_leaves,
+    topic_leaves,
+    decorators,
 )
 
 
 def register_leaves(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:
     """Makes them known to ``registry``, as they are in that branch of Nav2."""
+    registry.register_classes([ExecuteBehavior])
     for family in FAMILIES:
         registry.register_classes(of_dialect(family.NODES, dialect))

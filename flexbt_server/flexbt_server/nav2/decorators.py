@@ -1,43 +1,51 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Decorators of Nav2 that watch the robot's motion, or a topic for another goal."""
+"""Decorators of Nav2 that watch the robot's motion, or a topic for another goal, and the control node that is paused by
+services."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
 from flexbt_common import names
+from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.nodes.nav2 import Dialect
 from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
-from flexbt_server.trees import POSE_STAMPED, POSES
+from flexbt_core.behavior_tree.nodes.nav2 import pause_resume as nav2_pause
+from flexbt_server.leaves import POSE_STAMPED, POSES, LeafServices, TopicCache
 
-from .leaf_services import LeafServices
-from .topic_cache import TopicCache
+from .path_tracking import position_of
 
 
 class DistanceController(nav2_motion.DistanceController):
     __doc__ = nav2_motion.DistanceController.__doc__
-    __slots__ = ('_cache',)
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
-        self._cache: TopicCache | None = None
+    __slots__ = ()
 
     def position(self) -> nav2_motion.Position | None:
-        if self._cache is None:
-            services: LeafServices = self.services
-            self._cache = services.topics.cache(PoseStamped, services.pose_topic, 1)
-        pose = self._cache.latest
-        return None if pose is None else (pose.pose.position.x, pose.pose.position.y)
+        services: LeafServices = self.services
+        try:
+            pose = services.frames.robot_pose(
+                self.get_input_or('global_frame', ''), self.get_input_or('robot_base_frame', '')
+            )
+        except TransformError:
+            return None
+        return position_of(pose)
 
 
 class SpeedController(nav2_motion.SpeedController):
     __doc__ = nav2_motion.SpeedController.__doc__
     __slots__ = ('_cache',)
+
+    ports = {
+        **nav2_motion.SpeedController.ports,
+        'goal': replace(nav2_motion.SpeedController.ports['goal'], type=POSE_STAMPED),
+        'goals': replace(nav2_motion.SpeedController.ports['goals'], type=POSES),
+    }
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -111,4 +119,23 @@ def _stamp(pose: Any) -> tuple[int, int]:
     return pose.header.stamp.sec, pose.header.stamp.nanosec
 
 
-NODES: Final = (DistanceController, SpeedController, GoalUpdater, GoalUpdaterOfMain)
+class PauseResumeController(nav2_pause.PauseResumeController):
+    __doc__ = nav2_pause.PauseResumeController.__doc__
+    __slots__ = ('__weakref__', '_offered')
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._offered = False
+
+    def tick(self) -> NodeStatus:
+        if not self._offered:
+            self._offered = True
+            services: LeafServices = self.services
+            for port, request in (('pause_service_name', self.pause), ('resume_service_name', self.resume)):
+                name = self.get_input_or(port, '')
+                if name:
+                    services.triggers.offer(name, request)
+        return super().tick()
+
+
+NODES: Final = (DistanceController, SpeedController, GoalUpdater, GoalUpdaterOfMain, PauseResumeController)

@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The leaves and decorators of Nav2's trees that reach ROS, of both of its branches."""
+
+from .register import register_leaves
+from .waypoint_statuses import pending
+
+__all__ = ['pending', 'register_leaves']

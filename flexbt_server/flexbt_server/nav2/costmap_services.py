@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nav2's leaves that ask the costmaps, and what is built on them: to clear, for costs, whether a path is free."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Final
+
+from geometry_msgs.msg import PoseStamped
+from nav2_msgs import srv
+from nav_msgs.msg import Path
+
+from flexbt_common import names
+from flexbt_common.errors import TransformError
+from flexbt_core.behavior_tree import NodeConfig, NodeKind, NodeStatus, Port, PortError, input_port, output_port
+from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED, list_of
+from flexbt_server.leaves import PATH, POSE_STAMPED, POSES, SERVICE_PORTS, ServiceLeaf
+from flexbt_server.trees import WAYPOINT_STATUSES
+
+from .interface_fields import set_ports
+from .motion_actions import count_recovery
+from .path_tracking import yaw_of
+from .waypoint_statuses import SKIPPED, mark
+
+_PLUGINS: Final = input_port(
+    list_of(STRING), optional=True, description='layers to clear, separated by ;; all if none; of main'
+)
+_DISTANCE: Final = input_port(DOUBLE, default='1.0', description='side of the square that is meant, m')
+
+
+class _ClearCostmap(ServiceLeaf):
+    """A leaf that has a costmap forget what it has seen. Counts as a recovery."""
+
+    __slots__ = ()
+
+    fields: ClassVar[tuple[str, ...]] = ('reset_distance', 'plugins')
+
+    def make_request(self) -> Any:
+        request = self.service_type.Request()
+        set_ports(self, request, *self.fields)
+        count_recovery(self.blackboard)
+        return request
+
+    def on_response(self, response: Any) -> NodeStatus:
+        # Only main's services say whether they did.
+        if getattr(response, 'success', True):
+            return NodeStatus.SUCCESS
+        return self.fail(f'{self.service_name} did not clear the costmap')
+
+
+class ClearEntireCostmap(_ClearCostmap):
+    """Forgets everything that a costmap has seen. Counts as a recovery."""
+
+    __slots__ = ()
+
+    service_type = srv.ClearEntireCostmap
+    default_service = names.CLEAR_GLOBAL_COSTMAP
+    ports = SERVICE_PORTS | {'plugins': _PLUGINS}
+    fields = ('plugins',)
+
+
+class ClearCostmapExceptRegion(_ClearCostmap):
+    """Forgets what a costmap has seen, except in a square around the robot. Counts as a recovery."""
+
+    __slots__ = ()
+
+    service_type = srv.ClearCostmapExceptRegion
+    default_service = 'local_costmap/clear_except_local_costmap'
+    ports = SERVICE_PORTS | {'reset_distance': _DISTANCE, 'plugins': _PLUGINS}
+
+
+class ClearCostmapAroundRobot(_ClearCostmap):
+    """Forgets what a costmap has seen in a square around the robot. Counts as a recovery."""
+
+    __slots__ = ()
+
+    service_type = srv.ClearCostmapAroundRobot
+    default_service = 'local_costmap/clear_around_local_costmap'
+    ports = SERVICE_PORTS | {'reset_distance': _DISTANCE, 'plugins': _PLUGINS}
+
+
+class ClearCostmapAroundPose(_ClearCostmap):
+    """Forgets what a costmap has seen in a square around a pose. Counts as a recovery."""
+
+    __slots__ = ()
+
+    service_type = srv.ClearCostmapAroundPose
+    default_service = 'local_costmap/clear_around_pose_local_costmap'
+    ports = SERVICE_PORTS | {
+        'pose': input_port(POSE_STAMPED, description='middle of the square'),
+        'reset_distance': _DISTANCE,
+        'plugins': _PLUGINS,
+    }
+    fields = ('pose', 'reset_distance', 'plugins')
+
+
+class IsPathValid(ServiceLeaf):
+    """Succeeds when no pose of ``path`` is in collision. Of the branch jazzy of Nav2; main has ValidatePath."""
+
+    __slots__ = ()
+
+    kind = NodeKind.CONDITION  # in Nav2 it blocks until the answer is there; here it is RUNNING
+    service_type = srv.IsPathValid
+    default_service = names.IS_PATH_VALID
+    ports = SERVICE_PORTS | {'path': input_port(PATH, optional=True, description='the path to check')}
+
+    def make_request(self) -> Any:
+        return self.service_type.Request(path=self.get_input_or('path', Path()))
+
+    def on_response(self, response: Any) -> NodeStatus:
+        return NodeStatus.SUCCESS if response.is_valid else self.fail('the path is not valid')
+
+
+class ValidatePath(IsPathValid):
+    """Succeeds when no pose of ``path`` is in collision. Of the branch main of Nav2."""
+
+    __slots__ = ('_path',)
+
+    kind = NodeKind.ACTION
+    ports = IsPathValid.ports | {
+        'max_cost': input_port(UNSIGNED, default='254', description='cost from which a cell is in collision'),
+        'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
+        'layer_name': input_port(STRING, default='', description='layer of the costmap to look at; all if empty'),
+        'footprint': input_port(STRING, default='', description="footprint to check, if not the robot's"),
+        'stop_at_first_collision': input_port(BOOL, default='true', description='whether one collision is enough'),
+        'max_lookahead_distance': input_port(
+            DOUBLE, default='-1.0', description='how far along the path, m; less than 0 for all of it'
+        ),
+        'collision_poses': output_port(POSES, description='poses in collision'),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._path: Any = None
+
+    def make_request(self) -> Any:
+        request = super().make_request()
+        set_ports(self, request, *_VALIDATION)
+        self._path = request.path
+        return request
+
+    def on_response(self, response: Any) -> NodeStatus:
+        if not getattr(response, 'success', True):
+            return self.fail(f'{self.service_name} could not check the path')
+        poses = self._path.poses
+        wrong = () if response.is_valid else response.invalid_pose_indices
+        self.set_output('collision_poses', [poses[index] for index in wrong if 0 <= index < len(poses)])
+        return super().on_response(response)
+
+
+_VALIDATION: Final = (
+    'max_cost',
+    'consider_unknown_as_obstacle',
+    'layer_name',
+    'footprint',
+    'stop_at_first_collision',
+    'max_lookahead_distance',
+)
+
+NO_INFORMATION: Final = 255
+"""Cost of a cell of which nothing is known."""
+
+_ASKS_FOR_ALL: Final = hasattr(srv, 'GetCosts')
+"""If the service takes all poses at once, as in main. That of Jazzy takes one, in the costmap's frame."""
+
+_COST_PORTS: Final[Mapping[str, Port]] = SERVICE_PORTS | {
+    'cost_threshold': input_port(DOUBLE, default='254.0', description='cost from which a pose is occupied'),
+    'use_footprint': input_port(BOOL, default='true', description="whether the robot's footprint is checked"),
+    'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
+}
+
+
+class _CostLeaf(ServiceLeaf):
+    """A leaf that asks a costmap for the costs of poses."""
+
+    __slots__ = ('_costs', '_poses')
+
+    service_type = srv.GetCosts if _ASKS_FOR_ALL else srv.GetCost
+    default_service = 'global_costmap/get_cost_global_costmap'
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._poses: Sequence[PoseStamped] = ()
+        self._costs: list[float] = []
+
+    def poses(self) -> Sequence[PoseStamped]:
+        """Poses whose costs are asked for; one at least. PortError becomes the reason of a FAILURE."""
+        raise NotImplementedError
+
+    def on_occupied(self, occupied: Sequence[bool]) -> NodeStatus:
+        """What is known now of each of the poses."""
+        raise NotImplementedError
+
+    def make_request(self) -> Any:
+        self._poses, self._costs = self.poses(), []
+        return self._request()
+
+    def on_response(self, response: Any) -> NodeStatus:
+        if not getattr(response, 'success', True):
+            return self.fail(f'{self.service_name} has no costs of these poses')
+        self._costs += response.costs if _ASKS_FOR_ALL else [response.cost]
+        if len(self._costs) < len(self._poses):
+            try:
+                return self.ask(self._request())
+            except ValueError as error:
+                return self.fail(str(error))
+        least, unknown = self.get_input('cost_threshold'), self.get_input('consider_unknown_as_obstacle')
+        return self.on_occupied([cost >= least and (unknown or cost != NO_INFORMATION) for cost in self._costs])
+
+    def _request(self) -> Any:
+        request = self.service_type.Request(use_footprint=bool(self.get_input('use_footprint')))
+        if _ASKS_FOR_ALL:
+            request.poses = list(self._poses)
+            return request
+        frames = self.host.frames
+        try:
+            pose = frames.pose_in(self._poses[len(self._costs)], frames.global_frame)
+        except TransformError as error:
+            raise ValueError(str(error)) from error
+        request.x, request.y, request.theta = pose.pose.position.x, pose.pose.position.y, yaw_of(pose)
+        return request
+
+
+class CheckPoseOccupancy(_CostLeaf):
+    """Succeeds when the costmap has something at ``pose``. Of the branch main of Nav2."""
+
+    __slots__ = ()
+
+    ports = {**_COST_PORTS, 'pose': input_port(POSE_STAMPED, description='the pose to check')}
+
+    def poses(self) -> Sequence[PoseStamped]:
+        return [self.get_input('pose')]
+
+    def on_occupied(self, occupied: Sequence[bool]) -> NodeStatus:
+        return NodeStatus.SUCCESS if any(occupied) else self.fail('the pose is free')
+
+
+class RemoveInCollisionGoals(_CostLeaf):
+    """Drops goals where the costmap has something, even all of them; they are SKIPPED in the statuses of waypoints.
+
+    Of the branch main of Nav2.
+    """
+
+    __slots__ = ()
+
+    ports = {
+        **_COST_PORTS,
+        'input_goals': input_port(POSES, description='goals to pass'),
+        'output_goals': output_port(POSES, description='those that are free'),
+        'input_waypoint_statuses': input_port(WAYPOINT_STATUSES, optional=True, description='statuses of waypoints'),
+        'output_waypoint_statuses': output_port(WAYPOINT_STATUSES, description='the same, with those of the goals'),
+    }
+
+    def on_start(self) -> NodeStatus:
+        try:
+            goals = self.get_input('input_goals')
+        except PortError as error:
+            return self.fail(str(error))
+        if not goals:
+            self.set_output('output_goals', [])
+            return NodeStatus.SUCCESS
+        return super().on_start()
+
+    def poses(self) -> Sequence[PoseStamped]:
+        goals: Sequence[PoseStamped] = self.get_input('input_goals')
+        return goals
+
+    def on_occupied(self, occupied: Sequence[bool]) -> NodeStatus:
+        statuses = self.get_input_or('input_waypoint_statuses', None)
+        dropped = [goal for goal, there in zip(self._poses, occupied, strict=True) if there]
+        if statuses is not None:
+            try:
+                statuses = mark(statuses, dropped, SKIPPED)
+            except LookupError as error:
+                return self.fail(str(error))
+        self.set_output('output_goals', [goal for goal, there in zip(self._poses, occupied, strict=True) if not there])
+        self.set_output('output_waypoint_statuses', [] if statuses is None else statuses)
+        return NodeStatus.SUCCESS
+
+
+NODES: Final = (
+    ClearEntireCostmap,
+    ClearCostmapExceptRegion,
+    ClearCostmapAroundRobot,
+    ClearCostmapAroundPose,
+    IsPathValid,
+    ValidatePath,
+    CheckPoseOccupancy,
+    RemoveInCollisionGoals,
+)

@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves that move the robot by Nav2's servers. Names, ports and defaults are those of Nav2."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from geometry_msgs.msg import Point
+from nav2_msgs import action
+
+from flexbt_common import names
+from flexbt_common.calls import GoalOutcome, GoalStatus
+from flexbt_common.errors import TransformError
+from flexbt_common.values import duration_message
+from flexbt_core.behavior_tree import Blackboard, NodeConfig, NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree.model import BOOL, DOUBLE, FLOAT, STRING
+from flexbt_server.leaves import ACTION_PORTS, DURATION, PATH, ActionLeaf
+from flexbt_server.trees import RECOVERIES_KEY, TRACKING_FEEDBACK, TrackingFeedback
+
+from .interface_fields import set_ports
+from .path_tracking import PathTracker
+
+
+def count_recovery(board: Blackboard) -> None:
+    """Add one to the recoveries of the run."""
+    count = board.root.get_or(RECOVERIES_KEY, 0)
+    board.root.set(RECOVERIES_KEY, int(count) + 1)
+
+
+class RecoveryLeaf(ActionLeaf):
+    """A leaf that counts as a recovery when it starts, in the blackboard key ``number_recoveries``."""
+
+    __slots__ = ()
+
+    def counts(self) -> bool:
+        """Whether this start is a recovery: always, or as the port ``is_recovery`` says."""
+        return 'is_recovery' not in self.ports or bool(self.get_input('is_recovery'))
+
+    def on_start(self) -> NodeStatus:
+        if self.counts():
+            count_recovery(self.blackboard)
+        return super().on_start()
+
+
+class FollowPath(ActionLeaf):
+    """Drives along ``path``. A new path or another controller on the blackboard replaces the goal without a stop.
+
+    ``tracking_feedback`` is that of the controller; where the installed interfaces have none, as in Jazzy, it is
+    reckoned from the path and the pose of the robot.
+    """
+
+    __slots__ = ('_sent', '_tracker')
+
+    action_type = action.FollowPath
+    default_server = names.FOLLOW_PATH
+    ports = ACTION_PORTS | {
+        'path': input_port(PATH, description='the path to follow'),
+        'controller_id': input_port(STRING, optional=True, description='controller to use'),
+        'goal_checker_id': input_port(STRING, optional=True, description='goal checker to use'),
+        'progress_checker_id': input_port(STRING, optional=True, description='progress checker to use'),
+        'path_handler_id': input_port(STRING, optional=True, description='path handler to use; of main'),
+        'tracking_feedback': output_port(TRACKING_FEEDBACK, description='how the robot is on the path; of main'),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._sent: tuple[Any, ...] = ()
+        self._tracker: PathTracker | None = None
+
+    def make_goal(self) -> Any:
+        self._sent = self._wanted()
+        goal = self.action_type.Goal(path=self._sent[0])
+        set_ports(self, goal, *_PLUGINS)
+        return goal
+
+    def newer_goal(self, feedback: Any) -> Any | None:
+        if feedback is not None and self.port_key('tracking_feedback') is not None:
+            self._track(feedback)
+        wanted = self._wanted()
+        # The blackboard gives the same object until it is written again: no comparison of hundreds of poses.
+        if wanted[0] is self._sent[0] and wanted[1:] == self._sent[1:]:
+            return None
+        return self.make_goal() if wanted[0].poses else None
+
+    def on_success(self, result: Any) -> NodeStatus:
+        self._forget_tracking()
+        return NodeStatus.SUCCESS
+
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        self._forget_tracking()
+
+    def _forget_tracking(self) -> None:
+        self._tracker = None
+        if self.port_key('tracking_feedback') is not None:
+            self.set_output('tracking_feedback', TrackingFeedback())
+
+    def _track(self, feedback: Any) -> None:
+        told = getattr(feedback, 'tracking_feedback', None)
+        path = self._sent[0]
+        if told is None and len(path.poses) > 1:
+            if self._tracker is None or self._tracker.path is not path:
+                self._tracker = PathTracker(path)
+            try:
+                told = self._tracker.feedback(self.host.frames.robot_pose(path.header.frame_id), feedback.speed)
+            except TransformError:
+                return  # where the robot is not known, nothing new can be told
+        if told is not None:
+            self.set_output('tracking_feedback', told)
+
+    def _wanted(self) -> tuple[Any, ...]:
+        return (self.get_input('path'), *(str(self.get_input_or(port, '')) for port in _PLUGINS))
+
+
+_PLUGINS: Final = ('controller_id', 'goal_checker_id', 'progress_checker_id', 'path_handler_id')
+
+_ALLOWANCE: Final = input_port(DOUBLE, default='10.0', description='give up after this time, s; 0 for never')
+_UNCHECKED: Final = input_port(BOOL, default='false', description='whether nothing is looked out for; of main')
+
+
+class Spin(RecoveryLeaf):
+    """Turns on the spot by ``spin_dist``."""
+
+    __slots__ = ()
+
+    action_type = action.Spin
+    default_server = names.SPIN
+    ports = ACTION_PORTS | {
+        'spin_dist': input_port(DOUBLE, default='1.57', description='angle, rad, positive to the left'),
+        'time_allowance': _ALLOWANCE,
+        'disable_collision_checks': _UNCHECKED,
+        'is_recovery': input_port(BOOL, default='true', description='whether it counts as a recovery'),
+    }
+
+    def make_goal(self) -> Any:
+        goal = self.action_type.Goal(
+            target_yaw=float(self.get_input('spin_dist')),
+            time_allowance=duration_message(self.get_input('time_allowance')),
+        )
+        set_ports(self, goal, 'disable_collision_checks')
+        return goal
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        turned = 0.0 if feedback is None else feedback.angular_distance_traveled
+        goal.target_yaw = float(_rest(goal.target_yaw, turned))
+        return goal
+
+
+def _rest(whole: float, done: float) -> float:
+    """What is left of a motion, of the sign that it has. Feedback comes now and then: what the robot has moved since
+    the last, and while it braked, is moved once more.
+    """
+    return math.copysign(max(0.0, abs(whole) - abs(done)), whole)
+
+
+def _rest_of_drive(goal: Any, feedback: Any) -> Any:
+    if feedback is not None:
+        goal.target.x = _rest(goal.target.x, feedback.distance_traveled)
+    return goal
+
+
+def _drive_goal(leaf: ActionLeaf, distance: str, speed: str) -> Any:
+    goal = leaf.action_type.Goal(
+        target=Point(x=float(leaf.get_input(distance))),
+        speed=float(leaf.get_input(speed)),
+        time_allowance=duration_message(leaf.get_input('time_allowance')),
+    )
+    set_ports(leaf, goal, 'disable_collision_checks')
+    return goal
+
+
+class BackUp(RecoveryLeaf):
+    """Drives backward by ``backup_dist``."""
+
+    __slots__ = ()
+
+    action_type = action.BackUp
+    default_server = names.BACKUP
+    ports = ACTION_PORTS | {
+        'backup_dist': input_port(DOUBLE, default='0.15', description='distance, m'),
+        'backup_speed': input_port(DOUBLE, default='0.025', description='speed, m/s'),
+        'time_allowance': _ALLOWANCE,
+        'disable_collision_checks': _UNCHECKED,
+    }
+
+    def make_goal(self) -> Any:
+        return _drive_goal(self, 'backup_dist', 'backup_speed')
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        return _rest_of_drive(goal, feedback)
+
+
+class DriveOnHeading(ActionLeaf):
+    """Drives straight on by ``dist_to_travel``."""
+
+    __slots__ = ()
+
+    action_type = action.DriveOnHeading
+    default_server = names.DRIVE_ON_HEADING
+    ports = ACTION_PORTS | {
+        'dist_to_travel': input_port(DOUBLE, default='0.15', description='distance, m; negative is backward'),
+        'speed': input_port(DOUBLE, default='0.025', description='speed, m/s; of the same sign'),
+        'time_allowance': _ALLOWANCE,
+        'disable_collision_checks': _UNCHECKED,
+    }
+
+    def make_goal(self) -> Any:
+        return _drive_goal(self, 'dist_to_travel', 'speed')
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        return _rest_of_drive(goal, feedback)
+
+
+class Wait(RecoveryLeaf):
+    """Waits for ``wait_duration``, on the clock of the server. The sign does not count."""
+
+    __slots__ = ()
+
+    action_type = action.Wait
+    default_server = names.WAIT
+    ports = ACTION_PORTS | {
+        'wait_duration': input_port(DOUBLE, default='1.0', description='how long, s'),
+    }
+
+    def make_goal(self) -> Any:
+        seconds = float(self.get_input('wait_duration'))
+        if not math.isfinite(seconds):
+            raise ValueError(f'wait_duration has to be a number of seconds, not {seconds}')
+        if seconds < 0.0:
+            self.host.tell_once(f'[{self.path}] is to wait for {seconds} s; it waits for {-seconds} s')
+            seconds = -seconds
+        return self.action_type.Goal(time=duration_message(seconds))
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        return goal if feedback is None else self.action_type.Goal(time=feedback.time_left)
+
+
+class AssistedTeleop(RecoveryLeaf):
+    """Lets somebody drive the robot by teleoperation, and keeps it from collisions.
+
+    When the server gives up, as after ``time_allowance``, that is SUCCESS, unless it is a recovery.
+    """
+
+    __slots__ = ()
+
+    action_type = action.AssistedTeleop
+    default_server = names.ASSISTED_TELEOP
+    ports = ACTION_PORTS | {
+        'time_allowance': _ALLOWANCE,
+        'is_recovery': input_port(BOOL, default='false', description='whether it counts as a recovery'),
+    }
+
+    def make_goal(self) -> Any:
+        return self.action_type.Goal(time_allowance=duration_message(self.get_input('time_allowance')))
+
+    def on_failure(self, outcome: GoalOutcome) -> NodeStatus | None:
+        gave_up = outcome.status is GoalStatus.ABORTED and not self.counts()
+        return NodeStatus.SUCCESS if gave_up else None
+
+
+class FollowObject(ActionLeaf):
+    """Follows an object, whose pose is a topic or a frame. Of the branch main of Nav2."""
+
+    __slots__ = ()
+
+    action_type = action.FollowObject
+    default_server = names.FOLLOW_OBJECT
+    ports = ACTION_PORTS | {
+        'pose_topic': input_port(STRING, default='dynamic_pose', description="topic of the object's pose"),
+        'tracked_frame': input_port(STRING, optional=True, description='its frame, instead of the topic'),
+        'max_duration': input_port(FLOAT, default='0.0', description='how long at most, s; 0 for ever'),
+        'total_elapsed_time': output_port(DURATION, description='how long it was followed'),
+    }
+
+    def make_goal(self) -> Any:
+        return self.action_type.Goal(
+            pose_topic=str(self.get_input('pose_topic')),
+            tracked_frame=str(self.get_input_or('tracked_frame', '')),
+            max_duration=duration_message(self.get_input('max_duration')),
+        )
+
+    def on_success(self, result: Any) -> NodeStatus:
+        self.set_output('total_elapsed_time', result.total_elapsed_time)
+        return NodeStatus.SUCCESS
+
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        result = self.action_type.Result() if outcome.result is None else outcome.result
+        self.set_output('total_elapsed_time', result.total_elapsed_time)
+
+
+NODES: Final = (
+    FollowPath,
+    Spin,
+    BackUp,
+    DriveOnHeading,
+    Wait,
+    AssistedTeleop,
+    FollowObject,
+)

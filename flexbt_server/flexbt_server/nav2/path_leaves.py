@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves of Nav2's trees that work on paths of the blackboard."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from std_msgs.msg import Header
+
+from flexbt_common.errors import TransformError
+from flexbt_core.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
+from flexbt_server.leaves import PATH, POSE_STAMPED, LeafServices
+
+from .path_tracking import NearestPose, first_beyond, position_of
+
+MIN_POSES = 2
+"""A truncated path keeps this many poses."""
+
+
+class TruncatePath(SyncAction):
+    """Takes the last ``distance`` metres off a path, and turns its new end toward the old one."""
+
+    __slots__ = ()
+
+    ports = {
+        'input_path': input_port(PATH, description='the path'),
+        'distance': input_port(DOUBLE, default='1.0', description='what is taken off, m'),
+        'output_path': output_port(PATH, description='what is left'),
+    }
+
+    def tick(self) -> NodeStatus:
+        path: Any = self.get_input('input_path')
+        poses = list(path.poses)
+        if poses:
+            end = poses[-1]
+            distance = float(self.get_input('distance'))
+            while len(poses) > MIN_POSES and math.dist(position_of(poses[-1]), position_of(end)) < distance:
+                poses.pop()
+            poses[-1] = _facing(poses[-1], end)
+        self.set_output('output_path', Path(header=path.header, poses=poses))
+        return NodeStatus.SUCCESS
+
+
+def _facing(pose: PoseStamped, target: PoseStamped) -> PoseStamped:
+    here, there = position_of(pose), position_of(target)
+    turned = PoseStamped(header=pose.header)
+    turned.pose.position = pose.pose.position
+    yaw = math.atan2(there[1] - here[1], there[0] - here[0])
+    turned.pose.orientation.z, turned.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return turned
+
+
+class TruncatePathLocal(SyncAction):
+    """Takes of a path what is around the robot, or around ``pose``.
+
+    From the pose that is nearest, as far back and forward along the path as the ports say; a path without poses stays
+    as it is. FAILURE while it is not known where the robot is in the frame of the path.
+    """
+
+    __slots__ = ('_nearest',)
+
+    ports = {
+        'input_path': input_port(PATH, description='the path'),
+        'output_path': output_port(PATH, description='the part of it'),
+        'distance_forward': input_port(DOUBLE, default='8.0', description='m; less than 0 for all that is ahead'),
+        'distance_backward': input_port(DOUBLE, default='4.0', description='m'),
+        'robot_frame': input_port(STRING, optional=True, description='as robot_base_frame; of jazzy'),
+        'robot_base_frame': input_port(STRING, optional=True, description="frame of the robot, if not the server's"),
+        'transform_tolerance': input_port(DOUBLE, default='0.2', description='not used: the newest transform counts'),
+        'pose': input_port(POSE_STAMPED, optional=True, description='pose to go by, in the frame of the path'),
+        'angular_distance_weight': input_port(
+            DOUBLE, default='0.0', description='distance that 1 rad of another direction counts as, m'
+        ),
+        'max_robot_pose_search_dist': input_port(
+            DOUBLE, default='inf', description='how far along the same path from the last time is searched, m'
+        ),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._nearest = NearestPose()
+
+    def tick(self) -> NodeStatus:
+        path: Any = self.get_input('input_path')
+        pose = self.get_input_or('pose', None)
+        if pose is None:
+            services: LeafServices = self.services
+            base = self.get_input_or('robot_base_frame', '') or self.get_input_or('robot_frame', '')
+            try:
+                pose = services.frames.robot_pose(path.header.frame_id, base)
+            except TransformError as error:
+                return self.fail(f'it is not known where the robot is: {error}')
+        if path.poses:
+            window = float(self.get_input('max_robot_pose_search_dist'))
+            here = self._nearest.index(path, pose, window, float(self.get_input('angular_distance_weight')))
+            forward, backward = float(self.get_input('distance_forward')), float(self.get_input('distance_backward'))
+            points = self._nearest.points
+            end = first_beyond(points, here, math.inf if forward < 0.0 else forward)
+            back = first_beyond(points[here::-1], 0, backward)
+            path = Path(header=path.header, poses=path.poses[here + 1 - back : end])
+        self.set_output('output_path', path)
+        return NodeStatus.SUCCESS
+
+
+class ConcatenatePaths(SyncAction):
+    """Puts two paths behind each other. FAILURE when neither has a pose.
+
+    The header is that of the first that has one.
+    """
+
+    __slots__ = ()
+
+    ports = {
+        'input_path1': input_port(PATH, optional=True, description='the path that comes first'),
+        'input_path2': input_port(PATH, optional=True, description='the path that comes then'),
+        'output_path': output_port(PATH, description='both'),
+    }
+
+    def tick(self) -> NodeStatus:
+        first, then = (self.get_input_or(port, Path()) for port in ('input_path1', 'input_path2'))
+        poses = [*first.poses, *then.poses]
+        if not poses:
+            return self.fail('both paths are empty')
+        header = then.header if first.header == Header() else first.header
+        self.set_output('output_path', Path(header=header, poses=poses))
+        return NodeStatus.SUCCESS
+
+
+class GetPoseFromPath(SyncAction):
+    """Gives the pose of a path at ``index``. FAILURE when there is none."""
+
+    __slots__ = ()
+
+    ports = {
+        'path': input_port(PATH, description='the path'),
+        'index': input_port(INT, default='0', description='from 0; -1 is the last, and so on'),
+        'pose': output_port(POSE_STAMPED, description='the pose, in the frame of the path if it names none'),
+    }
+
+    def tick(self) -> NodeStatus:
+        path: Any = self.get_input('path')
+        index: int = self.get_input('index')
+        if not -len(path.poses) <= index < len(path.poses):
+            return self.fail(f'the path has {len(path.poses)} poses, and none of index {index}')
+        pose = path.poses[index]
+        if not pose.header.frame_id:
+            pose = PoseStamped(header=Header(stamp=pose.header.stamp, frame_id=path.header.frame_id), pose=pose.pose)
+        self.set_output('pose', pose)
+        return NodeStatus.SUCCESS
+
+
+NODES: Final = (TruncatePath, TruncatePathLocal, ConcatenatePaths, GetPoseFromPath)

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves that compute paths and routes by Nav2's servers. Names, ports and defaults are those of Nav2.
+
+One difference is deliberate: they leave the blackboard alone when they are halted and when the tree ends. (Nav2 empties
+``{path}`` in the sweep of halts that ends every run; here a controller's tree may take the path from the blackboard
+after the planner's.)
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseStamped
+from nav2_msgs import action
+from nav_msgs.msg import Path
+
+from flexbt_common import names
+from flexbt_common.calls import GoalOutcome
+from flexbt_common.values import duration_message
+from flexbt_core.behavior_tree import NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree.model import BOOL, DOUBLE, INT, STRING, UINT16, UNSIGNED
+from flexbt_server.leaves import ACTION_PORTS, DURATION, PATH, POSE_STAMPED, POSES, ActionLeaf
+from flexbt_server.trees import ROUTE
+
+from .interface_fields import set_ports, set_poses
+
+_START: Final = input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose")
+
+
+class ComputePathToPose(ActionLeaf):
+    """Plans a path to ``goal``, from the robot's pose or from ``start``."""
+
+    __slots__ = ()
+
+    action_type = action.ComputePathToPose
+    default_server = names.COMPUTE_PATH_TO_POSE
+    cancels_on_pause = False  # nothing moves by it
+    ports = ACTION_PORTS | {
+        'goal': input_port(POSE_STAMPED, description='where the path ends'),
+        'start': _START,
+        'use_start': input_port(BOOL, optional=True, description='whether start counts; true when it is given'),
+        'planner_id': input_port(STRING, default='', description='planner to use'),
+        'viapoints': input_port(POSES, optional=True, description='poses that the path is to come by; of main'),
+        'path': output_port(PATH, description='the path; empty when there is none'),
+    }
+
+    def make_goal(self) -> Any:
+        start = self.get_input_or('start', None)
+        goal = self.action_type.Goal(
+            goal=self.get_input('goal'),
+            start=start or PoseStamped(),
+            use_start=bool(self.get_input_or('use_start', start is not None)),
+            planner_id=str(self.get_input('planner_id')),
+        )
+        set_ports(self, goal, 'viapoints')
+        return goal
+
+    def on_success(self, result: Any) -> NodeStatus:
+        self.set_output('path', result.path)
+        return NodeStatus.SUCCESS
+
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        self.set_output('path', Path())
+
+
+class ComputePathThroughPoses(ActionLeaf):
+    """Plans a path through ``goals``, in their order."""
+
+    __slots__ = ()
+
+    action_type = action.ComputePathThroughPoses
+    default_server = names.COMPUTE_PATH_THROUGH_POSES
+    cancels_on_pause = False  # nothing moves by it
+    ports = ACTION_PORTS | {
+        'goals': input_port(POSES, description='poses to pass; the last is where the path ends'),
+        'start': _START,
+        'planner_id': input_port(STRING, default='', description='planner to use'),
+        'path': output_port(PATH, description='the path; empty when there is none'),
+        'last_reached_index': output_port(
+            INT, description='the last of the goals that the path reaches, from 0; -1 for all of them; of main'
+        ),
+    }
+
+    def make_goal(self) -> Any:
+        start = self.get_input_or('start', None)
+        goal = self.action_type.Goal(
+            start=start or PoseStamped(), use_start=start is not None, planner_id=str(self.get_input('planner_id'))
+        )
+        set_poses(goal, 'goals', self.get_input('goals'))
+        return goal
+
+    def on_success(self, result: Any) -> NodeStatus:
+        self._write(result)
+        return NodeStatus.SUCCESS
+
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        self._write(self.action_type.Result())
+
+    def _write(self, result: Any) -> None:
+        self.set_output('path', result.path)
+        # Where the planner does not say, the path goes through all.
+        self.set_output('last_reached_index', getattr(result, 'last_reached_index', -1))
+
+
+class SmoothPath(ActionLeaf):
+    """Smooths ``unsmoothed_path``."""
+
+    __slots__ = ()
+
+    action_type = action.SmoothPath
+    default_server = names.SMOOTH_PATH
+    cancels_on_pause = False  # nothing moves by it
+    ports = ACTION_PORTS | {
+        'unsmoothed_path': input_port(PATH, description='the path to smooth'),
+        'smoother_id': input_port(STRING, optional=True, description='smoother to use'),
+        'max_smoothing_duration': input_port(DOUBLE, default='3.0', description='time that it may take, s'),
+        'check_for_collisions': input_port(BOOL, default='false', description='whether the result is checked'),
+        'smoothed_path': output_port(PATH, description='the smooth path'),
+        'smoothing_duration': output_port(DOUBLE, description='time that it took, s'),
+        'was_completed': output_port(BOOL, description='false when it had to stop early'),
+    }
+
+    def make_goal(self) -> Any:
+        return self.action_type.Goal(
+            path=self.get_input('unsmoothed_path'),
+            smoother_id=str(self.get_input_or('smoother_id', '')),
+            max_smoothing_duration=duration_message(self.get_input('max_smoothing_duration')),
+            check_for_collisions=bool(self.get_input('check_for_collisions')),
+        )
+
+    def on_success(self, result: Any) -> NodeStatus:
+        self.set_output('smoothed_path', result.path)
+        took = result.smoothing_duration
+        self.set_output('smoothing_duration', took.sec + 1e-9 * took.nanosec)
+        self.set_output('was_completed', result.was_completed)
+        return NodeStatus.SUCCESS
+
+
+_ROUTE_GOAL_PORTS: Final = {
+    'use_poses': input_port(BOOL, default='false', description='whether start and goal are poses, not IDs of nodes'),
+    'goal': input_port(POSE_STAMPED, optional=True, description='where it ends, with use_poses'),
+    'use_start': input_port(BOOL, default='false', description='whether start counts, with use_poses'),
+    'start': _START,
+    'goal_id': input_port(UNSIGNED, optional=True, description='node of the graph where it ends'),
+    'start_id': input_port(UNSIGNED, optional=True, description='node of the graph where it begins'),
+}
+
+
+class _RouteLeaf(ActionLeaf):
+    """A leaf whose goal is a route in the graph of the route server: by poses, or by IDs of nodes."""
+
+    __slots__ = ()
+
+    cancels_on_pause = False  # nothing moves by it
+
+    def make_goal(self) -> Any:
+        goal = self.action_type.Goal(use_poses=bool(self.get_input('use_poses')))
+        if not goal.use_poses:
+            set_ports(self, goal, 'start_id', 'goal_id')
+            return goal
+        goal.goal = self.get_input('goal')
+        goal.use_start = bool(self.get_input('use_start'))
+        if goal.use_start:
+            goal.start = self.get_input('start')
+        return goal
+
+
+class ComputeRoute(_RouteLeaf):
+    """Computes a route in the graph of the route server, and a path along it."""
+
+    __slots__ = ()
+
+    action_type = action.ComputeRoute
+    default_server = names.COMPUTE_ROUTE
+    ports = (
+        ACTION_PORTS
+        | _ROUTE_GOAL_PORTS
+        | {
+            'route': output_port(ROUTE, description='the route; empty when there is none'),
+            'path': output_port(PATH, description='a path along the route; empty when there is none'),
+            'planning_time': output_port(DURATION, description='time that it took'),
+        }
+    )
+
+    def on_success(self, result: Any) -> NodeStatus:
+        self._write(result)
+        return NodeStatus.SUCCESS
+
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        self._write(self.action_type.Result())
+
+    def _write(self, result: Any) -> None:
+        for port in ('path', 'route', 'planning_time'):
+            self.set_output(port, getattr(result, port))
+
+
+class ComputeAndTrackRoute(_RouteLeaf):
+    """Computes a route, and tells how far the robot has come on it until it is at its end.
+
+    The outputs follow the feedback of the server, and are empty when it has ended. Another start or goal on the
+    blackboard replaces the one that is worked on.
+    """
+
+    __slots__ = ()
+
+    action_type = action.ComputeAndTrackRoute
+    default_server = names.COMPUTE_AND_TRACK_ROUTE
+    ports = (
+        ACTION_PORTS
+        | _ROUTE_GOAL_PORTS
+        | {
+            'last_node_id': output_port(UINT16, description='node that was passed last'),
+            'next_node_id': output_port(UINT16, description='node that comes next'),
+            'current_edge_id': output_port(UINT16, description='edge between them'),
+            'route': output_port(ROUTE, description='the route'),
+            'path': output_port(PATH, description='a path along the route'),
+            'rerouted': output_port(BOOL, description='whether it is another route than before'),
+            'execution_duration': output_port(DURATION, description='time that it took'),
+        }
+    )
+
+    def newer_goal(self, feedback: Any) -> Any | None:
+        if feedback is not None:
+            self._write(feedback)
+        wanted = self.make_goal()
+        return None if wanted == self.sent_goal else wanted
+
+    def on_success(self, result: Any) -> NodeStatus:
+        self._end(result.execution_duration)
+        return NodeStatus.SUCCESS
+
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        self._end(Duration())
+
+    def _end(self, duration: Duration) -> None:
+        self._write(self.action_type.Feedback())
+        self.set_output('execution_duration', duration)
+
+    def _write(self, feedback: Any) -> None:
+        for port in ('last_node_id', 'next_node_id', 'current_edge_id', 'route', 'path', 'rerouted'):
+            self.set_output(port, getattr(feedback, port))
+
+
+NODES: Final = (
+    ComputePathToPose,
+    ComputePathThroughPoses,
+    SmoothPath,
+    ComputeRoute,
+    ComputeAndTrackRoute,
+)

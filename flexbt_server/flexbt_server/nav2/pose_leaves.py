@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves of Nav2's trees that ask where the robot is."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Header
+
+from flexbt_common.errors import TransformError
+from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree.model import DOUBLE, STRING
+from flexbt_server.leaves import PATH, POSE_STAMPED, LeafServices
+from flexbt_server.trees import TRACKING_FEEDBACK
+
+from .path_tracking import NearestPose, length_of, position_of
+
+_GLOBAL: Final = input_port(STRING, optional=True, description="frame of the poses, if not the server's")
+_BASE: Final = input_port(STRING, optional=True, description="frame of the robot, if not the server's")
+
+
+class GetCurrentPose(SyncAction):
+    """Gives the pose of the robot. FAILURE while it is not known."""
+
+    __slots__ = ()
+
+    ports = {
+        'global_frame': _GLOBAL,
+        'robot_base_frame': _BASE,
+        'current_pose': output_port(POSE_STAMPED, description='where the robot is'),
+    }
+
+    def tick(self) -> NodeStatus:
+        services: LeafServices = self.services
+        try:
+            pose = services.frames.robot_pose(
+                self.get_input_or('global_frame', ''), self.get_input_or('robot_base_frame', '')
+            )
+        except TransformError as error:
+            return self.fail(f'it is not known where the robot is: {error}')
+        self.set_output('current_pose', pose)
+        return NodeStatus.SUCCESS
+
+
+class ArePosesNear(Condition):
+    """SUCCESS when two poses are within ``tolerance``; those in different frames are compared in ``global_frame``."""
+
+    __slots__ = ()
+
+    ports = {
+        'ref_pose': input_port(POSE_STAMPED, description='one of the poses'),
+        'target_pose': input_port(POSE_STAMPED, description='the other'),
+        'global_frame': _GLOBAL,
+        'tolerance': input_port(DOUBLE, default='0.5', description='m'),
+    }
+
+    def tick(self) -> NodeStatus:
+        poses = [self.get_input('ref_pose'), self.get_input('target_pose')]
+        if poses[0].header.frame_id != poses[1].header.frame_id:
+            services: LeafServices = self.services
+            frame = self.get_input_or('global_frame', '') or services.frames.global_frame
+            try:
+                poses = [services.frames.pose_in(pose, frame) for pose in poses]
+            except TransformError as error:
+                return self.fail(str(error))
+        distance = math.dist(*map(position_of, poses))
+        if distance <= self.get_input('tolerance'):
+            return NodeStatus.SUCCESS
+        return self.fail(f'the poses are {distance:.2f} m apart')
+
+
+class GoalReached(Condition):
+    """SUCCESS when the robot is within the server's parameter ``goal_reached_tol`` of ``goal``."""
+
+    __slots__ = ()
+
+    ports = {
+        'goal': input_port(POSE_STAMPED, description='the goal'),
+        'global_frame': input_port(STRING, optional=True, description='not used: that of the goal counts; of jazzy'),
+        'robot_base_frame': _BASE,
+    }
+
+    def tick(self) -> NodeStatus:
+        services: LeafServices = self.services
+        goal = self.get_input('goal')
+        try:
+            robot = services.frames.robot_pose(goal.header.frame_id, self.get_input_or('robot_base_frame', ''))
+        except TransformError as error:
+            return self.fail(f'it is not known where the robot is: {error}')
+        distance = math.dist(position_of(goal), position_of(robot))
+        if distance <= services.goal_reached_tol:
+            return NodeStatus.SUCCESS
+        return self.fail(f'the robot is {distance:.2f} m away')
+
+
+class DistanceTraveled(Condition):
+    """SUCCESS whenever the robot has moved on by ``distance``; the first tick after IDLE only begins to count.
+
+    The distance is that of the straight line. Below nodes that set it to IDLE, such as a ReactiveSequence with a child
+    that is RUNNING, it begins anew in each tick.
+    """
+
+    __slots__ = ('_start',)
+
+    ports = {
+        'distance': input_port(DOUBLE, default='1.0', description='m'),
+        'global_frame': _GLOBAL,
+        'robot_base_frame': _BASE,
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._start: tuple[float, float] | None = None
+
+    def tick(self) -> NodeStatus:
+        services: LeafServices = self.services
+        if self.status is NodeStatus.IDLE:
+            self._start = None
+        try:
+            pose = services.frames.robot_pose(
+                self.get_input_or('global_frame', ''), self.get_input_or('robot_base_frame', '')
+            )
+        except TransformError as error:
+            return self.fail(f'it is not known where the robot is: {error}')
+        here = position_of(pose)
+        if self._start is None:
+            self._start = here
+            return self.fail('the robot has not moved yet')
+        moved = math.dist(self._start, here)
+        if moved < self.get_input('distance'):
+            return self.fail(f'the robot has moved {moved:.2f} m')
+        self._start = here
+        return NodeStatus.SUCCESS
+
+
+class IsGoalNearby(Condition):
+    """SUCCESS when less than ``proximity_threshold`` of the path is left. Of the branch main of Nav2.
+
+    What is left counts from the pose of the path that is nearest to the robot. FAILURE for a path without poses, and
+    while it is not known where the robot is.
+    """
+
+    __slots__ = ('_nearest',)
+
+    ports = {
+        'path': input_port(PATH, optional=True, description='the path'),
+        'proximity_threshold': input_port(DOUBLE, default='1.0', description='length that is near, m'),
+        'max_robot_pose_search_dist': input_port(
+            DOUBLE, default='-1.0', description='how far along the same path from the last time is searched, m; '
+            'less than 0 for all of it',
+        ),
+        'global_frame': _GLOBAL,
+        'robot_base_frame': _BASE,
+    }  # fmt: skip
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._nearest = NearestPose()
+
+    def tick(self) -> NodeStatus:
+        path: Any = self.get_input_or('path', None)
+        if path is None or not path.poses:
+            return self.fail('the path is empty')
+        frames = self.services.frames
+        try:
+            pose = frames.robot_pose(path.header.frame_id, self.get_input_or('robot_base_frame', ''))
+        except TransformError as error:
+            return self.fail(f'it is not known where the robot is: {error}')
+        nearest = self._nearest.index(path, pose, float(self.get_input('max_robot_pose_search_dist')))
+        left = length_of(self._nearest.points[nearest:])
+        if left < self.get_input('proximity_threshold'):
+            return NodeStatus.SUCCESS
+        return self.fail(f'{left:.2f} m of the path are left')
+
+
+class IsWithinPathTrackingBounds(Condition):
+    """SUCCESS as long as the robot is on its path within these bounds, and while nothing is known of it.
+
+    Of the branch main of Nav2. The signs of the bounds do not count.
+    """
+
+    __slots__ = ()
+
+    ports = {
+        'max_error_left': input_port(DOUBLE, default='0.5', description='how far to the left it may be, m'),
+        'max_error_right': input_port(DOUBLE, default='0.5', description='how far to the right it may be, m'),
+        'max_error_heading': input_port(DOUBLE, default='3.14', description='how far it may be turned away, rad'),
+        'tracking_feedback': input_port(
+            TRACKING_FEEDBACK, optional=True, description='how the robot is on the path, by FollowPath'
+        ),
+    }
+
+    def tick(self) -> NodeStatus:
+        told: Any = self.get_input_or('tracking_feedback', None)
+        if told is None:
+            return NodeStatus.SUCCESS
+        aside, turned = told.position_tracking_error, told.heading_tracking_error
+        bound = self.get_input('max_error_left' if aside >= 0.0 else 'max_error_right')
+        if abs(aside) <= abs(bound) and abs(turned) <= abs(self.get_input('max_error_heading')):
+            return NodeStatus.SUCCESS
+        side = 'left' if aside >= 0.0 else 'right'
+        return self.fail(f'the robot is {abs(aside):.2f} m to the {side} of the path, and turned by {turned:.2f} rad')
+
+
+class TransformAvailable(Condition):
+    """SUCCESS when a transform between two frames is known, and for ever after it was."""
+
+    __slots__ = ('_found',)
+
+    ports = {
+        'child': input_port(STRING, default='', description='one of the frames'),
+        'parent': input_port(STRING, default='', description='the other'),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._found = False
+
+    def tick(self) -> NodeStatus:
+        child, parent = self.get_input('child'), self.get_input('parent')
+        if not (child and parent):
+            raise ValueError(f'ports [child] and [parent] have to name frames, not {child!r} and {parent!r}')
+        if not self._found:
+            services: LeafServices = self.services
+            try:
+                services.frames.pose_in(PoseStamped(header=Header(frame_id=parent)), child)
+            except TransformError as error:
+                return self.fail(str(error))
+            self._found = True
+        return NodeStatus.SUCCESS
+
+
+NODES: Final = (
+    GetCurrentPose,
+    ArePosesNear,
+    GoalReached,
+    DistanceTraveled,
+    IsGoalNearby,
+    IsWithinPathTrackingBounds,
+    TransformAvailable,
+)

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves of Nav2's trees that read topics: to select plugins by name, and to watch the battery and the odometry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.behavior_tree import (
+    Condition,
+    NodeConfig,
+    NodeStatus,
+    Port,
+    StatefulAction,
+    SyncAction,
+    input_port,
+    output_port,
+)
+from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED
+from flexbt_server.leaves import LeafServices, TopicCache, TopicCondition
+
+_BATTERY_TOPIC: Final = input_port(STRING, default='/battery_status', description='topic, sensor_msgs/BatteryState')
+
+
+class IsBatteryLow(TopicCondition):
+    """SUCCESS when the battery has ``min_battery`` or less; FAILURE also while nothing is known of it."""
+
+    __slots__ = ()
+
+    message_type = BatteryState
+    qos = names.unacknowledged(1)
+    ports = {
+        'min_battery': input_port(DOUBLE, description='share of the capacity, 0 to 1, or voltage, V'),
+        'battery_topic': _BATTERY_TOPIC,
+        'is_voltage': input_port(BOOL, default='false', description='whether min_battery is a voltage'),
+    }
+
+    @property
+    def topic(self) -> str:
+        return str(self.get_input('battery_topic'))
+
+    def holds(self, message: Any | None) -> bool:
+        if message is None:
+            return False
+        measured = message.voltage if self.get_input('is_voltage') else message.percentage
+        return bool(measured <= self.get_input('min_battery'))
+
+
+class IsBatteryCharging(TopicCondition):
+    """SUCCESS when the battery is being charged; FAILURE also while nothing is known of it."""
+
+    __slots__ = ()
+
+    message_type = BatteryState
+    qos = names.unacknowledged(1)
+    ports = {'battery_topic': _BATTERY_TOPIC}
+
+    @property
+    def topic(self) -> str:
+        return str(self.get_input('battery_topic'))
+
+    def holds(self, message: Any | None) -> bool:
+        return message is not None and message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
+
+
+class CheckStopStatus(StatefulAction):
+    """SUCCESS when the robot has stood still for ``duration_stopped``; FAILURE when it moves.
+
+    RUNNING in between. FAILURE also while nothing is known of its motion. Of the branch main of Nav2.
+    """
+
+    __slots__ = ('_cache', '_since')
+
+    goes_on = ''
+    ports = {
+        'velocity_threshold': input_port(DOUBLE, default='0.01', description='m/s and rad/s below which it stands'),
+        'duration_stopped': input_port(UNSIGNED, default='1000', description='how long, ms'),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._cache: TopicCache | None = None
+        self._since = 0.0
+
+    def on_start(self) -> NodeStatus:
+        if self._cache is None:
+            services: LeafServices = self.services
+            self._cache = services.topics.cache(Odometry, names.ODOM, 1)
+            self._cache.on_message(self.context)
+        self._since = self.clock.now()
+        return self.on_running()
+
+    def on_running(self) -> NodeStatus:
+        assert self._cache is not None  # made by on_start
+        odometry = self._cache.latest
+        if odometry is None:
+            return self.fail('nothing is known of the motion of the robot: no odometry yet')
+        twist = odometry.twist.twist
+        speed = max(abs(twist.linear.x), abs(twist.linear.y), abs(twist.angular.z))
+        if not speed < self.get_input('velocity_threshold'):
+            return self.fail(f'the robot moves, by {speed:.3f} m/s or rad/s')
+        end = self._since + self.get_input('duration_stopped') / 1000.0
+        if self.clock.now() >= end:
+            return NodeStatus.SUCCESS
+        self.wake_at(end)
+        return NodeStatus.RUNNING
+
+    def on_halted(self) -> None:
+        self.cancel_wake()
+
+
+BRAKE_LIMIT: Final = -10.0
+"""Acceleration below which the robot has bumped into something, m/s^2."""
+
+
+class _Acceleration:
+    """The acceleration between the last two messages of the odometry, m/s^2. On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.value = 0.0
+        self._before: tuple[float, float] | None = None
+        runtime.node.create_subscription(Odometry, names.ODOM, self._hear, 10)
+
+    def _hear(self, odometry: Any) -> None:
+        stamp = odometry.header.stamp
+        now, speed = stamp.sec + 1e-9 * stamp.nanosec, odometry.twist.twist.linear.x
+        if self._before is not None and now > self._before[0]:
+            self.value = (speed - self._before[1]) / (now - self._before[0])
+        self._before = now, speed
+
+
+class IsStuck(Condition):
+    """SUCCESS when the robot has bumped into something: it brakes by more than 10 m/s^2, as its odometry says."""
+
+    __slots__ = ('_acceleration',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._acceleration: _Acceleration | None = None
+
+    def tick(self) -> NodeStatus:
+        if self._acceleration is None:
+            services: LeafServices = self.services
+            runtime = services.runtime
+            self._acceleration = runtime.call(lambda: runtime.once('acceleration of the robot', _Acceleration))
+        value = self._acceleration.value
+        return NodeStatus.SUCCESS if value < BRAKE_LIMIT else self.fail(f'the robot is free ({value:.1f} m/s^2)')
+
+
+class _Selector(SyncAction):
+    """Writes the name that was last published on a latched topic, or the default."""
+
+    __slots__ = ('_cache',)
+
+    selected: ClassVar[str]
+    default: ClassVar[str]
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._cache: TopicCache | None = None
+
+    def tick(self) -> NodeStatus:
+        if self._cache is None:
+            services: LeafServices = self.services
+            self._cache = services.topics.cache(String, str(self.get_input('topic_name')), names.latched())
+            self._cache.on_message(self.context)
+        message = self._cache.latest
+        name = message.data if message is not None else str(self.get_input_or(self.default, ''))
+        if not name:
+            return self.fail(
+                f'nothing was published on {self.get_input("topic_name")}, and {self.default} is not given'
+            )
+        self.set_output(self.selected, name)
+        return NodeStatus.SUCCESS
+
+
+def _selector_ports(kind: str) -> Mapping[str, Port]:
+    what = kind.replace('_', ' ')
+    return {
+        'topic_name': input_port(STRING, default=f'{kind}_selector', description='latched topic, std_msgs/String'),
+        f'default_{kind}': input_port(STRING, optional=True, description=f'{what} while nothing was published'),
+        f'selected_{kind}': output_port(STRING, description=f'name of the {what}'),
+    }
+
+
+class ControllerSelector(_Selector):
+    """Selects the controller for FollowPath."""
+
+    __slots__ = ()
+    selected, default = 'selected_controller', 'default_controller'
+    ports = _selector_ports('controller')
+
+
+class PlannerSelector(_Selector):
+    """Selects the planner for ComputePath nodes."""
+
+    __slots__ = ()
+    selected, default = 'selected_planner', 'default_planner'
+    ports = _selector_ports('planner')
+
+
+class SmootherSelector(_Selector):
+    """Selects the smoother."""
+
+    __slots__ = ()
+    selected, default = 'selected_smoother', 'default_smoother'
+    ports = _selector_ports('smoother')
+
+
+class GoalCheckerSelector(_Selector):
+    """Selects the goal checker for FollowPath."""
+
+    __slots__ = ()
+    selected, default = 'selected_goal_checker', 'default_goal_checker'
+    ports = _selector_ports('goal_checker')
+
+
+class ProgressCheckerSelector(_Selector):
+    """Selects the progress checker for FollowPath."""
+
+    __slots__ = ()
+    selected, default = 'selected_progress_checker', 'default_progress_checker'
+    ports = _selector_ports('progress_checker')
+
+
+class PathHandlerSelector(_Selector):
+    """Selects the path handler for FollowPath. Of the branch main of Nav2."""
+
+    __slots__ = ()
+    selected, default = 'selected_path_handler', 'default_path_handler'
+    ports = _selector_ports('path_handler')
+
+
+NODES: Final = (
+    ControllerSelector,
+    PlannerSelector,
+    SmootherSelector,
+    GoalCheckerSelector,
+    ProgressCheckerSelector,
+    PathHandlerSelector,
+    IsBatteryLow,
+    IsBatteryCharging,
+    CheckStopStatus,
+    IsStuck,
+)

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What became of each waypoint of a mission, as the branch main of Nav2 keeps it on the blackboard."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_server.trees import WaypointStatus
+
+PENDING: Final = 0
+COMPLETED: Final = 1
+SKIPPED: Final = 2
+FAILED: Final = 3
+
+
+def pending(goals: Iterable[PoseStamped]) -> list[Any]:
+    """The statuses of a mission that begins."""
+    return [WaypointStatus(waypoint_index=index, waypoint_pose=goal) for index, goal in enumerate(goals)]
+
+
+def mark(statuses: Sequence[Any], goals: Iterable[PoseStamped], status: int) -> list[Any]:
+    """The statuses, in which the first pending one of each of the goals has become ``status``.
+
+    Raises:
+        LookupError: none is pending for one of the goals.
+    """
+    marked = list(statuses)
+    for goal in goals:
+        for index, one in enumerate(marked):
+            if one.waypoint_status == PENDING and one.waypoint_pose == goal:
+                marked[index] = copy.copy(one)
+                marked[index].waypoint_status = status
+                break
+        else:
+            at = goal.pose.position
+            raise LookupError(f'no pending waypoint status is that of the goal at ({at.x:g}, {at.y:g})')
+    return marked
