@@ -27,7 +27,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'simulator = flexbt_sim.nodes.simulator:main',
+            'simulator = flexbt_sim.simulator.node:main',
             'navigation = flexbt_sim.nodes.navigation_servers:main',
         ],
     },

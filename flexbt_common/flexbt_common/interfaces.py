@@ -196,6 +196,16 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
     *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
+    *_topics(names.AMCL_POSE, names.BATTERY_STATE, names.BUMPER, names.ROBOT_DESCRIPTION, by=(SIMULATOR,)),
+    *_services(
+        'amcl/get_state',
+        'amcl/change_state',
+        'map_server/get_state',
+        'map_server/change_state',
+        'map_server/map',
+        'map_server/load_map',
+        by=(SIMULATOR,),
+    ),
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
     *(Interface(Kind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, RECORDER)),
 )

@@ -71,6 +71,10 @@ TF: Final = 'tf'
 TF_STATIC: Final = 'tf_static'
 CMD_VEL: Final = 'cmd_vel'
 INITIAL_POSE: Final = 'initialpose'
+AMCL_POSE: Final = 'amcl_pose'
+BATTERY_STATE: Final = 'battery_state'
+BUMPER: Final = 'bumper'
+ROBOT_DESCRIPTION: Final = 'robot_description'
 RESET: Final = 'reset'
 
 # Navigation

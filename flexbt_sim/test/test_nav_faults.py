@@ -13,7 +13,8 @@ from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import duration_message
-from flexbt_sim.nodes import MotionArbiter, Navigation, Simulator
+from flexbt_sim.nodes import MotionArbiter, Navigation
+from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import RobotLimits
 from flexbt_testing.nodes.sim_world import (
     DOCK,

@@ -13,7 +13,7 @@ from nav2_msgs.action import FollowPath
 from nav_msgs.msg import Path
 
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes import built_in_map
+from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import RobotLimits, load_map
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
 

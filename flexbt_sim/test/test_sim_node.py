@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import Point, Pose, Transform
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -21,12 +20,15 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.nodes import Simulator, built_in_map, map_of, pose_of, seconds_of
-from flexbt_sim.world import RobotLimits, load_map
+from flexbt_common.transforms import TransformBuffer, rigid_of
+from flexbt_sim.nodes import map_of, pose_of, seconds_of
+from flexbt_sim.simulator import Simulator, built_in_map
+from flexbt_sim.world import DriveModel, load_map
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
 from flexbt_testing.waiting import uncontended_time
 
-LIMITS = RobotLimits()
+LIMITS = DriveModel()
+RADIUS = 0.22
 BRAKING = LIMITS.linear_speed / LIMITS.linear_acceleration
 
 
@@ -86,20 +88,23 @@ def test_odometry_tells_pose_and_speed_at_its_rate(simulator: Probe) -> None:
 def test_transforms_lead_from_the_map_to_the_lidar(simulator: Probe) -> None:
     there = simulator.place(OFFICE)
     moving = receive(simulator, TFMessage, names.TF)[-1].transforms
-    (lidar,) = receive(simulator, TFMessage, names.TF_STATIC, qos=names.latched())[0].transforms
-    frames = [(transform.header.frame_id, transform.child_frame_id) for transform in (*moving, lidar)]
-    assert frames == [('map', 'odom'), ('odom', 'base_link'), ('base_link', 'base_scan')]
-    drift, robot, mounting = (flat(transform.transform) for transform in (*moving, lidar))
-    assert drift == mounting == (0.0, 0.0, 0.0)
-    assert robot == pytest.approx(there[1:])
-    assert all(transform.header.stamp == moving[0].header.stamp for transform in moving)
+    fixed = receive(simulator, TFMessage, names.TF_STATIC, qos=names.latched())[0].transforms
+    frames = [(transform.header.frame_id, transform.child_frame_id) for transform in (*moving, *fixed)]
+    assert frames == [
+        ('map', 'odom'),
+        ('odom', 'base_link'),
+        ('base_link', 'base_footprint'),
+        ('base_link', 'base_scan'),
+    ]
+    buffer = TransformBuffer()
+    for one in (*moving, *fixed):
+        parent, stamp = one.header.frame_id, seconds_of(one.header.stamp)
+        buffer.set(parent, one.child_frame_id, rigid_of(one.transform), stamp, is_static=one in fixed)
+    for frame in ('base_link', 'base_footprint', 'base_scan'):
+        (x, y, _), (_, _, qz, qw) = buffer.lookup('map', frame)
+        assert (x, y, 2.0 * math.atan2(qz, qw)) == pytest.approx(there[1:])
+    assert all(one.header.stamp == moving[0].header.stamp for one in moving)
     assert seconds_of(moving[0].header.stamp) >= there.time
-
-
-def flat(transform: Transform) -> tuple[float, ...]:
-    """x, y, yaw of a transform: m, m, rad."""
-    place = Point(x=transform.translation.x, y=transform.translation.y)
-    return tuple(pose_of(Pose(position=place, orientation=transform.rotation)))
 
 
 def test_transforms_are_in_the_namespace_of_the_robot() -> None:
@@ -145,7 +150,7 @@ def test_a_wall_stops_the_robot(simulator: Probe) -> None:
     for _ in range(20):
         simulator.drive(0.26)
         simulator.later(0.1)
-    assert simulator.wait_at_rest().x == pytest.approx(0.15 + LIMITS.radius, abs=0.03)
+    assert simulator.wait_at_rest().x == pytest.approx(0.15 + RADIUS, abs=0.03)
 
 
 @pytest.mark.parametrize(

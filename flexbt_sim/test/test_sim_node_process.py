@@ -33,13 +33,14 @@ def test_what_cannot_work_is_refused_in_one_line() -> None:
 
 BROKEN = """
 import sys
-from flexbt_sim.nodes import simulator
+from flexbt_sim import world
+from flexbt_sim.simulator.node import main
 
 def step(*_):
     raise ZeroDivisionError('a wheel came off')
 
-simulator.Robot.step = step
-sys.exit(simulator.main([]))
+world.World.step = step
+sys.exit(main([]))
 """
 
 

@@ -7,12 +7,13 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_sim.world import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, Pacer, Schedule
+from flexbt_sim.world import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
 from flexbt_testing.waiting import uncontended_time
 
 DEADLINE = 60.0
@@ -71,7 +72,7 @@ def test_waiting_takes_the_time_that_the_factor_says() -> None:
     began = time.monotonic()
     pacer = Pacer(10.0)
     for _ in range(100):
-        pacer.wait(0.03)
+        pacer.wait(3, 0.03, 0.0)
     assert time.monotonic() - began >= 0.3 - 1e-6
 
 
@@ -93,11 +94,22 @@ def while_waiting(pacer: Pacer, wait: Callable[[], None], do: Callable[[], None]
 
 
 def test_stop_ends_all_waiting() -> None:
-    pacer = Pacer(1e-6)
-    while_waiting(pacer, lambda: pacer.wait(1.0), pacer.stop)
-    pacer.wait(1e9)
-    pacer.wait_for_answer(0)
-    assert pacer.stopped
+    for pacer in (Pacer(1e-6), paused()):
+        while_waiting(pacer, partial(pass_time, pacer), pacer.stop)
+        pacer.wait(1, 1e9, 1e9)
+        assert pacer.stopped and pacer.begin(3) == 0
+
+
+def paused() -> Pacer:
+    pacer = Pacer(1.0)
+    pacer.pause()
+    return pacer
+
+
+def pass_time(pacer: Pacer, simulated: float = 1.0) -> None:
+    """As the world does, once."""
+    if steps := pacer.begin(3):
+        pacer.wait(steps, simulated, simulated)
 
 
 @pytest.mark.parametrize('factor', [1e-6, 1e-320])
@@ -107,28 +119,93 @@ def test_a_new_factor_ends_what_was_long_at_the_old_one(factor: float) -> None:
     def change() -> None:
         pacer.factor = 1000.0
 
-    while_waiting(pacer, lambda: pacer.wait(1.0), change)
-    pacer.wait(1.0)
+    while_waiting(pacer, partial(pass_time, pacer), change)
+    pass_time(pacer)
+
+
+# -- as fast as possible ---------------------------------------------------------------------------------------------
+
+
+def drive(pacer: Pacer, now: float, *, is_stopping: bool = False) -> None:
+    """A command that the robot follows for 0.5 s."""
+    pacer.command_received('robot', now, now + 0.5, is_stopping=is_stopping)
 
 
 def test_an_answer_is_waited_for_but_not_long() -> None:
     pacer = Pacer(0.0)
+    drive(pacer, 1.0)
     began = time.monotonic()
-    pacer.wait_for_answer(pacer.commands)
+    pacer.wait(3, 0.03, 1.03)
     assert time.monotonic() - began >= ANSWER_SECONDS - 0.001
-    pacer.command_received()
-    assert pacer.commands == 1
     began = uncontended_time()
-    for _ in range(100):
-        pacer.wait_for_answer(0)  # has come already
+    for tick in range(100):
+        drive(pacer, 1.03 + 0.03 * tick)
+        pacer.wait(3, 0.03, 1.03 + 0.03 * tick)  # it has come already
     assert uncontended_time() - began < 100 * ANSWER_SECONDS / 2
 
 
-def test_the_time_spent_waiting_for_an_answer_is_not_made_good() -> None:
-    """After a driver that took long the world does not rush."""
-    pacer = Pacer(1.0)
-    for _ in range(5):
-        began = time.monotonic()
-        pacer.wait_for_answer(pacer.commands)
-    pacer.wait(0.05)
-    assert time.monotonic() - began >= ANSWER_SECONDS + 0.05 - 0.002
+def test_a_driver_that_answers_every_other_time_is_waited_for_every_other_time() -> None:
+    drivers = Drivers()
+    for tick in range(0, 40, 2):
+        drivers.heard('robot', 0.03 * tick, 0.03 * tick + 0.5, is_stopping=False)
+        assert not drivers.due(0.03 * tick)
+        if tick > 2:
+            assert not drivers.due(0.03 * (tick + 1))
+            assert drivers.due(0.03 * (tick + 2)) == ['robot']
+
+
+def test_nobody_is_waited_for_who_drives_no_more() -> None:
+    drivers = Drivers()
+    drivers.heard('robot', 1.0, 1.5, is_stopping=False)
+    drivers.heard('other', 1.0, 1.5, is_stopping=True)
+    assert drivers.due(1.1) == ['robot', 'other']
+    for robot in ('robot', 'other'):
+        drivers.did_not_answer(robot)
+    assert drivers.due(1.13) == ['robot']  # the other one was to stand
+    assert drivers.acting(1.4) and not drivers.acting(1.5)
+    assert drivers.due(1.4) == []
+    drivers.heard('robot', 2.0, 2.5, is_stopping=False)
+    drivers.forget('robot')
+    assert not drivers.acting(2.1)
+
+
+def test_while_somebody_computes_time_passes_as_on_a_robot() -> None:
+    """And no longer than that: who has done is not waited for."""
+    pacer = Pacer(0.0)
+    pacer.set_computing('planner', True)
+    began = time.monotonic()
+    pass_time(pacer, 0.3)
+    assert time.monotonic() - began >= 0.3 - 1e-3
+    took = while_waiting(pacer, partial(pass_time, pacer, 1000.0), lambda: pacer.set_computing('planner', False))
+    assert took < DEADLINE
+
+
+# -- standing still --------------------------------------------------------------------------------------------------
+
+
+def test_while_it_stands_still_steps_are_made_as_many_as_asked_for() -> None:
+    pacer = paused()
+    left: list[int] = []
+    assert pacer.step(5, left.append)
+    assert not pacer.step(1, left.append)  # others are being made
+    while pacer.is_paused and (not left or left[-1]):
+        pacer.wait(pacer.begin(3), 0.01, 0.0)
+    assert left == [2, 0]
+    assert pacer.step(1, left.append)
+    pacer.cancel_steps()
+    assert pacer.step(2, left.append)
+    pacer.play()
+    assert pacer.begin(3) == 3
+    pacer.wait(3, 1e-6, 0.0)
+    assert left == [2, 0]
+    assert not pacer.step(1, left.append)  # it does not stand still
+
+
+def test_the_wait_of_a_pause_is_not_made_good() -> None:
+    """After it the world does not rush."""
+    pacer = paused()
+    threading.Timer(0.1, pacer.play).start()
+    pacer.begin(3)
+    began = time.monotonic()
+    pass_time(pacer, 0.05)
+    assert time.monotonic() - began >= 0.05 - 0.002

@@ -9,7 +9,8 @@ import pytest
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.nodes import Navigation, Simulator
+from flexbt_sim.nodes import Navigation
+from flexbt_sim.simulator import Simulator
 
 
 @pytest.mark.parametrize(

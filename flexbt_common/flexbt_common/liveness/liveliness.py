@@ -103,6 +103,7 @@ class LivelinessToken:
     """
 
     def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
         self._held = runtime.call(lambda: runtime.once('liveliness token', _HeldToken))
 
     def set_ready(self, is_ready: bool, part: str = '') -> None:
@@ -112,20 +113,39 @@ class LivelinessToken:
         """
         self._held.set_ready(is_ready, part)
 
+    def add_name(self, name: str) -> None:
+        """Hold a token for the node ``name`` (fully qualified) too, for which this one stands in. From any thread."""
+        self._runtime.call(lambda: self._held.add_name(name))
+
+    def remove_name(self, name: str) -> None:
+        """Stand in for it no more: it has ended, for those who watch it. From any thread."""
+        self._runtime.call(lambda: self._held.remove_name(name))
+
 
 class _HeldToken:
     def __init__(self, runtime: NodeRuntime) -> None:
-        node = runtime.node
-        self._name = node.get_fully_qualified_name()
+        self._node = runtime.node
         self._identity = ProcessIdentity.own()
         self._lock = threading.Lock()
         self._ready = {'': False}  # by part
         self._problem = ''
-        self._publisher = node.create_publisher(DiagnosticStatus, alive_topic(self._name), _qos())
-        self._publish()  # also for those who have not missed the process whose place this one takes
+        self._publishers: dict[str, Any] = {}
+        self.add_name(self._node.get_fully_qualified_name())
         runtime.health.on_late(self._tell_late)
         runtime.health.on_beat(self._assert)
         runtime.on_close(lambda: self._publish(has_ended=True))
+
+    def add_name(self, name: str) -> None:
+        with self._lock:
+            if name not in self._publishers:
+                self._publishers[name] = self._node.create_publisher(DiagnosticStatus, alive_topic(name), _qos())
+            self._publish()  # also for those who have not missed the process whose place this one takes
+
+    def remove_name(self, name: str) -> None:
+        with self._lock:
+            publisher = self._publishers.pop(name)
+            publisher.publish(self._status(name, has_ended=True))
+            self._node.destroy_publisher(publisher)
 
     def set_ready(self, is_ready: bool, part: str) -> None:
         with self._lock:
@@ -138,12 +158,17 @@ class _HeldToken:
             self._publish()
 
     def _publish(self, has_ended: bool = False) -> None:
+        for name, publisher in self._publishers.items():
+            with contextlib.suppress(InvalidHandle):  # the node is gone
+                publisher.publish(self._status(name, has_ended))
+
+    def _status(self, name: str, has_ended: bool) -> DiagnosticStatus:
         level = DiagnosticStatus.OK if all(self._ready.values()) else DiagnosticStatus.WARN
         if self._problem:
             level = DiagnosticStatus.STALE
-        status = DiagnosticStatus(
+        return DiagnosticStatus(
             level=DiagnosticStatus.ERROR if has_ended else level,
-            name=self._name,
+            name=name,
             message=sendable(self._problem),
             hardware_id=self._identity.host,
             values=[
@@ -151,12 +176,12 @@ class _HeldToken:
                 KeyValue(key=_BEGAN, value=self._identity.began),
             ],
         )
-        with contextlib.suppress(InvalidHandle):  # the node is gone
-            self._publisher.publish(status)
 
     def _assert(self) -> None:
-        with contextlib.suppress(InvalidHandle):
-            self._publisher.assert_liveliness()
+        with self._lock:
+            for publisher in self._publishers.values():
+                with contextlib.suppress(InvalidHandle):
+                    publisher.assert_liveliness()
 
 
 class LivelinessWatch:

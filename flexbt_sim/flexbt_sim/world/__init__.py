@@ -4,8 +4,8 @@
 ``World.load(file)`` reads a world file, ``step`` lets time pass.
 """
 
-from .bodies import Body
-from .faults import FAULTS, Fault, FaultModel, fault_parameters
+from .bodies import Body, generator
+from .faults import FAULTS, Fault, FaultModel, MessagesDropped, MessagesLate, fault_parameters
 from .geometry import FARTHEST, Pose, drive, wrap
 from .lidar import Lidar
 from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
@@ -34,7 +34,7 @@ from .occupancy_map import (
     OccupancyMap,
     load_map,
 )
-from .pacing import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, Pacer, Schedule
+from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
 from .placement import check_place
 from .robot import Battery, Robot, Scan, compose, inverse
 from .scenery import Door, Entity, Obstacle, Station, Zone
@@ -44,6 +44,7 @@ from .world import EntityModel, EntityState, Snapshot, World
 __all__ = [
     'ANSWER_SECONDS',
     'COLLISION_CHECK_DISTANCE',
+    'COMPUTING_FACTOR',
     'FAR',
     'FARTHEST',
     'FAULTS',
@@ -64,6 +65,7 @@ __all__ = [
     'Door',
     'DoorModel',
     'DriveModel',
+    'Drivers',
     'Entity',
     'EntityModel',
     'EntityState',
@@ -72,6 +74,8 @@ __all__ = [
     'Lidar',
     'LidarModel',
     'MapRobot',
+    'MessagesDropped',
+    'MessagesLate',
     'Obstacle',
     'ObstacleModel',
     'OccupancyMap',
@@ -98,6 +102,7 @@ __all__ = [
     'compose',
     'drive',
     'fault_parameters',
+    'generator',
     'inverse',
     'load_map',
     'wrap',

@@ -1,18 +1,33 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keeps simulated time in step with wall time, or with whoever drives the robot."""
+"""Keeps simulated time in step with wall time, or with whoever acts in the world; and lets it stand still.
+
+As fast as possible (factor 0) means as fast as everybody keeps up whose work the world waits for:
+
+- a *driver*, who answers what it hears of its robot by velocity commands: the world goes on when each has answered;
+- whoever *computes* something that the robot waits for, a plan for example: the world goes on in real time meanwhile,
+  since on a robot a plan takes its time too;
+- with neither, at :data:`IDLE_FACTOR`: faster, and the clock alone would keep the nodes of a robot busy.
+"""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from statistics import median_low
 from typing import Final
 
 MAX_LAG: Final = 0.2
 """Wall time, s, by which the simulation may fall behind before the loss is given up."""
 
 IDLE_FACTOR: Final = 50.0
-"""Speed factor of 'as fast as possible' while nobody drives."""
+"""Speed factor of 'as fast as possible' while nobody acts."""
+
+COMPUTING_FACTOR: Final = 1.0
+"""Speed factor of 'as fast as possible' while somebody computes."""
 
 ANSWER_SECONDS: Final = 0.02
 """How long 'as fast as possible' waits for the command that an odometry message causes, s of wall time."""
@@ -21,7 +36,7 @@ ANSWER_SECONDS: Final = 0.02
 class Schedule:
     """When simulated time is due on the wall clock. Wall time, ``now``, is handed in; all times in s.
 
-    ``factor`` is the seconds of the simulated world per second; 0 for as fast as whoever drives the robot keeps up.
+    ``factor`` is the seconds of the simulated world per second; 0 for as fast as possible.
     """
 
     def __init__(self, factor: float, now: float) -> None:
@@ -31,23 +46,86 @@ class Schedule:
         self.factor = factor
         self.due = now
 
-    def advance(self, simulated: float, now: float) -> float:
-        """Go on by a piece of simulated time; when the world is to have got there."""
-        self.due += simulated / (self.factor or IDLE_FACTOR)
+    def advance(self, simulated: float, now: float, fastest: float = IDLE_FACTOR) -> float:
+        """Go on by a piece of simulated time; when the world is to have got there.
+
+        ``fastest`` is the factor of 'as fast as possible' for this piece.
+        """
+        self.due += simulated / (self.factor or fastest)
         if now - self.due > MAX_LAG:
             self.due = now
         return self.due
 
 
+@dataclass
+class _Driver:
+    heard_at: float
+    until: float
+    """From then on the robot brakes by itself."""
+    is_stopping: bool
+    """Its last command was to stand: it may have been the last one at all."""
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=9))
+
+    def is_due(self, now: float) -> bool:
+        """Whether its next command should have come, by the interval that its commands usually have."""
+        usual = median_low(self.intervals) if self.intervals else 0.0
+        return self.heard_at < now < self.until and now - self.heard_at > usual - 1e-6
+
+
+class Drivers:
+    """Who gives velocity commands, and whose next one is due. Simulated time, ``now``, is handed in; all times in s."""
+
+    def __init__(self) -> None:
+        self._drivers: dict[str, _Driver] = {}
+
+    def heard(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
+        """A command has come: the robot follows it ``until`` a time; ``is_stopping`` when it says to stand."""
+        driver = self._drivers.get(robot)
+        if driver is None:
+            self._drivers[robot] = _Driver(now, until, is_stopping)
+            return
+        if now > driver.heard_at:
+            driver.intervals.append(now - driver.heard_at)
+        driver.heard_at, driver.until, driver.is_stopping = now, until, is_stopping
+
+    def forget(self, robot: str) -> None:
+        """The robot is not driven any more. Harmless for one that is not."""
+        self._drivers.pop(robot, None)
+
+    def clear(self) -> None:
+        """Nobody drives any more."""
+        self._drivers.clear()
+
+    def acting(self, now: float) -> bool:
+        """Whether anybody drives."""
+        for robot in [name for name, driver in self._drivers.items() if now >= driver.until]:
+            self.forget(robot)
+        return bool(self._drivers)
+
+    def due(self, now: float) -> list[str]:
+        """The robots whose next command should have come."""
+        return [robot for robot, driver in self._drivers.items() if driver.is_due(now)]
+
+    def did_not_answer(self, robot: str) -> None:
+        """The command of this robot did not come. Of one that was told to stand, none is expected again."""
+        driver = self._drivers.get(robot)
+        if driver is not None and driver.is_stopping:
+            self.forget(robot)
+
+
 class Pacer:
-    """Waits after each piece of simulated time, on the wall clock. ``stop`` ends all waiting."""
+    """Waits after each piece of simulated time, on the wall clock. ``stop`` ends all waiting. From any thread."""
 
     def __init__(self, factor: float) -> None:
         """Raises ValueError, as :class:`Schedule`."""
         self._schedule = Schedule(factor, time.monotonic())
         self._event = threading.Condition()
-        self._commands = 0
+        self._drivers = Drivers()
+        self._computing: set[object] = set()
         self._stopped = False
+        self._is_paused = False
+        self._steps = 0
+        self._on_stepped: Callable[[int], None] | None = None
 
     @property
     def factor(self) -> float:
@@ -61,11 +139,81 @@ class Pacer:
             self._schedule = Schedule(factor, time.monotonic())
             self._event.notify_all()
 
-    def command_received(self) -> None:
-        """A velocity command has come; from any thread."""
+    # -- who acts ----------------------------------------------------------------------------------------------------
+
+    def command_received(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
+        """A velocity command has come; see :meth:`Drivers.heard`."""
         with self._event:
-            self._commands += 1
+            self._drivers.heard(robot, now, until, is_stopping=is_stopping)
             self._event.notify_all()
+
+    def forget_driver(self, robot: str) -> None:
+        """The robot is gone, or was placed elsewhere."""
+        with self._event:
+            self._drivers.forget(robot)
+            self._event.notify_all()
+
+    def forget_drivers(self) -> None:
+        """All robots were placed elsewhere."""
+        with self._event:
+            self._drivers.clear()
+            self._event.notify_all()
+
+    def set_computing(self, who: object, is_computing: bool) -> None:
+        """Somebody begins, or ends, to compute what a robot waits for."""
+        with self._event:
+            (self._computing.add if is_computing else self._computing.discard)(who)
+            self._event.notify_all()
+
+    # -- standing still ----------------------------------------------------------------------------------------------
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether time stands still, except for steps."""
+        return self._is_paused
+
+    def pause(self) -> None:
+        """Let time stand still."""
+        with self._event:
+            self._is_paused = True
+            self._event.notify_all()
+
+    def play(self) -> None:
+        """Let time go on. Steps that were left are not made: ``on_stepped`` of :meth:`step` is told so."""
+        with self._event:
+            self._is_paused = False
+            self._end_steps()
+            self._schedule = Schedule(self._schedule.factor, time.monotonic())
+            self._event.notify_all()
+
+    def step(self, count: int, on_stepped: Callable[[int], None]) -> bool:
+        """Have so many steps made while time stands still; False, and nothing, while others are being made, or it does
+        not stand still.
+
+        ``on_stepped(left)`` is called after each piece of them, on the thread that steps, without the last lock held.
+        """
+        with self._event:
+            if not self._is_paused or self._steps or self._stopped:
+                return False
+            self._steps, self._on_stepped = count, on_stepped
+            self._event.notify_all()
+            return True
+
+    def cancel_steps(self) -> None:
+        """Make no more of the steps."""
+        with self._event:
+            self._end_steps()
+
+    def _end_steps(self) -> None:
+        self._steps, self._on_stepped = 0, None
+
+    def begin(self, most: int) -> int:
+        """How many steps may be made now, up to ``most``; waits while time stands still. 0 after :meth:`stop`."""
+        with self._event:
+            self._event.wait_for(lambda: self._stopped or not self._is_paused or self._steps)
+            if self._stopped:
+                return 0
+            return min(most, self._steps) if self._is_paused else most
 
     def stop(self) -> None:
         """End all waiting, now and later."""
@@ -78,23 +226,44 @@ class Pacer:
         """Whether :meth:`stop` was called."""
         return self._stopped
 
-    @property
-    def commands(self) -> int:
-        """How many commands have come."""
-        return self._commands
+    # -- on the thread that steps ------------------------------------------------------------------------------------
 
-    def wait(self, simulated: float) -> None:
-        """Let ``simulated`` seconds pass, at the speed factor."""
+    def wait(self, steps: int, simulated: float, now: float) -> None:
+        """Let the wall time of ``steps`` pass that took ``simulated`` seconds, until the simulated time ``now``."""
+        told: Callable[[int], None] | None = None
         with self._event:
-            self._schedule.advance(simulated, time.monotonic())
-            while not self._stopped and (left := self._schedule.due - time.monotonic()) > 0.0:
-                self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)
+            if self._steps:
+                self._steps -= min(steps, self._steps)
+                told, left = self._on_stepped, self._steps
+                if not left:
+                    self._end_steps()
+            elif not self._is_paused:
+                self._wait(simulated, now)
+        if told is not None:
+            told(left)
 
-    def wait_for_answer(self, commands_before: int) -> None:
-        """Let whoever drives answer an odometry message, for a short time. Simulated time goes on from then."""
-        with self._event:
-            self._event.wait_for(lambda: self._stopped or self._commands > commands_before, ANSWER_SECONDS)
-            self._schedule = Schedule(self._schedule.factor, time.monotonic())
+    def _wait(self, simulated: float, now: float) -> None:
+        fastest = IDLE_FACTOR
+        if self._schedule.factor == 0.0:
+            if self._drivers.acting(now):
+                self._wait_for_answers(now)
+                return
+            if self._computing:
+                fastest = COMPUTING_FACTOR
+        self._schedule.advance(simulated, time.monotonic(), fastest)
+        computing = bool(self._computing)
+        while not self._stopped and (left := self._schedule.due - time.monotonic()) > 0.0:
+            if computing and self._schedule.factor == 0.0 and not self._computing:
+                self._schedule = Schedule(0.0, time.monotonic())  # it is done, and waited for no longer
+                return
+            self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)
+
+    def _wait_for_answers(self, now: float) -> None:
+        """Let those who drive answer, for a short time. Simulated time goes on from then."""
+        self._event.wait_for(lambda: self._stopped or not self._drivers.due(now), ANSWER_SECONDS)
+        for robot in self._drivers.due(now):
+            self._drivers.did_not_answer(robot)
+        self._schedule = Schedule(self._schedule.factor, time.monotonic())
 
     def _sleep(self, seconds: float) -> None:
         # Conditions wake up late by more than this on some machines.

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The map as Nav2's map_server has it: a latched topic, and the services ``map_server/map`` and ``load_map``.
+
+It is what a robot is told of the world, not the world: another map changes what is planned, and no wall.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import unquote, urlparse
+
+from nav2_msgs.srv import LoadMap
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.srv import GetMap
+
+from flexbt_common import names
+from flexbt_common.lifecycle import LifecycleServices
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import check_limits
+from flexbt_core.errors import FlexbtError
+from flexbt_sim.nodes import grid_message, time_message
+from flexbt_sim.world import OccupancyMap, load_map
+
+MAP_SERVER: Final = 'map_server'
+
+
+class MapServer:
+    """The map in one namespace. On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, namespace: str, frame: str, world: OccupancyMap | None) -> None:
+        """``world`` is None where there is no map: then there is none to be had until one is loaded."""
+        node = self._node = runtime.node
+        self._frame = frame
+        self._grid: OccupancyGrid | None = None
+        server = f'{namespace}{MAP_SERVER}'
+        self._publisher = node.create_publisher(OccupancyGrid, f'{namespace}{names.MAP}', names.latched())
+        self._services = (
+            node.create_service(GetMap, f'{server}/map', self._give),
+            node.create_service(LoadMap, f'{server}/load_map', self._load),
+        )
+        self._lifecycle = LifecycleServices(node, server)
+        if world is not None:
+            self._publish(world)
+
+    def close(self) -> None:
+        """Take everything back."""
+        self._lifecycle.close()
+        for service in self._services:
+            self._node.destroy_service(service)
+        self._node.destroy_publisher(self._publisher)
+
+    def _publish(self, world: OccupancyMap) -> OccupancyGrid:
+        self._grid = grid_message(world, self._frame, time_message(0.0))
+        self._publisher.publish(self._grid)
+        return self._grid
+
+    def _give(self, request: Any, response: Any) -> Any:
+        if self._lifecycle.is_active and self._grid is not None:
+            response.map = self._grid
+        return response
+
+    def _load(self, request: Any, response: Any) -> Any:
+        response.result = LoadMap.Response.RESULT_UNDEFINED_FAILURE
+        url = str(request.map_url)
+        try:
+            check_limits(request)
+            if not self._lifecycle.is_active:
+                raise FlexbtError(f'{MAP_SERVER} is {self._lifecycle.label}')
+            file = Path(unquote(urlparse(url).path) if url.startswith('file:') else url)
+            if not file.is_file():
+                response.result = LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST
+                raise FlexbtError(f'there is no file {file}')
+            response.result = LoadMap.Response.RESULT_INVALID_MAP_DATA
+            response.map = self._publish(load_map(file))
+            response.result = LoadMap.Response.RESULT_SUCCESS
+        except (FlexbtError, OSError, ValueError) as error:
+            self._node.get_logger().error(f'load_map: {error}')
+        return response

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node ``simulator``: a world with its robots, and the clock of everything that runs with it.
+
+Publishes /clock, and for each robot map, odom, pose, scan, tf, tf_static, amcl_pose, battery_state, bumper and
+robot_description; takes cmd_vel and initialpose. The robots of a world file are in namespaces of their names; as with
+Nav2, the topics of the transforms are there, too. The standard services of simulators (simulation_interfaces) are in
+the namespace of the node: add, move and remove what is in the world, pause, step and reset it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import traceback
+from typing import Any, Final
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import InvalidHandle
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from flexbt_common import names
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_sim.world import Pacer, Pose, Robot
+
+from .map_server import MapServer
+from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_parameters
+from .prefilled import PrefilledMessage, stamp_fields
+from .robot_topics import Commands, Message, RobotTopics
+
+CLOCK_PERIOD: Final = 0.03
+"""Simulated time between two messages of /clock, s, or the steps that are nearest to it. It costs every node of the
+robot a wake-up, unless it comes together with the odometry, which has this period too by default."""
+
+
+class Simulator:
+    """The simulator on a running node. The world moves on a thread of its own.
+
+    ``lock`` is held while the world is stepped, looked at or changed.
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        """Must be called off the executor thread.
+
+        Raises:
+            SimulationError: a parameter, the world or the map cannot be used.
+        """
+        self.runtime = runtime
+        self.parameters: SimulatorParameters = runtime.call(lambda: declare_simulator_parameters(runtime.node))
+        self.lock = threading.Lock()
+        self.world = self.parameters.make_world()
+        self.pacer = Pacer(float(runtime.node.get_parameter(SPEED_FACTOR).value))
+        self._began = 0
+        """Time of the world, ns, at which that of the clock began."""
+        self._steps = 0
+        step = self.world.step_size
+        self._steps_per_clock = max(1, round(CLOCK_PERIOD / step))
+        self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
+        self._robots: dict[str, RobotTopics] = {}
+        self._map_servers: dict[str, MapServer] = {}
+        self._token = LivelinessToken(runtime)
+        runtime.call(self._connect)
+        self._thread = threading.Thread(target=self._run, name='world', daemon=True)
+        runtime.on_close(self._close)
+        self._thread.start()
+        runtime.node.get_logger().info(f'{self.parameters.source}: {self._described()}')
+
+    def _described(self) -> str:
+        world = self.world
+        size = 'a plane' if world.map is None else f'{world.map.width} x {world.map.height} cells'
+        robots = [f'{name} at ({one.pose.x:g}, {one.pose.y:g})' for name, one in world.robots.items()]
+        shown = robots if len(robots) <= 5 else [*robots[:5], f'{len(robots) - 5} more']
+        return f'{size}; {", ".join(shown) or "no robot"}'
+
+    def _connect(self) -> None:
+        node = self.runtime.node
+        clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        self._clock = node.create_publisher(Clock, names.CLOCK, clock_qos)
+        self._clock_bytes = PrefilledMessage(Clock(), *stamp_fields('clock'))
+        for robot in self.world.robots.values():
+            self.connect_robot(robot)
+        node.create_service(Trigger, names.RESET, self._on_reset)
+        node.add_on_set_parameters_callback(self._on_parameters)
+        self._token.set_ready(True)
+
+    # -- on the executor thread --------------------------------------------------------------------------------------
+
+    def connect_robot(self, robot: Robot) -> None:
+        """Make the topics of a robot that has come."""
+        namespace = self.parameters.namespace_of(robot.name)
+        commands = Commands(self._drive, self._initial_pose)
+        topics = RobotTopics(self.runtime, robot, namespace, self.parameters, commands)
+        map_server = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
+        self._map_servers[robot.name] = map_server
+        self._token.add_name(self._stands_in_for(robot.name))
+        self._robots = self._robots | {robot.name: topics}  # anew: the thread of the world goes through the old one
+
+    def disconnect_robot(self, name: str) -> None:
+        """Take back the topics of a robot that has gone."""
+        topics = self._robots[name]
+        with self.lock:
+            self._robots = {key: value for key, value in self._robots.items() if key != name}
+        self.pacer.forget_driver(name)
+        if topics.namespace:
+            self._token.remove_name(self._stands_in_for(name))
+        self._map_servers.pop(name).close()
+        topics.close()
+
+    def _stands_in_for(self, robot: str) -> str:
+        """The simulator in the namespace of the robot, whose nodes look for it there."""
+        namespace = self.runtime.node.get_namespace().rstrip('/')
+        return f'{namespace}/{self.parameters.namespace_of(robot)}{self.runtime.name}'
+
+    def _drive(self, robot: Robot, linear: float, angular: float) -> None:
+        with self.lock:
+            now = self.world.time
+            robot.command(linear, angular, now)
+        until = now + robot.model.drive.watchdog
+        self.pacer.command_received(robot.name, now, until, is_stopping=linear == angular == 0.0)
+
+    def _initial_pose(self, robot: Robot, pose: Pose) -> None:
+        with self.lock:
+            if self.parameters.initialpose_moves:
+                self.world.move(robot.name, pose)
+            else:
+                self.world.check_place(robot.name, pose)
+                robot.localize(pose)
+        if self.parameters.initialpose_moves:
+            self.pacer.forget_driver(robot.name)
+
+    def _on_reset(self, request: Any, response: Any) -> Any:
+        with self.lock:
+            self.world.reset()
+        self.pacer.forget_drivers()
+        response.success = True
+        response.message = 'everything is where it was at the start; the time goes on'
+        return response
+
+    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        for change in changes:
+            if change.name == SPEED_FACTOR:
+                self.pacer.factor = float(change.value)
+        return SetParametersResult(successful=True)
+
+    # -- on the thread of the world ----------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            with self.runtime.health.loop('the world') as loop:
+                while True:
+                    with loop.resting():
+                        steps = self.pacer.begin(self._steps_per_clock - self._steps % self._steps_per_clock)
+                    if steps == 0:
+                        return
+                    for _ in range(steps):
+                        self._step(self.pacer.is_paused)
+                    with loop.resting():
+                        self.pacer.wait(steps, steps * self.world.step_size, self.world.time)
+        except BaseException as error:  # without a world there is nothing to simulate
+            self.runtime.give_up(f'the world raised: {"".join(traceback.format_exception(error)).rstrip()}')
+
+    def _step(self, is_single: bool) -> None:
+        with self.lock:
+            for topics in self._robots.values():
+                topics.robot.is_scanning = topics.listens_to_scans
+            self.world.step()
+            self._steps += 1
+            moves = self._steps % self._steps_per_odom == 0
+            stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
+            # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
+            messages: list[Message] = []
+            for topics in self._robots.values():
+                messages += topics.messages(self.world.time, stamp, moves=moves)
+        if messages or is_single or self._steps % self._steps_per_clock == 0:
+            # First, so that no message is from the future.
+            self._clock.publish(self._clock_bytes.filled(*stamp))
+        for _, publisher, message in messages:
+            with contextlib.suppress(InvalidHandle):  # the robot was removed at this moment
+                publisher.publish(message)
+
+    def _close(self) -> None:
+        self.pacer.stop()
+        self._thread.join(1.0)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable ``simulator``."""
+    return run_node(names.SIMULATOR, Simulator, args, about=__doc__)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

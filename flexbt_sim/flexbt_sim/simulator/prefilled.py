@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of which only some numbers change, kept as the bytes that are sent.
+
+To make an Odometry message and to convert it takes rclpy 108 µs, a LaserScan of 360 beams 95 µs (measured); to write
+the numbers that have changed into its bytes, and to send them, takes 10 µs. A fleet sends thousands a second.
+"""
+
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Iterator
+from typing import Any, Final
+
+from numpy.typing import NDArray
+from rclpy.serialization import serialize_message
+
+_MARKS: Final = {
+    'd': lambda index: -7.31e-211 * (index + 1),
+    'f': lambda index: struct.unpack('<f', struct.pack('<I', 0x9A5C3D00 + index))[0],
+    'i': lambda index: 0x5A3C7100 + index,
+    'I': lambda index: 0x6B4D8200 + index,
+}
+"""Numbers by which a field is found among the bytes, by the code of ``struct``."""
+
+STAMP: Final = (('i', 'sec'), ('I', 'nanosec'))
+
+
+def stamp_fields(path: str) -> tuple[tuple[str, str], ...]:
+    """The fields of a time, for :class:`PrefilledMessage`."""
+    return tuple((code, f'{path}.{name}') for code, name in STAMP)
+
+
+class PrefilledMessage:
+    """The bytes of ``message``, in which the numbers at ``fields`` are written anew each time.
+
+    A field is a code of ``struct`` ('d' float64, 'f' float32, 'i' int32, 'I' uint32) and the path to it in the message,
+    whose parts are names of fields and indices of lists. ``array`` is the path to a list of float32 whose length is
+    that which it has in ``message``. The message is changed.
+    """
+
+    def __init__(self, message: Any, *fields: tuple[str, str], array: str = '') -> None:
+        if array:
+            _set(message, array, [0.0] * len(_get(message, array)))
+        for index, (code, path) in enumerate(fields):
+            _set(message, path, _MARKS[code](index))
+        if array:
+            _set(message, array, [_MARKS['f'](index) for index in range(len(_get(message, array)))])
+        self._bytes = bytearray(serialize_message(message))
+        self._fields = tuple(
+            (struct.Struct(f'<{code}').pack_into, self._find(struct.pack(f'<{code}', _MARKS[code](index)), path))
+            for index, (code, path) in enumerate(fields)
+        )
+        self._array = self._find(struct.pack('<f', _MARKS['f'](0)), array) if array else 0
+
+    def filled(self, *numbers: float) -> bytes:
+        """The bytes with these numbers, one for each field."""
+        for (pack_into, offset), number in zip(self._fields, numbers, strict=True):
+            pack_into(self._bytes, offset, number)
+        return bytes(self._bytes)
+
+    def fill_array(self, values: NDArray[Any]) -> None:
+        """Write the list; ``values`` are float32, as many as it has."""
+        self._bytes[self._array : self._array + values.nbytes] = values.tobytes()
+
+    def _find(self, mark: bytes, path: str) -> int:
+        offset = self._bytes.find(mark)
+        if offset < 0 or self._bytes.find(mark, offset + 1) >= 0:
+            raise ValueError(f'{path} cannot be told from the rest of the message')
+        return offset
+
+
+def _steps(path: str) -> Iterator[str | int]:
+    return (int(part) if part.isdigit() else part for part in path.split('.'))
+
+
+def _get(message: Any, path: str) -> Any:
+    return functools.reduce(
+        lambda at, step: at[step] if isinstance(step, int) else getattr(at, step), _steps(path), message
+    )
+
+
+def _set(message: Any, path: str, value: Any) -> None:
+    parent, _, name = path.rpartition('.')
+    setattr(_get(message, parent) if parent else message, name, value)

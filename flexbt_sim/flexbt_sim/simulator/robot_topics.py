@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The topics of one robot, in its namespace: what it says, as far as somebody listens, and what it is told.
+
+The parts of Nav2's bringup that go with a robot are here too, under their names: robot_state_publisher's description,
+amcl's pose and lifecycle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import BatteryState, LaserScan
+from std_msgs.msg import Bool, String
+from tf2_msgs.msg import TFMessage
+
+from flexbt_common import names
+from flexbt_common.lifecycle import LifecycleServices
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import check_limits
+from flexbt_core.errors import FlexbtError
+from flexbt_sim.errors import SimulationError
+from flexbt_sim.nodes import pose_of, time_message, transform
+from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, generator
+
+from .description import robot_description
+from .parameters import SimulatorParameters
+from .prefilled import PrefilledMessage, stamp_fields
+
+AMCL: Final = 'amcl'
+"""The node of Nav2 that localizes: others ask for its lifecycle state."""
+
+UPDATE: Final = (0.25, 0.2)
+"""amcl_pose is published when the robot has moved by so much, m or rad, since the last one: amcl's update_min_d and
+update_min_a."""
+
+BATTERY_PERIOD: Final = 1.0
+"""From one battery_state to the next, s."""
+
+COMPLAINT_SECONDS: Final = 5.0
+
+Stamp = tuple[int, int]
+"""Seconds and nanoseconds."""
+
+Message = tuple[str, Any, Any]
+"""The topic by its relative name, its publisher, and the message or its bytes."""
+
+
+@dataclass(frozen=True)
+class Commands:
+    """What a robot is told: ``drive(robot, linear, angular)`` in m/s and rad/s, ``place(robot, pose)`` for an initial
+    pose, which raises SimulationError for one that cannot be."""
+
+    drive: Callable[[Robot, float, float], None]
+    place: Callable[[Robot, Pose], None]
+
+
+class RobotTopics:
+    """Made and closed on the executor thread; the messages are made on the thread of the world."""
+
+    def __init__(
+        self, runtime: NodeRuntime, robot: Robot, namespace: str, parameters: SimulatorParameters, commands: Commands
+    ) -> None:
+        """``namespace`` is what goes before the names of the topics: '' or 'robot1/'."""
+        self.robot = robot
+        self.namespace = namespace
+        self._runtime = runtime
+        self._parameters = parameters
+        self._commands = commands
+        self._entities: list[tuple[Callable[[Any], Any], Any]] = []
+        self._late: deque[tuple[float, Message]] = deque()
+        self._loss = generator(parameters.seed, robot.name, 'messages')
+        self._told_at: Pose | None = None
+        self._told_contact: bool | None = None
+        self._battery_due = 0.0
+        self._scan_time = -math.inf
+        self._connect()
+        self._prefill()
+
+    # -- on the executor thread --------------------------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        node, parameters, model = self._runtime.node, self._parameters, self.robot.model
+        self._odom = self._publisher(Odometry, names.ODOM, 10)
+        self._pose = self._publisher(PoseStamped, names.POSE, 10)
+        self._tf = self._publisher(TFMessage, names.TF, 100)
+        self._amcl_pose = self._publisher(PoseWithCovarianceStamped, names.AMCL_POSE, names.latched())
+        self._scan = self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data) if model.lidar else None
+        self._battery = self._publisher(BatteryState, names.BATTERY_STATE, 10) if model.battery else None
+        self._bumper = self._publisher(Bool, names.BUMPER, names.latched()) if model.bumper else None
+        self._describe()
+        command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
+        self._subscribe(command_type, parameters.cmd_vel_topic, self._on_command)
+        self._subscribe(PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_initial_pose)
+        self._amcl = LifecycleServices(node, f'{self.namespace}{AMCL}')
+
+    def _publisher(self, message_type: Any, topic: str, qos: QoSProfile | int) -> Any:
+        node = self._runtime.node
+        publisher = node.create_publisher(message_type, f'{self.namespace}{topic}', qos)
+        self._entities.append((node.destroy_publisher, publisher))
+        return publisher
+
+    def _subscribe(self, message_type: Any, topic: str, callback: Callable[[Any], None]) -> None:
+        node = self._runtime.node
+        subscription = node.create_subscription(message_type, f'{self.namespace}{topic}', callback, 1)
+        self._entities.append((node.destroy_subscription, subscription))
+
+    def _describe(self) -> None:
+        """What does not change: URDF and static transforms."""
+        parameters, model = self._parameters, self.robot.model
+        base, footprint, scan = parameters.base_frame, parameters.footprint_frame, parameters.scan_frame
+        urdf = robot_description(self.robot.name, model, base, footprint, scan)
+        self._publisher(String, names.ROBOT_DESCRIPTION, names.latched()).publish(String(data=urdf))
+        start = time_message(0.0)
+        fixed = [transform(base, footprint, Pose(0.0, 0.0, 0.0), start)]
+        if model.lidar is not None:
+            fixed.append(transform(base, scan, model.lidar.pose, start))
+        self._publisher(TFMessage, names.TF_STATIC, names.latched()).publish(TFMessage(transforms=fixed))
+
+    def close(self) -> None:
+        """Take everything back: the robot is gone."""
+        for destroy, entity in self._entities:
+            destroy(entity)
+        self._amcl.close()
+
+    def _on_command(self, message: Any) -> None:
+        topic = self._parameters.cmd_vel_topic
+        if self._is_lost(topic):
+            return
+        command = message.twist if self._parameters.stamped_cmd_vel else message
+        linear, angular = float(command.linear.x), float(command.angular.z)
+        if not (math.isfinite(linear) and math.isfinite(angular)):
+            self._complain(f'{topic}: {linear:g} m/s, {angular:g} rad/s cannot be driven: it stops')
+        self._commands.drive(self.robot, linear, angular)
+
+    def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        frame = message.header.frame_id
+        try:
+            check_limits(message)
+            if frame not in ('', self._parameters.map_frame):
+                raise SimulationError(f'frame {frame!r} is not known; give the pose in {self._parameters.map_frame!r}')
+            self._commands.place(self.robot, pose_of(message.pose.pose))
+        except FlexbtError as error:
+            self._complain(f'{names.INITIAL_POSE} refused, the robot stays: {error}')
+            return
+        self._told_at = None
+
+    def _complain(self, text: str) -> None:
+        name = f'{self.robot.name}: ' if self.namespace else ''
+        self._runtime.node.get_logger().error(f'{name}{text}', throttle_duration_sec=COMPLAINT_SECONDS)
+
+    # -- on the thread of the world ----------------------------------------------------------------------------------
+
+    def _prefill(self) -> None:
+        parameters, lidar = self._parameters, self.robot.model.lidar
+        odometry = Odometry(child_frame_id=parameters.base_frame)
+        odometry.header.frame_id = parameters.odom_frame
+        self._odometry_bytes = PrefilledMessage(
+            odometry,
+            *stamp_fields('header.stamp'),
+            *_planar('pose.pose.position', 'pose.pose.orientation'),
+            ('d', 'twist.twist.linear.x'),
+            ('d', 'twist.twist.angular.z'),
+        )
+        pose = PoseStamped()
+        pose.header.frame_id = parameters.map_frame
+        self._pose_bytes = PrefilledMessage(
+            pose, *stamp_fields('header.stamp'), *_planar('pose.position', 'pose.orientation')
+        )
+        frames = (parameters.map_frame, parameters.odom_frame), (parameters.odom_frame, parameters.base_frame)
+        moving = [TransformStamped(child_frame_id=child) for _, child in frames]
+        for one, (parent, _) in zip(moving, frames, strict=True):
+            one.header.frame_id = parent
+        self._tf_bytes = [self._tf_prefilled(moving), self._tf_prefilled(moving[1:])]
+        if lidar is not None:
+            scan = LaserScan(
+                angle_min=lidar.angle_min,
+                angle_max=lidar.angle_min + lidar.angle_increment * (lidar.beams - 1),
+                angle_increment=lidar.angle_increment,
+                scan_time=1.0 / lidar.rate,
+                range_min=lidar.range_min,
+                range_max=lidar.range_max,
+                ranges=[0.0] * lidar.beams,
+            )
+            scan.header.frame_id = parameters.scan_frame
+            self._scan_bytes = PrefilledMessage(scan, *stamp_fields('header.stamp'), array='ranges')
+
+    @staticmethod
+    def _tf_prefilled(transforms: list[TransformStamped]) -> PrefilledMessage:
+        fields: list[tuple[str, str]] = []
+        for index in range(len(transforms)):
+            at = f'transforms.{index}'
+            fields += stamp_fields(f'{at}.header.stamp')
+            fields += _planar(f'{at}.transform.translation', f'{at}.transform.rotation')
+        return PrefilledMessage(TFMessage(transforms=transforms), *fields)
+
+    @property
+    def listens_to_scans(self) -> bool:
+        """Whether anybody does."""
+        return self._scan is not None and self._scan.get_subscription_count() > 0
+
+    def messages(self, now: float, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
+        """What is to be said at a time of the world, s, which is ``stamp`` by the clock that others have.
+
+        ``moves``: odometry, pose and transforms are due.
+        """
+        for message in self._made(now, stamp, moves):
+            if not self._is_lost(message[0]):
+                late = self.robot.faults.get(MessagesLate.name)
+                if isinstance(late, MessagesLate) and late.topic == message[0]:
+                    self._late.append((now + late.delay, message))
+                else:
+                    yield message
+        while self._late and self._late[0][0] <= now:
+            yield self._late.popleft()[1]
+
+    def _is_lost(self, topic: str) -> bool:
+        dropped = self.robot.faults.get(MessagesDropped.name)
+        return (
+            isinstance(dropped, MessagesDropped)
+            and dropped.topic == topic
+            and bool(self._loss.random() < dropped.probability)
+        )
+
+    def _made(self, now: float, stamp: Stamp, moves: bool) -> Iterator[Message]:
+        robot = self.robot
+        scan = robot.scan
+        if scan is not None and scan.time > self._scan_time and self.listens_to_scans:
+            self._scan_time = scan.time
+            self._scan_bytes.fill_array(scan.ranges)
+            yield names.SCAN, self._scan, self._scan_bytes.filled(*stamp)
+        if self._bumper is not None and robot.in_contact != self._told_contact:
+            self._told_contact = robot.in_contact
+            yield names.BUMPER, self._bumper, Bool(data=robot.in_contact)
+        if not moves:
+            return
+        if self._odom.get_subscription_count():
+            filled = self._odometry_bytes.filled(*stamp, *_place(robot.odometry), robot.linear, robot.angular)
+            yield names.ODOM, self._odom, filled
+        is_localized = self._amcl.is_active
+        estimate = robot.estimate
+        if is_localized:
+            yield names.POSE, self._pose, self._pose_bytes.filled(*stamp, *_place(estimate))
+        if self._tf.get_subscription_count():
+            moved = (*stamp, *_place(robot.odometry))
+            if is_localized:
+                filled = self._tf_bytes[0].filled(*stamp, *_place(robot.map_to_odom), *moved)
+            else:
+                filled = self._tf_bytes[1].filled(*moved)
+            yield names.TF, self._tf, filled
+        if is_localized and self._has_moved(estimate):
+            self._told_at = estimate
+            yield names.AMCL_POSE, self._amcl_pose, self._amcl_message(estimate, stamp)
+        if self._battery is not None and robot.battery is not None and now >= self._battery_due:
+            self._battery_due = now + BATTERY_PERIOD
+            if self._battery.get_subscription_count():
+                yield names.BATTERY_STATE, self._battery, self._battery_message(stamp)
+
+    def restart(self) -> None:
+        """Time has begun anew."""
+        self._battery_due = 0.0
+        self._scan_time = -math.inf
+        self._late.clear()
+
+    def _has_moved(self, estimate: Pose) -> bool:
+        last = self._told_at
+        return last is None or (
+            estimate.distance(last) >= UPDATE[0] or abs(math.remainder(estimate.yaw - last.yaw, math.tau)) >= UPDATE[1]
+        )
+
+    def _amcl_message(self, estimate: Pose, stamp: Stamp) -> PoseWithCovarianceStamped:
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id, message.header.stamp = self._parameters.map_frame, Time(sec=stamp[0], nanosec=stamp[1])
+        position, turned = message.pose.pose.position, message.pose.pose.orientation
+        position.x, position.y, turned.z, turned.w = _place(estimate)
+        message.pose.covariance = numpy.zeros(36)
+        return message
+
+    def _battery_message(self, stamp: Stamp) -> BatteryState:
+        battery = self.robot.battery
+        assert battery is not None
+        if battery.is_charging:
+            is_full = battery.level >= 1.0
+            status = BatteryState.POWER_SUPPLY_STATUS_FULL if is_full else BatteryState.POWER_SUPPLY_STATUS_CHARGING
+        else:
+            status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+        capacity = battery.model.capacity / battery.model.voltage
+        message = BatteryState(
+            voltage=battery.model.voltage,
+            temperature=math.nan,
+            current=math.nan,
+            charge=capacity * battery.level,
+            capacity=capacity,
+            design_capacity=capacity,
+            percentage=battery.level,
+            power_supply_status=status,
+            power_supply_health=BatteryState.POWER_SUPPLY_HEALTH_GOOD,
+            power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_LION,
+            present=True,
+        )
+        message.header.stamp = Time(sec=stamp[0], nanosec=stamp[1])
+        return message
+
+
+def _planar(position: str, orientation: str) -> tuple[tuple[str, str], ...]:
+    """The fields of a pose in the plane; see :func:`_place`."""
+    return ('d', f'{position}.x'), ('d', f'{position}.y'), ('d', f'{orientation}.z'), ('d', f'{orientation}.w')
+
+
+def _place(pose: Pose) -> tuple[float, float, float, float]:
+    return pose.x, pose.y, math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0)
