@@ -136,7 +136,7 @@ def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
     stale = bench.decision('/A')
     bench.applied(STOP)
     bench.wait_idle()
-    assert 'no behavior is running' in bench.refused(STOP)
+    bench.applied(STOP)  # meant for a run that has ended: the robot is kept at rest, whoever drives it
     second_run = bench.start()
     assert second_run != first_run
     decision = bench.decision('/A')

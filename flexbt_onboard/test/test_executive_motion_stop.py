@@ -29,7 +29,7 @@ class Robot:
     def _open(self) -> None:
         node = self.runtime.node
         node.create_subscription(Twist, names.CMD_VEL, self.commands.append, 10)
-        for action in ('follow_path', 'drill'):
+        for action in ('follow_path', 'navigate_to_pose', 'drill'):
             node.create_service(CancelGoal, f'{action}/_action/cancel_goal', self._answer(action))
 
     def _answer(self, action: str) -> Callable[[Any, Any], Any]:
@@ -85,7 +85,10 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         silence(robot)
         assert len(robot.commands) == count
         wait_until(lambda: robot.asked.count('follow_path') > 2, 'cancels again and again')
-        assert set(robot.asked) == {'follow_path'}, 'no other server is asked'
+        assert set(robot.asked) == {'follow_path', 'navigate_to_pose'}, 'no other server is asked'
+        robot.asked.clear()
+        runtime.call(stop.cancel_others)
+        wait_until(lambda: 'navigate_to_pose' in robot.asked, 'the cancel of the goals of others')
         runtime.call(stop.release)
         runtime.call(lambda: None)
         pose.pose.position.x += 1.0

@@ -9,7 +9,7 @@ from typing import Final
 
 from flexbt_core.state_machine import Answer, MachineRun
 from flexbt_core.values import lines
-from flexbt_msgs.msg import BlackboardEntry
+from flexbt_msgs.msg import BlackboardEntry, ExecutiveLog
 from flexbt_onboard.behaviors import RunRequest, checked_autonomy, run_request
 from flexbt_onboard.errors import CommandRefusedError
 
@@ -34,10 +34,14 @@ def _request(given: Given, inputs: Sequence[BlackboardEntry], autonomy: int) -> 
 
 def _stop(given: Given) -> None:
     reason = f'by {_operator(given)}' + (f': {given.command.reason}' if given.command.reason else '')
-    if given.run.snapshot.is_stopping:
-        given.run.give_up(f'given up {reason}')
+    run = given.runs.run
+    if run is None:
+        given.report.log(ExecutiveLog.INFO, f'the robot is stopped {reason}')
+    elif run.snapshot.is_stopping:
+        run.give_up(f'given up {reason}')
     else:
-        given.run.stop(f'stopped {reason}')
+        run.stop(f'stopped {reason}')
+    given.runs.halt_robot()
 
 
 def _autonomy(given: Given) -> Effect | None:
@@ -125,7 +129,7 @@ def _at_path(send: Callable[[MachineRun, str, Answer], None]) -> Callable[[Given
 COMMANDS: Final = (
     Command('START', _start, NeededRun.NONE),
     # Whoever sees that something goes wrong has to be able to stop it.
-    Command('STOP', _stop, NeededRun.GOING_ON, needs_authority=False, follows_run=True, for_anybody=True),
+    Command('STOP', _stop, NeededRun.IF_ANY, needs_authority=False, follows_run=True, for_anybody=True),
     Command('AUTONOMY', _autonomy, NeededRun.ANY),
     Command('CONFIRM', _confirm, fields=['decision_id']),
     Command('FORCE', _force, fields=['path', 'outcome']),

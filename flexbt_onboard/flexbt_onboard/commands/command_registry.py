@@ -30,7 +30,7 @@ class NeededRun(Enum):
 
     NONE = 'none'
     ANY = 'the run that goes on; none while idle'
-    GOING_ON = 'the run that goes on'
+    IF_ANY = 'the run that goes on, if there is one'
     RUNNING = 'the run that goes on, when it is running or paused'
     SHOWN = 'the run that the status shows, also when it has ended'
     INTERRUPTED = 'the run that was interrupted'
@@ -159,6 +159,11 @@ def _check_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
         _check_going_on(runs, command)
 
 
+def _check_if_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
+    if runs.run is not None:
+        _check_going_on(runs, command)
+
+
 def _check_going_on(runs: RunSupervisor, command: ExecutiveCommand) -> None:
     run = runs.snapshot
     if run is None:
@@ -196,7 +201,7 @@ def _check_interrupted(runs: RunSupervisor, command: ExecutiveCommand) -> None:
 _CHECKS: Final[Mapping[NeededRun, Callable[[RunSupervisor, ExecutiveCommand], None]]] = {
     NeededRun.NONE: _check_none,
     NeededRun.ANY: _check_any,
-    NeededRun.GOING_ON: _check_going_on,
+    NeededRun.IF_ANY: _check_if_any,
     NeededRun.RUNNING: _check_running,
     NeededRun.SHOWN: _check_shown,
     NeededRun.INTERRUPTED: _check_interrupted,

@@ -32,6 +32,9 @@ MOTION_ACTIONS: Final = (
 )
 """Actions of Nav2 that move the robot, by their default names."""
 
+FRONT_ACTIONS: Final = frozenset({'navigate_to_pose', 'navigate_through_poses', 'follow_waypoints'})
+"""Those of them by which other programs send the robot somewhere, each through servers of the others."""
+
 _PERIOD: Final = 0.05
 """From one command of zero velocity to the next, s; Nav2's controller server sends its own as often."""
 
@@ -94,6 +97,12 @@ class MotionStop:
             self._round = 0
             self._zero_until = self._runtime.steady.now() + _LEAST_SECONDS
             self._act()
+
+    def cancel_others(self) -> None:
+        """Cancel what other programs have sent the robot to do, once."""
+        for name in self._servers():
+            if name in FRONT_ACTIONS:
+                self._cancel_all(name)
 
     def release(self) -> None:
         """The robot may move again."""

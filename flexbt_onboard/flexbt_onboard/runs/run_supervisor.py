@@ -149,6 +149,10 @@ class RunSupervisor:
             self.run.stop(why)
         return self.run
 
+    def halt_robot(self) -> None:
+        """Stop whatever drives the robot, beside the run that goes on, if there is one."""
+        self._stops.halt_robot(self.run is not None)
+
     def abort(self, interrupted: InterruptedRun, why: str) -> None:
         """An interrupted run does not go on."""
         self._journal.end(interrupted.run_id, why)

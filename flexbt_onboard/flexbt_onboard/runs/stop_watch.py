@@ -18,6 +18,9 @@ MOTION_SECONDS: Final = 0.3
 """A stop that is not confirmed within this time stops the robot by another way. A cancel that travels through a BT
 server and a navigation server takes a tenth of a second; and the robot has to be at rest within a second."""
 
+HALT_SECONDS: Final = 5.0
+"""For how long the robot is kept at rest by a stop that is meant for no run."""
+
 _PERIOD: Final = 0.5
 
 
@@ -29,6 +32,9 @@ class RobotStop(Protocol):
 
     def hold(self) -> None:
         """Begin to keep the robot at rest."""
+
+    def cancel_others(self) -> None:
+        """Cancel what other programs have sent the robot to do."""
 
     def release(self) -> None:
         """The robot may move again."""
@@ -49,6 +55,20 @@ class StopWatch:
         """A run begins."""
         self._leave()
         self._robot.prepare()
+
+    def halt_robot(self, is_running: bool) -> None:
+        """An operator wants the robot to stop, whoever drives it; ``is_running``: there is a run, which is stopped."""
+        if is_running or self._run is not None:  # a run that has ended may have goals that have not
+            self._robot.cancel_others()
+            return
+        self._leave()
+        self._robot.hold()
+        steady = self._runtime.steady
+        self._timer = steady.call_at(steady.now() + HALT_SECONDS, lambda: self._runtime.post(self._leave_halted))
+
+    def _leave_halted(self) -> None:
+        if self._run is None:
+            self._leave()
 
     def stopping(self, run: BehaviorRun) -> None:
         """A run was told to stop."""
