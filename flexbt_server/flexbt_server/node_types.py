@@ -16,7 +16,8 @@ ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 
 
 def node_registry(on_broken: Callable[[str, Exception], None], dialect: Dialect = 'jazzy') -> NodeRegistry:
-    """A registry with everything that is installed. ``dialect`` is the branch of Nav2 whose nodes its trees expect.
+    """A registry with everything that is installed. ``dialect`` is the branch of Nav2 whose nodes trees
+    expect that do not show it themselves.
 
     ``on_broken(source, error)`` is told of an entry point or a module whose nodes cannot be used; the others can.
     """

@@ -11,7 +11,7 @@ import pytest
 
 from flexbt_core.behavior_tree import Port
 from flexbt_core.behavior_tree.model import NO_DEFAULT
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, ONLY_NODES, ONLY_PORTS, Dialect
 from flexbt_server.node_types import node_registry
 
 # Facts of ros-navigation/navigation2 (nav2_tree_nodes.xml and the ports that the classes declare), jazzy at 1.3.13 and
@@ -215,6 +215,20 @@ REGISTRIES: Final = {dialect: node_registry(fail, dialect) for dialect in DIALEC
 
 def test_the_branches_have_so_many_node_types() -> None:
     assert [sum(branch in node.branches for node in FACTS.values()) for branch in DIALECTS] == [65, 81]
+
+
+def test_a_file_shows_its_branch_by_what_only_that_has() -> None:
+    assert {id: node.branches[0] for id, node in FACTS.items() if len(node.branches) == 1} == ONLY_NODES
+    ports = {
+        id: {
+            name: fact.branches[0]
+            for name, fact in node.ports.items()
+            if len(fact.branches) == 1 and name != 'error_msg'  # which is a port of every action here
+        }
+        for id, node in FACTS.items()
+        if len(node.branches) > 1
+    }
+    assert {id: its for id, its in ports.items() if its} == ONLY_PORTS
 
 
 @pytest.mark.parametrize('dialect', DIALECTS)

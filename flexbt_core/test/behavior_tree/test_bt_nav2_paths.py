@@ -9,8 +9,26 @@ from typing import Any, ClassVar
 
 import pytest
 
-from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, Tree, TreeLoadError
-from flexbt_core.behavior_tree.nodes.nav2 import DistanceController, PauseResumeController, Position, SpeedController
+from flexbt_core.behavior_tree import (
+    Blackboard,
+    NodeExecutionError,
+    NodeStatus,
+    Tree,
+    TreeLibrary,
+    TreeLoadError,
+    builtin_registry,
+    load_xml,
+)
+from flexbt_core.behavior_tree.model import Source
+from flexbt_core.behavior_tree.nodes.nav2 import (
+    DistanceController,
+    PauseResumeController,
+    Position,
+    SpeedController,
+    dialect_of,
+    register_nav2,
+)
+from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 
@@ -47,6 +65,54 @@ def test_nodes_of_main_are_there_in_the_dialect_jazzy_too_but_round_robin_goes_r
     check(control('NonblockingSequence', 'S', 'S'), 'S 0S 1S')
     check(control('RoundRobin', 'S', 'S', wrap_around='false'), 'S 0S | F 1S')
     check(control('RoundRobin', 'S', 'S'), 'S 0S | S 1S | S 0S')
+
+
+PLAIN = '<BehaviorTree ID="T"><RoundRobin>{}<AlwaysSuccess/></RoundRobin></BehaviorTree>'
+
+
+@pytest.mark.parametrize(('attributes', 'trees', 'branch'), [
+    ('', PLAIN.format(''), None),
+    ('', PLAIN.format('<IsGoalNearby/>'), 'main'),
+    ('', PLAIN.format('<Condition ID="IsGoalNearby"/>'), 'main'),
+    ('', PLAIN.format('<IsPathValid/>'), 'jazzy'),
+    ('', PLAIN.format('<IsPathValid/><ValidatePath/>'), None),
+    ('', PLAIN.format('<Spin disable_collision_checks="true"/>'), 'main'),
+    ('', PLAIN.format('<Spin error_msg="{why}"/>'), None),
+    ('', PLAIN.format('<RemovePassedGoals global_frame="map"/>'), 'jazzy'),
+    ('', PLAIN.format('<SubTree ID="IsGoalNearby"/>'), None),
+    ('', '<TreeNodesModel><Condition ID="IsGoalNearby"/></TreeNodesModel>' + PLAIN.format(''), None),
+    ('main_tree_to_execute="MainTree"', PLAIN.format('').replace('"T"', '"MainTree"'), 'jazzy'),
+    ('main_tree_to_execute="MainTree"', PLAIN.format('<IsGoalNearby/>').replace('"T"', '"MainTree"'), 'main'),
+    ('', PLAIN.format('').replace('"T"', '"FollowPoint"'), 'main'),
+])  # fmt: skip
+def test_a_file_shows_the_branch_of_which_it_is(attributes: str, trees: str, branch: str | None) -> None:
+    root = parse(Source('f', f'<root BTCPP_format="4" {attributes}>{trees}</root>'))
+    assert dialect_of(elements_of(root)) == branch
+
+
+def test_files_of_both_branches_run_side_by_side_each_with_its_nodes() -> None:
+    """Of a file that includes another each goes by its own: a round that is over, and one that goes round."""
+    body = '<{id} current_child_idx="{{i}}"><RoundRobin><AlwaysSuccess/></RoundRobin></{id}>'
+    files = {
+        'main.xml': body.format(id='PersistentSequence'),
+        'other.xml': '<RoundRobin><AlwaysSuccess/></RoundRobin>',
+    }
+    registry = builtin_registry()
+    register_nav2(registry, 'jazzy')
+    text = ''.join(f'<include path="{file}"/>' for file in files)
+    document = load_xml(
+        f'<root BTCPP_format="4">{text}</root>', 'all.xml', registry,
+        include=lambda path, _package, _including: (path, (
+            f'<root BTCPP_format="4"><BehaviorTree ID="{path[:-4].title()}">{files[path]}</BehaviorTree></root>'
+        )),
+    )  # fmt: skip
+    board = Blackboard()
+    board.set('i', 0)
+    given = {
+        id: Tree(TreeLibrary([document]), id, blackboard=board, clock=ManualClock()).tick_once()
+        for id in document.trees
+    }
+    assert given == {'Main': NodeStatus.FAILURE, 'Other': NodeStatus.SUCCESS}
 
 
 def test_a_round_that_is_over_is_its_own_reason_and_a_failed_child_is_another() -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry
-from flexbt_core.behavior_tree.nodes.nav2 import Dialect, of_dialect
+from flexbt_core.behavior_tree.nodes.nav2 import Dialect, register_dialects
 from flexbt_server.leaves import ExecuteBehavior
 
 from . import (
@@ -37,7 +37,7 @@ FAMILIES: Final = (
 
 
 def register_leaves(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:
-    """Makes them known to ``registry``, as they are in that branch of Nav2."""
+    """Makes them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
     registry.register_classes([ExecuteBehavior])
     for family in FAMILIES:
-        registry.register_classes(of_dialect(family.NODES, dialect))
+        register_dialects(registry, family.NODES, dialect)

@@ -50,7 +50,7 @@ class BtServer:
             lambda source, error: logger.error(f'nodes of [{source}] not added: {error!r}'), parameters.nav2_dialect
         )
         if parameters.publish_statuses:
-            acceleration().prepare(manifest.node_class for manifest in registry)
+            acceleration().prepare(registry.node_classes)
         allowed = (*parameters.allowed_directories, *parameters.navigators.tree_files)
         store = TreeStore(registry, allowed, parameters.max_file_size, parameters.max_depth)
         self._preload(store, parameters.preload)

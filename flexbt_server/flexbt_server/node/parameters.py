@@ -84,7 +84,9 @@ def declare_parameters(node: Node) -> ServerParameters:
     for directory in directories:
         if not directory.is_absolute():
             raise ServerParameterError(f"parameter 'allowed_directories': {directory} is not an absolute path")
-    written = declare.text('nav2_dialect', 'jazzy', f'branch of Nav2 whose trees are run: {", ".join(DIALECTS)}')
+    written = declare.text(
+        'nav2_dialect', 'jazzy', f'branch of Nav2 of the trees that do not show it themselves: {", ".join(DIALECTS)}'
+    )
     dialect = next((known for known in DIALECTS if known == written), None)
     if dialect is None:
         raise ServerParameterError(f"parameter 'nav2_dialect': {written!r} is not one of {', '.join(DIALECTS)}")

@@ -36,7 +36,7 @@ def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = Tru
         '--nav2-dialect',
         choices=DIALECTS,
         default=DIALECTS[0],
-        help='branch of Nav2 whose nodes are known (default: %(default)s)',
+        help='branch of Nav2 for which files were written that do not show it themselves (default: %(default)s)',
     )
     if allow_unknown:
         parser.add_argument('--allow-unknown', action='store_true', help='node types may be unknown')

@@ -143,6 +143,7 @@ class OpenRegistry(NodeRegistry):
     def __init__(self, known: NodeRegistry) -> None:
         super().__init__()
         self.scripts = known.scripts
+        self.variants, self.variant_of = known.variants, known.variant_of
         for manifest in known:
             self.register(manifest.id, manifest.node_class)
 

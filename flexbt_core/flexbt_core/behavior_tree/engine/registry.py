@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from flexbt_core.behavior_tree.model import (
     NO_DEFAULT,
@@ -27,13 +27,23 @@ from .decorator import DecoratorNode
 from .leaf import LeafNode
 from .node import TreeNode
 
+Elements = Iterable[tuple[str, Mapping[str, str]]]
+"""The elements of a file: the ID of each, or what it is if it is no node, and its attributes."""
+
 
 class NodeRegistry:
-    """Node types by the ID that XML uses. Each host makes its own, see ``builtin_registry``."""
+    """Node types by the ID that XML uses. Each host makes its own, see ``builtin_registry``.
+
+    A file may be written for a variant, in which some IDs mean other node types. ``variant_of`` says for which, by the
+    elements of the file; None and a variant of which nothing is known are the types as they are registered.
+    """
 
     def __init__(self, scripts: ScriptLibrary | None = None) -> None:
         """``scripts`` has the enum constants that scripts know."""
         self._manifests: dict[str, NodeManifest] = {}
+        self.variants: dict[str, dict[str, NodeManifest]] = {}
+        """What IDs mean in a variant, where that is something else."""
+        self.variant_of: Callable[[Elements], str | None] = lambda elements: None
         self.scripts = scripts if scripts is not None else ScriptLibrary()
         self.json_types = JsonTypes()
         """Classes whose objects can be part of the JSON of a blackboard."""
@@ -44,8 +54,11 @@ class NodeRegistry:
         Raises RegistrationError when the ID is taken or not allowed, when a port is declared wrongly, or when the
         class is abstract.
         """
-        if id in self._manifests:
-            taken = self._manifests[id].node_class
+        return self._register(id, node_class, self._manifests)
+
+    def _register(self, id: str, node_class: type[TreeNode], manifests: dict[str, NodeManifest]) -> NodeManifest:
+        if id in manifests:
+            taken = manifests[id].node_class
             raise RegistrationError(
                 f'node ID [{id}] is registered already, for {taken.__module__}.{taken.__qualname__}; choose another ID'
             )
@@ -72,13 +85,30 @@ class NodeRegistry:
             _children_bounds(node_class),
             inspect.getdoc(node_class) or '',
         )
-        self._manifests[id] = manifest
+        manifests[id] = manifest
         return manifest
 
     def register_classes(self, node_classes: Iterable[type[TreeNode]]) -> None:
         """Makes classes known under the names that they declare. Raises RegistrationError, as :meth:`register` does."""
         for node_class in node_classes:
-            self.register(vars(node_class).get('xml_name', node_class.__name__), node_class)
+            self.register_class(node_class)
+
+    def register_class(self, node_class: type[TreeNode], variant: str = '') -> None:
+        """Makes a class known under the name that it declares, in one variant only if that is given. Raises
+        RegistrationError, as :meth:`register` does."""
+        manifests = self.variants.setdefault(variant, {}) if variant else self._manifests
+        self._register(vars(node_class).get('xml_name', node_class.__name__), node_class, manifests)
+
+    def types_for(self, elements: Elements) -> NodeRegistry | VariantTypes:
+        """The node types of a file that has these elements."""
+        variant = self.variants.get(self.variant_of(elements) or '')
+        return self if variant is None else VariantTypes(self, variant)
+
+    @property
+    def node_classes(self) -> Iterator[type[TreeNode]]:
+        """All classes, those of variants too."""
+        for manifests in (self._manifests, *self.variants.values()):
+            yield from (manifest.node_class for manifest in manifests.values())
 
     def get(self, id: str) -> NodeManifest | None:
         return self._manifests.get(id)
@@ -95,6 +125,27 @@ class NodeRegistry:
 
     def __len__(self) -> int:
         return len(self._manifests)
+
+
+class VariantTypes:
+    """The node types of a registry, some of which are others."""
+
+    def __init__(self, registry: NodeRegistry, others: Mapping[str, NodeManifest]) -> None:
+        self._registry = registry
+        self._others = others
+
+    @property
+    def scripts(self) -> ScriptLibrary:
+        return self._registry.scripts
+
+    def get(self, id: str) -> NodeManifest | None:
+        return self._others.get(id) or self._registry.get(id)
+
+    def suggestions(self, id: str) -> list[str]:
+        return self._registry.suggestions(id)
+
+    def __contains__(self, id: str) -> bool:
+        return id in self._registry
 
 
 def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:

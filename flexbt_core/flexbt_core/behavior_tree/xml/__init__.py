@@ -2,7 +2,18 @@
 """XML text to elements to definitions; formats 3 and 4."""
 
 from .format3 import is_format_3, make_format_4
+from .node_elements import elements_of
 from .parser import MAX_BYTES, MAX_DEPTH, Element, parse
 from .reader import IncludeResolver, load_xml
 
-__all__ = ['MAX_BYTES', 'MAX_DEPTH', 'Element', 'IncludeResolver', 'is_format_3', 'load_xml', 'make_format_4', 'parse']
+__all__ = [
+    'MAX_BYTES',
+    'MAX_DEPTH',
+    'Element',
+    'IncludeResolver',
+    'elements_of',
+    'is_format_3',
+    'load_xml',
+    'make_format_4',
+    'parse',
+]

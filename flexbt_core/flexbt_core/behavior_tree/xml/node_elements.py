@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, Protocol
 
 from flexbt_core.behavior_tree.model import (
@@ -49,6 +50,24 @@ class NodeTypes(Protocol):
         """Known IDs that look like ``id``, best first."""
 
     def __contains__(self, id: str) -> bool: ...
+
+
+class DocumentTypes(NodeTypes, Protocol):
+    """The node types of all documents; what an ID means may depend on the file."""
+
+    def types_for(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> NodeTypes:
+        """Those of a file, by the ID of each element, or its tag if it is no node, and its attributes."""
+
+
+def elements_of(root: Element) -> Iterator[tuple[str, Mapping[str, str]]]:
+    """The elements of a file that say for whom it was written: the root, its trees and their nodes."""
+    yield root.tag, root.attributes
+    pending = [element for element in root.children if element.tag == 'BehaviorTree']
+    while pending:
+        element = pending.pop()
+        is_node = element.tag in EXPLICIT_TAGS and element.tag != NodeKind.SUBTREE.value
+        yield element.attributes.get('ID', '') if is_node else element.tag, element.attributes
+        pending += element.children
 
 
 class NodeReader:

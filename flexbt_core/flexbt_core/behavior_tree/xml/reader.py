@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree.model import (
 )
 
 from .format3 import is_format_3, make_format_4
-from .node_elements import NodeReader, NodeTypes
+from .node_elements import DocumentTypes, NodeReader, NodeTypes, elements_of
 from .parser import MAX_BYTES, MAX_DEPTH, Element, decode, parse
 
 MAX_INCLUDES: Final = 100
@@ -39,7 +39,7 @@ IncludeResolver = Callable[[str, 'str | None', str], 'tuple[str, str | bytes]']
 def load_xml(
     text: str | bytes,
     file: str,
-    registry: NodeTypes,
+    registry: DocumentTypes,
     *,
     include: IncludeResolver | None = None,
     max_bytes: int = MAX_BYTES,
@@ -72,7 +72,9 @@ def _without_collector() -> Iterator[None]:
 class _Loader:
     """A document with all that it includes."""
 
-    def __init__(self, registry: NodeTypes, include: IncludeResolver | None, max_bytes: int, max_depth: int) -> None:
+    def __init__(
+        self, registry: DocumentTypes, include: IncludeResolver | None, max_bytes: int, max_depth: int
+    ) -> None:
         self._registry = registry
         self._include = include
         self._max_bytes = max_bytes
@@ -123,9 +125,10 @@ class _Loader:
             self._error(source, element, 'only one <TreeNodesModel> is allowed in a file')
         for element in models[:1]:
             self._read_models(source, element)
+        types = self._registry.types_for(elements_of(root))
         for element in root.children:
             if element.tag == 'BehaviorTree':
-                self._read_tree(source, element, alone=len(root.children) == 1)
+                self._read_tree(source, element, types, alone=len(root.children) == 1)
             elif element.tag not in ('include', 'TreeNodesModel'):
                 self._warn(source, element, 'this element means nothing here, and is ignored')
         main = root.attributes.get('main_tree_to_execute')
@@ -198,7 +201,7 @@ class _Loader:
                 ports[name] = SubTreeModelPort(direction, port.attributes.get('default'))
             self._models[id] = ports
 
-    def _read_tree(self, source: Source, element: Element, alone: bool) -> None:
+    def _read_tree(self, source: Source, element: Element, types: NodeTypes, alone: bool) -> None:
         id = element.attributes.get('ID')
         before = len(self.errors)
         if id is None:
@@ -217,7 +220,7 @@ class _Loader:
             self._error(source, element, f'a tree has exactly 1 root node, not {len(element.children)}')
         root: NodeDefinition | None = None
         for child in element.children:
-            root = NodeReader(source, self._registry, self.errors).read(child)
+            root = NodeReader(source, types, self.errors).read(child)
         if id in self._trees and self._trees[id].source is source:
             line, _ = source.position(self._trees[id].offset)
             self._warn(source, element, f'tree [{id}] of line {line} is replaced by this one')

@@ -54,7 +54,7 @@ class TimeExpired(Condition):
 class PathExpiringTimer(Condition):
     """SUCCESS when the path on the blackboard has been the same for ``seconds``, and whenever they have passed again.
 
-    The first tick of the tree's life only begins to count.
+    The first tick of the tree's life only begins to count. It asks for a wake-up when the time is over.
     """
 
     __slots__ = ('_first', '_path', '_start')
@@ -78,8 +78,10 @@ class PathExpiringTimer(Condition):
         if self._first or (path is not self._path and path != self._path):
             self._start = now
         self._path = path
+        end = self._start + self.get_input('seconds')
         first, self._first = self._first, False
-        if first or now < self._start + self.get_input('seconds'):
+        if first or now < end:
+            self.wake_at(end)
             return FAILURE
         self._start = now
         return SUCCESS
