@@ -139,6 +139,8 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.COMPUTE_PATH_TO_POSE,
         names.COMPUTE_PATH_THROUGH_POSES,
         names.SMOOTH_PATH,
+        names.COMPUTE_ROUTE,
+        names.COMPUTE_AND_TRACK_ROUTE,
         names.FOLLOW_PATH,
         names.SPIN,
         names.BACKUP,
@@ -185,7 +187,8 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     *_topics(names.CMD_VEL_TELEOP, names.PREEMPT_TELEOP, to=(NAVIGATION,)),
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
-    *_topics(names.PLAN_SMOOTHED, by=(NAVIGATION,)),
+    *_topics(names.PLAN_SMOOTHED, names.ROUTE_GRAPH, names.SPEED_LIMIT, by=(NAVIGATION,)),
+    *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, by=(NAVIGATION,)),
     # The robot
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),

@@ -194,7 +194,9 @@ class GoalServer:
 
 def _refusal(action_type: Any, why: str) -> Any:
     result = action_type.Result()
-    result.error_code, result.error_msg = int(getattr(result, 'UNKNOWN', 0)), why
+    result.error_code = int(getattr(result, 'UNKNOWN', 0))
+    if hasattr(result, 'error_msg'):  # those of routes have none
+        result.error_msg = why
     return result
 
 

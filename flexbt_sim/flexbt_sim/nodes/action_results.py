@@ -36,10 +36,12 @@ def end_by(runtime: NodeRuntime, error: Exception, what: str) -> GoalEnd:
 def finish(goal: ServedGoal, result: Any, end: GoalEnd) -> None:
     """Fill in error code and message, and end the goal.
 
-    Not every action has every code: one that it lacks becomes its UNKNOWN. (Wait has none at all, only the message.)
+    Not every action has every code: one that it lacks becomes its UNKNOWN. (Wait has none at all, only the message;
+    the actions of routes have none.)
     """
     result.error_code = int(getattr(result, end.code, getattr(result, 'UNKNOWN', 0)))
-    result.error_msg = end.message
+    if hasattr(result, 'error_msg'):
+        result.error_msg = end.message
     if end.succeeded:
         goal.succeed(result)
     elif end.canceled:

@@ -55,3 +55,16 @@ class Computation:
                 self._runtime.post(lambda: deliver(result))
 
         self._pool.submit(work)
+
+    def ask(self, compute: Callable[[], T], on_done: Callable[[T | None, Exception | None], None]) -> None:
+        """The same for what is no goal: ``on_done`` is told the result, or the error that came in its way."""
+
+        def work() -> None:
+            result, reason = None, None
+            try:
+                result = compute()
+            except Exception as error:
+                reason = error
+            self._runtime.post(lambda: on_done(result, reason))
+
+        self._pool.submit(work)

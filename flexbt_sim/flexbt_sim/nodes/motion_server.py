@@ -58,7 +58,8 @@ class MotionArbiter:
         self._watch: Timer | None = None
         self.running: RunningMotion | None = None
         self._is_held = False
-        robot.on_pose, robot.on_map = self._on_pose, self._on_map
+        robot.on_pose.append(self._on_pose)
+        robot.on_map = self._on_map
 
     def start(self, newer: RunningMotion) -> None:
         """Let a motion drive. A path that replaces a path is gone over to without a stop."""

@@ -12,6 +12,8 @@ from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_sim.navigation import FollowerLimits, Inflation
 
+from .route_parameters import RouteParameters, declare_route_parameters
+
 
 @dataclass(frozen=True)
 class NavigationParameters:
@@ -35,6 +37,7 @@ class NavigationParameters:
     cmd_vel_topic: str
     stamped_cmd_vel: bool
     pose_timeout: float
+    routes: RouteParameters
 
 
 def declare_navigation_parameters(node: Node) -> NavigationParameters:
@@ -100,4 +103,5 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         pose_timeout=declare.real(
             'pose_timeout', 1.0, 0.1, 60.0, "time of the node's clock without a pose after which motions fail, s"
         ),
+        routes=declare_route_parameters(declare),
     )

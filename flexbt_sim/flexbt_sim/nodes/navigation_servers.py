@@ -2,8 +2,9 @@
 """The node ``navigation``: navigation servers with the interfaces of Nav2, for the simulated robot.
 
 Actions compute_path_to_pose, compute_path_through_poses, smooth_path, follow_path, spin, backup, drive_on_heading,
-assisted_teleop and wait; services to clear the costmaps and is_path_valid; topic plan. While a node of the parameter
-``owner_nodes`` is late the robot is held; when it is gone every goal is ended: nobody is left to stop it.
+assisted_teleop, wait, compute_route and compute_and_track_route; services to clear the costmaps, is_path_valid, and
+those of the route server. While a node of the parameter ``owner_nodes`` is late the robot is held; when it is gone
+every goal is ended: nobody is left to stop it.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from .planner_server import PlannerServer
 from .request_checks import bounded, check_id, path_in_map
 from .robot_interface import RobotInterface
 from .ros_messages import seconds_of
+from .route_server import RouteServer
 from .smoother_server import SmootherServer
 from .teleop_server import TeleopServer
 from .wait_server import WaitServer
@@ -106,6 +108,7 @@ class Navigation:
             MotionServer(runtime, self._arbiter, action_type, name, make, feedback)
         SmootherServer(runtime, self._parameters, self._robot)
         TeleopServer(runtime, self._parameters, self._arbiter)
+        self._routes = RouteServer(runtime, self._parameters, self._robot)
         self._waits = WaitServer(runtime)
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
@@ -192,11 +195,12 @@ class Navigation:
             self._runtime.call(lambda: None)
 
     def _end_all(self, reason: str, code: str = 'UNKNOWN') -> None:
-        if self._arbiter.running is not None or self._waits.busy:
+        if self._arbiter.running is not None or self._waits.busy or self._routes.busy:
             self._runtime.node.get_logger().error(f'every goal is ended: {reason}')
         end = GoalEnd(code=code, message=reason)
         self._arbiter.end(end)
         self._waits.end_all(end)
+        self._routes.end_all(end)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -30,14 +30,14 @@ COMPLAINT_SECONDS: Final = 5.0
 class RobotInterface:
     """On the executor thread.
 
-    ``on_pose(pose, time)`` is called for each new pose; time is that of the pose, s. ``on_map()`` is called for each
+    Each of ``on_pose`` is called for each new pose with it and its time, s. ``on_map()`` is called for each
     new map.
     """
 
     def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters) -> None:
         self._runtime = runtime
         self._parameters = parameters
-        self.on_pose: Callable[[Pose, float], None] = lambda _pose, _time: None
+        self.on_pose: list[Callable[[Pose, float], None]] = []
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
         self._pose_at = self._pose_steady = -math.inf
@@ -126,7 +126,9 @@ class RobotInterface:
         time = seconds_of(message.header.stamp)
         self.costmaps.add_pose(time, self._pose)
         self._tell_waiting()
-        self.on_pose(self._pose, time)
+        pose = self._pose
+        for tell in tuple(self.on_pose):
+            tell(pose, time)
 
     def _receive_map(self, grid: OccupancyGrid) -> None:
         try:

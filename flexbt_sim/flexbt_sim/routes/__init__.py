@@ -8,18 +8,23 @@ from .lines import closest_point, line_costs
 from .request_nodes import nearest_node, pruned
 from .route import Route, find_route
 from .route_path import PathShape, route_path
+from .route_planner import Ends, PlannedRoute, Progress, RoutePlanner
 from .tracker import AchievedRadii, RouteTracker, blocked_edge
 
 __all__ = [
     'SCORERS',
     'AchievedRadii',
     'DynamicEdges',
+    'Ends',
     'Operation',
     'PathShape',
+    'PlannedRoute',
+    'Progress',
     'Route',
     'RouteEdge',
     'RouteGraph',
     'RouteNode',
+    'RoutePlanner',
     'RouteRequest',
     'RouteTracker',
     'Scorer',

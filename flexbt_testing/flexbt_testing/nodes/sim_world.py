@@ -15,8 +15,10 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from nav2_msgs.action import (
     AssistedTeleop,
     BackUp,
+    ComputeAndTrackRoute,
     ComputePathThroughPoses,
     ComputePathToPose,
+    ComputeRoute,
     DriveOnHeading,
     FollowPath,
     SmoothPath,
@@ -46,6 +48,8 @@ OFFICE = (3.8, 1.2, -1.57)
 ACTIONS = {
     names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
     names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
+    names.COMPUTE_ROUTE: ComputeRoute,
+    names.COMPUTE_AND_TRACK_ROUTE: ComputeAndTrackRoute,
     names.FOLLOW_PATH: FollowPath,
     names.SMOOTH_PATH: SmoothPath,
     names.SPIN: Spin,
