@@ -173,8 +173,6 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     # What Nav2's trees use, and only other robots have
     *_actions(
-        names.COMPUTE_ROUTE,
-        names.COMPUTE_AND_TRACK_ROUTE,
         names.DOCK_ROBOT,
         names.UNDOCK_ROBOT,
         names.FOLLOW_OBJECT,

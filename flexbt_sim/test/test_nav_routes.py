@@ -28,7 +28,10 @@ Tracked = ComputeAndTrackRoute.Result
 
 DOOR = {'type': 'TriggerEvent', 'trigger': 'ON_ENTER', 'metadata': {'service_name': 'open_door'}}
 CORRIDOR = [
-    *(node(id, x, y) for id, (x, y) in enumerate([(6.5, 4.45), (8.0, 4.45), (10.0, 4.45), (11.0, 4.45), (9.0, 4.1)], 1)),
+    *(
+        node(id, x, y)
+        for id, (x, y) in enumerate([(6.5, 4.45), (8.0, 4.45), (10.0, 4.45), (11.0, 4.45), (9.0, 4.1)], 1)
+    ),
     node(9, 4.0, 1.2),
     edge(12, 1, 2),
     edge(23, 2, 3),
@@ -39,7 +42,7 @@ CORRIDOR = [
     edge(21, 2, 1),
     edge(91, 9, 1, cost=0.0, overridable=False),
 ]
-"""Along the corridor, with a bow of it at node 5. Node 9 is in the office, from which an edge leads that has no cost."""
+"""Along the corridor, with a bow at node 5. Node 9 is in the office, from which an edge leads that has no cost."""
 START = (6.4, 4.45, 0.0)
 
 

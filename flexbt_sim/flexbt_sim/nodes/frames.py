@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.transforms import TransformListener
+from flexbt_common.transforms import TRANSFORM_TIMEOUT, TransformListener
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose
 
@@ -21,8 +21,10 @@ def poses_in_map(
     code: str,
     on_poses: Callable[[list[Pose]], None],
     on_error: Callable[[Exception], None],
+    timeout: float = TRANSFORM_TIMEOUT,
 ) -> None:
-    """Give geometry_msgs/PoseStamped in the frame of the map: at once, or when their transforms are known.
+    """Give geometry_msgs/PoseStamped in the frame of the map: at once, or when their transforms are known, which
+    ``timeout`` seconds of wall time are waited for.
 
     ``on_error`` instead, with NavigationError: TF_ERROR when no transform is known, ``code`` for what is no place. An
     empty frame counts as that of the map.
@@ -52,6 +54,7 @@ def poses_in_map(
                 map_frame,
                 lambda there, index=index: take(index, there),  # type: ignore[misc]
                 lambda error: fail(NavigationError('TF_ERROR', str(error))),
+                timeout,
             )
     if not stamped:
         on_poses([])

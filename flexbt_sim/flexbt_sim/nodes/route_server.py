@@ -53,6 +53,9 @@ from .route_tracking import RouteTracking
 HIGHEST_COST: Final = 1e6
 """Of an edge, by the service."""
 
+GRAPH_TIMEOUT: Final = 5.0
+"""How long transforms of a graph are waited for, s of wall time: at the start nobody may have told them yet."""
+
 NO_PLACE: Final = 'INDETERMINANT_NODES_ON_GRAPH'
 
 
@@ -129,7 +132,7 @@ class RouteServer:
         origins = [PoseStamped() for _ in frames]
         for origin, name in zip(origins, frames, strict=True):
             origin.header.frame_id = name
-        poses_in_map(self._runtime, origins, frame, 'TF_ERROR', take, on_taken)
+        poses_in_map(self._runtime, origins, frame, 'TF_ERROR', take, on_taken, GRAPH_TIMEOUT)
 
     def _report_graph(self, error: Exception | None) -> None:
         logger = self._runtime.node.get_logger()
