@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy
 from numpy.typing import NDArray
 
+from . import beams
+from .acceleration import compiled
 from .bodies import Body
 from .geometry import Pose
 from .occupancy_map import OccupancyMap
@@ -17,6 +20,9 @@ from .shapes import Circle
 
 _BEYOND: Final = 1e-6
 """By how much, in cells, a beam goes into the next cell to be in it."""
+
+_HALF_DIAGONAL: Final = 0.71
+"""Of a cell, rounded up."""
 
 Floats = NDArray[numpy.floating[Any]]
 
@@ -58,33 +64,58 @@ def outlines(bodies: Iterable[Body]) -> Outlines:
 
 
 class RayCaster:
-    """Casts the beams of any number of sensors at once."""
+    """Casts the beams of any number of sensors: one after the other where numba is, otherwise all at once."""
 
     def __init__(self, world: OccupancyMap | None) -> None:
         self._world = world
 
     def cast(self, sensors: Sequence[Sensor], bodies: Outlines) -> list[Floats]:
         """For each sensor, how far each beam gets, m; infinite where it meets nothing within its range."""
+        cast = compiled(beams.cast)
+        return self.cast_at_once(sensors, bodies) if cast is None else [self._one(cast, one, bodies) for one in sensors]
+
+    @cached_property
+    def _free(self) -> NDArray[numpy.float32]:
+        """For each cell, how far a beam may go from anywhere in it, in cells; less than -0.5 for an obstacle."""
+        world = self._world
+        if world is None:
+            return numpy.ones((1, 1), numpy.float32)  # which beams leave at once
+        return numpy.ascontiguousarray(world.distances / world.resolution, numpy.float32) - numpy.float32(
+            _HALF_DIAGONAL
+        )
+
+    def _one(self, cast: Callable[..., None], sensor: Sensor, bodies: Outlines) -> Floats:
+        (x, y, yaw), world = sensor.pose, self._world
+        row, column = (-2.0, -2.0) if world is None else world.grid_position(x, y)
+        turned, resolution = (0.0, 1.0) if world is None else (world.origin.yaw, world.resolution)
+        ranges = numpy.empty(sensor.beams)
+        cast(
+            self._free, row, column, turned, resolution, x, y, yaw + sensor.angle_min, sensor.angle_increment,
+            sensor.range_max, sensor.owner, bodies.circles, bodies.segments, ranges,
+        )  # fmt: skip
+        return ranges
+
+    def cast_at_once(self, sensors: Sequence[Sensor], bodies: Outlines) -> list[Floats]:
+        """The same by whole-array operations."""
         angles = [one.pose.yaw + one.angle_min + numpy.arange(one.beams) * one.angle_increment for one in sensors]
-        found = self._cast_on_map(sensors, angles) if self._world is not None else [
-            numpy.full(one.beams, math.inf) for one in sensors
-        ]  # fmt: skip
+        if self._world is None:
+            found: list[Floats] = [numpy.full(one.beams, math.inf) for one in sensors]
+        else:
+            found = self._cast_on_map(self._world, sensors, angles)
         for sensor, heading, ranges in zip(sensors, angles, found, strict=True):
             _cast_on_bodies(sensor, numpy.cos(heading), numpy.sin(heading), bodies, ranges)
             ranges[ranges > sensor.range_max] = math.inf
         return found
 
-    def _cast_on_map(self, sensors: Sequence[Sensor], angles: Sequence[Floats]) -> list[Floats]:
-        world = self._world
-        assert world is not None
-        beams = [one.beams for one in sensors]
+    def _cast_on_map(self, world: OccupancyMap, sensors: Sequence[Sensor], angles: Sequence[Floats]) -> list[Floats]:
+        counts = [one.beams for one in sensors]
         headings = numpy.concatenate(angles) - world.origin.yaw
         directions = numpy.stack([numpy.sin(headings), numpy.cos(headings)])  # in rows and columns
         directions[numpy.abs(directions) < 1e-12] = 1e-12
-        starts = numpy.array([world.grid_position(one.pose.x, one.pose.y) for one in sensors]).T.repeat(beams, axis=1)
-        limits = numpy.repeat([one.range_max / world.resolution for one in sensors], beams)
+        starts = numpy.array([world.grid_position(one.pose.x, one.pose.y) for one in sensors]).T.repeat(counts, axis=1)
+        limits = numpy.repeat([one.range_max / world.resolution for one in sensors], counts)
         ranges = _march(world, starts, directions, limits) * world.resolution
-        return numpy.split(ranges, numpy.cumsum(beams)[:-1])
+        return numpy.split(ranges, numpy.cumsum(counts)[:-1])
 
 
 def _march(world: OccupancyMap, starts: Floats, directions: Floats, limits: Floats) -> Floats:
@@ -104,7 +135,7 @@ def _march(world: OccupancyMap, starts: Floats, directions: Floats, limits: Floa
         ranges[beams[struck]] = travelled[beams[struck]]
         # To the next cell; or as far as nothing is round the centre of this one, less half its diagonal.
         to_next = ((cells + (along > 0.0) - places) / along).min(axis=0) + _BEYOND
-        travelled[beams] += numpy.maximum(to_next, world.distances[rows, columns] / world.resolution - 0.71)
+        travelled[beams] += numpy.maximum(to_next, world.distances[rows, columns] / world.resolution - _HALF_DIAGONAL)
         beams = beams[~struck & (travelled[beams] < ends[beams])]
     return ranges
 

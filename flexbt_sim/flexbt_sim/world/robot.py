@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .bodies import Body, Normals, Surroundings, generator
 from .faults import BatteryLow, LidarBlinded, LidarFrozen, LocalizationLost, StuckWheel
 from .geometry import Pose, drive, wrap
-from .models import BatteryModel, RobotModel
+from .models import BatteryModel, OdometryModel, RobotModel
 from .specification import Specification
 
 CONVERGENCE: Final = (1.0, 0.8)
@@ -72,7 +72,9 @@ class Robot(Body):
         self.is_scanning = True
         self.scan: Scan | None = None
         self.next_scan = 0.0
-        self._seed = seed
+        errors, self._seed = model.odometry, seed
+        self._is_exact = errors == OdometryModel() and not model.drive.slip
+        """The odometry follows the pose then, and is not integrated."""
         self.reset()
 
     def reset(self) -> None:
@@ -85,11 +87,13 @@ class Robot(Body):
         self.scan, self.next_scan = None, 0.0
         self.violations = self.contacts = 0
         self.zones, self.speed_limit, self.in_shadow = (), math.inf, False
-        self.odometry = Pose(0.0, 0.0, 0.0)
+        self._odometry = Pose(0.0, 0.0, 0.0)
+        self.pose, self._measured = self.start, inverse(self.start)
         self.place(self.start)
 
     def place(self, pose: Pose) -> None:
         """Put the robot somewhere, at rest. Its odometry knows nothing of it, its localization all."""
+        self._measured = compose(self.odometry, inverse(pose))
         self.pose = pose
         self.linear = self.angular = self._linear = self._angular = 0.0
         self.in_contact = False
@@ -114,6 +118,11 @@ class Robot(Body):
         self._wanted = (linear, max(-greatest, min(greatest, angular)))
         self.commanded_at = now
         self._until = now + model.watchdog
+
+    @property
+    def odometry(self) -> Pose:
+        """Where it is by its wheels, from where it was at the start."""
+        return compose(self._measured, self.pose) if self._is_exact else self._odometry
 
     @property
     def is_driven(self) -> bool:
@@ -234,8 +243,8 @@ class Robot(Body):
         grip = 1.0 - 2.0 * slip * self._slip.random() if slip else 1.0
         start = self.pose
         reach = abs(linear) + abs(angular) * self.shape.turning_radius
-        if reach == 0.0:  # a circle that turns on the spot touches nothing new
-            self.pose = drive(start, 0.0, angular * grip, duration)
+        if reach == 0.0 or surroundings.time + duration <= self.clear_until:
+            self.pose = drive(start, linear * grip, angular * grip, duration)
             moved = duration
         else:
             moved = surroundings.advance(
@@ -259,13 +268,15 @@ class Robot(Body):
 
     def _measure(self, linear: float, angular: float, duration: float) -> None:
         """Odometry of a movement of the wheels."""
+        if self._is_exact:
+            return
         model = self.model.odometry
         if model.linear_noise or model.angular_noise or model.drift or model.scale != 1.0:
             way, turn = abs(linear) * duration, abs(angular) * duration
             noise, other = self._odometry_noise.next(), self._odometry_noise.next()
             linear = linear * model.scale + noise * model.linear_noise * math.sqrt(way) / max(duration, 1e-9)
             angular += model.drift * linear + other * model.angular_noise * math.sqrt(turn) / max(duration, 1e-9)
-        self.odometry = drive(self.odometry, linear, angular, duration)
+        self._odometry = drive(self._odometry, linear, angular, duration)
 
     def enter(self, zones: tuple[str, ...], speed_limit: float, forbidden: int, *, in_shadow: bool) -> None:
         """It is in these zones now; so many more that are no-go ones than before."""

@@ -31,6 +31,9 @@ _REACH: Final = 1.0
 _BLOCK: Final = 2.0
 """Side of the squares, m, by which those who are near are found."""
 
+_ROUNDING: Final = 1e-9
+"""Depth, m, that is none."""
+
 _LARGE: Final = 20.0
 """Radius, m, from which a body is near to all."""
 
@@ -97,9 +100,10 @@ class Space:
             return room
         if isinstance(shape, Circle):
             return self.map.clearance(pose.x, pose.y) - shape.radius
-        return self._polygon_gap(shape, pose)
+        room = self._along_sides(shape, pose)
+        return room if room > 0.0 else self._exact_gap(shape, pose)
 
-    def _polygon_gap(self, polygon: Polygon, pose: Pose) -> float:
+    def _along_sides(self, polygon: Polygon, pose: Pose) -> float:
         """Along the sides, in steps of at least a quarter of a cell, or of half of what is free there."""
         assert self.map is not None
         least = self.map.resolution / 4.0
@@ -116,6 +120,37 @@ class Space:
                 room = ahead
         return nearest
 
+    def _exact_gap(self, polygon: Polygon, pose: Pose) -> float:
+        """Of all sides to all squares of the map that are near; where it overlaps some, minus as many cells."""
+        world = self.map
+        assert world is not None
+        corners = numpy.array([world.grid_position(x, y)[::-1] for x, y in polygon.points(pose)])
+        left, bottom = numpy.maximum(numpy.floor(corners.min(axis=0)).astype(int) - 1, 0)
+        right, top = numpy.maximum(numpy.ceil(corners.max(axis=0)).astype(int) + 1, 0)
+        rows, columns = numpy.nonzero(world.obstacles[bottom:top, left:right])
+        if not rows.size:
+            return world.resolution / 2.0  # at least: there is a free cell all round
+        squares = numpy.stack([columns + left, rows + bottom], axis=1)[:, None, :].astype(float)
+        starts, sides = corners[None], (numpy.roll(corners, -1, axis=0) - corners)[None]
+        # Where a side enters and leaves the slabs of a square: it crosses it if it is in both at once.
+        with numpy.errstate(divide='ignore', invalid='ignore'):
+            into, out = (squares - starts) / sides, (squares + 1.0 - starts) / sides
+        parallel = sides == 0.0
+        beside = parallel & ((starts <= squares) | (starts >= squares + 1.0))
+        first = numpy.where(parallel, 0.0, numpy.minimum(into, out)).max(axis=2)
+        last = numpy.where(parallel, 1.0, numpy.maximum(into, out)).min(axis=2)
+        crosses = (numpy.maximum(first, 0.0) < numpy.minimum(last, 1.0)) & ~beside.any(axis=2)
+        overlapped = int(crosses.any(axis=1).sum())
+        if overlapped:
+            return -overlapped * world.resolution
+        # Otherwise they are nearest at a corner of one of them.
+        away = numpy.hypot(*numpy.moveaxis(starts - numpy.clip(starts, squares, squares + 1.0), 2, 0)).min()
+        for corner in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
+            points = squares + corner - starts
+            part = numpy.clip((points * sides).sum(axis=2) / (sides * sides).sum(axis=2), 0.0, 1.0)
+            away = min(away, numpy.hypot(*numpy.moveaxis(points - part[:, :, None] * sides, 2, 0)).min())
+        return float(away) * world.resolution
+
     def _clearance(self, x: float, y: float) -> float:
         """Distance, m, from a point to the nearest obstacle of the map: as far as the point next to it is, at least."""
         world = self.map
@@ -125,7 +160,10 @@ class Space:
         row, column = (dy * self._cos - dx * self._sin) * scale, (dx * self._cos + dy * self._sin) * scale
         r = min(max(round(row), 0), self._rows)
         c = min(max(round(column), 0), self._columns)
-        return float(self._field[r, c]) - math.hypot(row - r, column - c) / scale
+        beside = math.hypot(row - r, column - c) / scale
+        room = float(self._field[r, c]) - beside
+        # Beside the map the nearest point that is known may be far away.
+        return world.clearance(x, y) if room < world.resolution < beside else room
 
     def is_someone_near(self, x: float, y: float, distance: float) -> bool:
         """Whether a robot or a moving obstacle is within a distance, m, of a point."""
@@ -154,7 +192,7 @@ class Space:
             step = min(duration - gone, max(room, COLLISION_CHECK_DISTANCE) / reach)
             ahead = at(gone + step)
             after = self.gap(body, ahead)
-            if after < 0.0 and after <= room:
+            if after < -_ROUNDING and after <= room:
                 return gone
             body.pose = ahead
             room, gone = after, gone + step

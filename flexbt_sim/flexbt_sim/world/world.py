@@ -86,6 +86,7 @@ class World:
         self._stations: dict[str, Station] = {}
         self._zones: dict[str, Zone] = {}
         self._movers: list[Body] = []
+        self._next_scan = 0.0
         self._space = Space(world)
         self._rays = RayCaster(world)
         self._faults: list[Fault] = []
@@ -205,6 +206,7 @@ class World:
 
     def _order(self) -> None:
         """By their names, so that nothing depends on when they came."""
+        self._next_scan = 0.0
         self._movers = [one for _, one in sorted(self._entities.items()) if isinstance(one, Body)]
 
     def remove(self, name: str) -> None:
@@ -263,6 +265,7 @@ class World:
         for entity in self._entities.values():
             if isinstance(entity, Robot | Obstacle | Door):
                 entity.reset()
+        self._next_scan = 0.0
         self._space.changed()
 
     def _entity(self, name: str) -> Entity:
@@ -384,6 +387,8 @@ class World:
 
     def _scan(self) -> None:
         now = self.time
+        if now + 1e-9 < self._next_scan:
+            return
         due: list[Robot] = []
         for robot in self._robots.values():
             if now + 1e-9 >= robot.next_scan and robot.model.lidar is not None:
@@ -391,6 +396,7 @@ class World:
                 robot.next_scan = period * (math.floor(now / period + 1e-6) + 1)
                 if robot.is_scanning and robot.is_powered:
                     due.append(robot)
+        self._next_scan = min((one.next_scan for one in self._robots.values() if one.model.lidar), default=math.inf)
         if not due:
             return
         numbers = {body.name: number for number, body in enumerate(self._movers)}
