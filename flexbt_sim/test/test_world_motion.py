@@ -15,6 +15,7 @@ from sim_maps import drawn, places, rooms, worlds
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import (
     MODELS,
+    BatteryModel,
     Body,
     Circle,
     DoorModel,
@@ -26,6 +27,7 @@ from flexbt_sim.world import (
     Pose,
     RobotModel,
     RouteModel,
+    Shape,
     Snapshot,
     StationModel,
     WalkModel,
@@ -37,7 +39,7 @@ from flexbt_sim.world import (
 )
 
 ROUNDING = 1e-6
-footprints = st.sampled_from(
+footprints: st.SearchStrategy[Shape] = st.sampled_from(
     [Circle(0.1), Circle(0.3), box(0.5, 0.2), Polygon(((0.3, 0.0), (-0.1, 0.15), (-0.1, -0.15)))]
 )
 drives = st.builds(
@@ -361,7 +363,7 @@ def test_zones_hold_count_and_blind() -> None:
 
 def test_a_battery_drains_stops_the_robot_and_is_charged() -> None:
     world = World()
-    model = replace(MODELS['burger'], battery=replace(MODELS['burger'].battery, capacity=0.01, idle=5.0, driving=10.0))
+    model = replace(MODELS['burger'], battery=BatteryModel(capacity=0.01, idle=5.0, driving=10.0))
     robot = world.add('alpha', model, Pose(0.0, 0.0, 0.0))
     while robot.is_powered:
         robot.command(0.22, 0.0, world.time)

@@ -20,6 +20,7 @@ from flexbt_sim.world import (
     Pose,
     RayCaster,
     Sensor,
+    Shape,
     World,
     box,
     gap,
@@ -29,7 +30,7 @@ from flexbt_sim.world import (
 EDGE = 1e-5
 """Beams this near, rad, to an edge may meet it or not."""
 
-shapes = st.one_of(
+shapes: st.SearchStrategy[Shape] = st.one_of(
     st.floats(0.05, 1.0).map(Circle),
     st.builds(box, st.floats(0.05, 2.0), st.floats(0.05, 2.0)),
     st.just(Polygon(((0.0, 0.0), (0.5, -0.4), (0.0, 0.8), (-0.5, -0.4)))),  # not convex
@@ -76,7 +77,7 @@ def test_ranges_are_exact(path: str, data: st.DataObject) -> None:
     somewhere = places(grid, beside=5.0) if grid else st.builds(Pose, *[st.floats(-3.0, 3.0)] * 3)
     for i in range(data.draw(st.integers(0, 3))):
         world.add(f'body{i}', ObstacleModel(pose=data.draw(somewhere), shape=data.draw(shapes)))
-    sensor = st.builds(
+    made = st.builds(
         Sensor,
         somewhere,
         angle_min=st.floats(-3.2, 3.2),
@@ -85,10 +86,10 @@ def test_ranges_are_exact(path: str, data: st.DataObject) -> None:
         range_max=st.floats(0.5, 30.0),
         owner=st.integers(-1, 2),
     )
-    sensors = data.draw(st.lists(sensor, min_size=1, max_size=3))
+    sensors = data.draw(st.lists(made, min_size=1, max_size=3))
     bodies = list(world.obstacles.values())
-    for one, body in product(sensors, bodies):  # on an outline, nothing is near
-        assume(abs(gap(Circle(0.01), one.pose, body.shape, body.pose) + 0.01) > 0.001)
+    for place, body in product(sensors, bodies):  # on an outline, any beam may meet it
+        assume(abs(gap(Circle(0.01), place.pose, body.shape, body.pose) + 0.01) > 0.001)
     caster = RayCaster(grid)
     cast = caster.cast if path == 'compiled' else caster.cast_at_once
     for sensor, ranges in zip(sensors, cast(sensors, outlines(bodies)), strict=True):
