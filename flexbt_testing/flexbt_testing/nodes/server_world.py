@@ -5,20 +5,30 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import (
+    AssistedTeleop,
     BackUp,
+    ComputeAndTrackRoute,
     ComputePathThroughPoses,
     ComputePathToPose,
+    ComputeRoute,
+    DockRobot,
     DriveOnHeading,
+    FollowObject,
     FollowPath,
+    NavigateThroughPoses,
+    NavigateToPose,
+    SmoothPath,
     Spin,
+    UndockRobot,
     Wait,
 )
+from nav2_msgs.msg import RouteNode
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
 from flexbt_common import names
@@ -42,6 +52,31 @@ def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
     return stamped
 
 
+ALWAYS: Final[Mapping[str, type[Any]]] = {
+    names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
+    names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
+    names.FOLLOW_PATH: FollowPath,
+    names.SPIN: Spin,
+    names.BACKUP: BackUp,
+    names.WAIT: Wait,
+    names.DRIVE_ON_HEADING: DriveOnHeading,
+}
+"""Actions that are served in every world."""
+
+ON_DEMAND: Final[Mapping[str, type[Any]]] = {
+    names.SMOOTH_PATH: SmoothPath,
+    names.COMPUTE_ROUTE: ComputeRoute,
+    names.COMPUTE_AND_TRACK_ROUTE: ComputeAndTrackRoute,
+    names.ASSISTED_TELEOP: AssistedTeleop,
+    names.FOLLOW_OBJECT: FollowObject,
+    names.DOCK_ROBOT: DockRobot,
+    names.UNDOCK_ROBOT: UndockRobot,
+    names.NAVIGATE_TO_POSE: NavigateToPose,
+    names.NAVIGATE_THROUGH_POSES: NavigateThroughPoses,
+}
+"""Actions that a test serves by :meth:`Navigation.serve`."""
+
+
 class Navigation:
     """Stand-ins for the navigation servers, with counts; every one succeeds unless told to fail its first goals."""
 
@@ -51,18 +86,9 @@ class Navigation:
         self.hold: set[str] = set()
         self.cleared = {'global': 0, 'local': 0}
         self.path_valid = True
-        self.actions = {
-            name: ScriptedActionServer(runtime, action, name, answer=self._answer(name, action))
-            for name, action in {
-                names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
-                names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
-                names.FOLLOW_PATH: FollowPath,
-                names.SPIN: Spin,
-                names.BACKUP: BackUp,
-                names.WAIT: Wait,
-                names.DRIVE_ON_HEADING: DriveOnHeading,
-            }.items()
-        }
+        self.actions: dict[str, ScriptedActionServer] = {}
+        self._runtime = runtime
+        self.serve(ALWAYS)
         self.actions[names.FOLLOW_PATH].preempting = True
 
         def services() -> None:
@@ -72,6 +98,12 @@ class Navigation:
             node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
         runtime.call(services)
+
+    def serve(self, actions: Mapping[str, type[Any]]) -> None:
+        """Serve these as well."""
+        for name, action in actions.items():
+            answer = self._answer(name, action)
+            self.actions[name] = ScriptedActionServer(self._runtime, action, name, answer=answer)
 
     def count(self, name: str) -> int:
         """Goals that a server has got."""
@@ -85,10 +117,18 @@ class Navigation:
             if name in self.hold:
                 return None
             result = action.Result()
-            if hasattr(result, 'path'):
+            if action is SmoothPath:
+                result.path = goal.path
+            elif hasattr(result, 'path'):
                 target = goal.goal if hasattr(goal, 'goal') else goal.goals[-1]
                 result.path.header.frame_id = 'map'
                 result.path.poses = [pose(0.0), target]
+                if hasattr(result, 'route'):  # which begins and ends beside start and goal: Nav2's tree fails else
+                    goal_at = target.pose.position
+                    result.path.poses = [pose(0.0, 1.0), pose(goal_at.x, goal_at.y + 1.0)]
+                    result.route.header.frame_id = 'map'
+                    places = (one.pose.position for one in result.path.poses)
+                    result.route.nodes = [RouteNode(nodeid=id, position=place) for id, place in enumerate(places)]
             return 'succeed', result
 
         return answer

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""All trees that come with Nav2, of both branches, as they are, in one server, against scripted servers."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_common import names
+from flexbt_core.behavior_tree import load_xml
+from flexbt_core.behavior_tree.model import Source
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect, dialect_of
+from flexbt_core.behavior_tree.xml import elements_of, parse
+from flexbt_msgs.action import BtExecute
+from flexbt_server.node_types import node_registry
+from flexbt_testing.behavior_trees.stock_trees import stock_trees
+from flexbt_testing.nodes.server_world import DEADLINE, ON_DEMAND, World, open_world, pose
+from flexbt_testing.waiting import wait_until
+
+Result = BtExecute.Result
+
+TREES: Final = {(branch, name): text for branch in DIALECTS for name, text in stock_trees(branch).items()}
+NEVER_END: Final = 'follow_point.xml'
+THROUGH_POSES: Final = 'navigate_through_poses_w_replanning_and_recovery.xml'
+
+pytestmark = pytest.mark.skipif(not TREES, reason='there is no clone of ros-navigation/navigation2')
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp('stock')
+    for (branch, name), text in TREES.items():
+        (directory / branch).mkdir(exist_ok=True)
+        (directory / branch / name).write_text(text)
+    return directory
+
+
+@pytest.fixture(scope='module')
+def world(files: Path) -> Iterator[World]:
+    with open_world(allowed_directories=[str(files)]) as opened:
+        opened.navigation.serve(ON_DEMAND)
+        runtime = opened.navigation_runtime
+        robot = runtime.call(lambda: runtime.node.create_publisher(PoseStamped, names.POSE, names.latched()))
+        robot.publish(pose(0))
+        yield opened
+
+
+def test_there_are_all_of_them() -> None:
+    assert [sum(branch == of for of, _ in TREES) for branch in DIALECTS] == [12, 15]
+
+
+@pytest.mark.parametrize(('branch', 'name'), TREES)
+def test_a_file_shows_its_branch(branch: Dialect, name: str) -> None:
+    assert dialect_of(elements_of(parse(Source(name, TREES[branch, name])))) == branch
+
+
+@pytest.mark.parametrize(('branch', 'name'), TREES)
+def test_it_runs_as_it_is(world: World, files: Path, branch: Dialect, name: str) -> None:
+    number = 3 if name == THROUGH_POSES else 1
+    goal = world.client.execute(str(files / branch / name), goals=[pose(one + 1) for one in range(number)])
+    if name == NEVER_END:
+        follow = world.navigation.actions[names.FOLLOW_PATH]
+        before = len(follow.goals)
+        wait_until(lambda: len(follow.goals) > before + 2, 'the robot to be followed on and on')
+        goal.call.cancel(DEADLINE)
+        assert goal.result.code == Result.CANCELED
+    else:
+        assert goal.result.code == Result.SUCCESS, goal.result.message
+
+
+def test_every_node_of_one_branch_is_known_in_the_other_as_well() -> None:
+    """Whatever the parameter says: a file is read by what it shows."""
+    registries = [node_registry(lambda _source, _error: None, dialect) for dialect in DIALECTS]
+    for registry, ((branch, name), text) in itertools.product(registries, TREES.items()):
+        load_xml(text, f'{branch}/{name}', registry)
