@@ -50,6 +50,11 @@ def pose(x: float, y: float = CORRIDOR) -> PoseStamped:
     return stamped
 
 
+def distance(here: Any, x: float, y: float) -> float:
+    """From a pose to a place, m."""
+    return math.hypot(here.position.x - x, here.position.y - y)
+
+
 class Commander:
     """A program with one thread, which spins its node while it waits, as BasicNavigator does."""
 
@@ -104,13 +109,9 @@ class Commander:
 
         def is_there() -> bool:
             self._initial_pose.publish(message)
-            return any(self.distance(seen.pose.pose, x, y) < 0.01 for seen in self.amcl_poses)
+            return any(distance(seen.pose.pose, x, y) < 0.01 for seen in self.amcl_poses)
 
         self.until(is_there, 'amcl_pose')
-
-    @staticmethod
-    def distance(here: Any, x: float, y: float = CORRIDOR) -> float:
-        return math.hypot(here.position.x - x, here.position.y - y)
 
     def go(self, goal: Any) -> None:
         self.feedback = None
@@ -135,6 +136,12 @@ class Commander:
         response = self.spin(self.result)
         assert response.status == status, response
         return response.result
+
+
+def away(probe: Probe, x: float, y: float = CORRIDOR) -> float:
+    """How far the robot is from a place, m."""
+    assert probe.pose is not None
+    return distance(probe.pose.pose, x, y)
 
 
 @pytest.fixture(scope='module')
@@ -174,7 +181,7 @@ def test_to_a_pose_and_on_to_another_without_a_stop(commander: Commander, probe:
     commander.to(4.0)
     assert commander.spin(first).status == GoalStatus.STATUS_ABORTED
     commander.ended()
-    assert commander.distance(probe.pose.pose, 4.0) < 0.3
+    assert away(probe, 4.0) < 0.3
 
 
 def test_through_poses_and_to_a_pose_meanwhile(commander: Commander, probe: Probe) -> None:
@@ -184,7 +191,7 @@ def test_through_poses_and_to_a_pose_meanwhile(commander: Commander, probe: Prob
     commander.to(1.0)
     assert 'navigate_through_poses drives' in commander.ended(GoalStatus.STATUS_ABORTED).error_msg
     assert commander.spin(through).status == GoalStatus.STATUS_SUCCEEDED
-    assert commander.distance(probe.pose.pose, 4.0) < 0.3
+    assert away(probe, 4.0) < 0.3
 
 
 def test_waypoints_a_cancel_and_the_next_goal_at_once(commander: Commander, probe: Probe) -> None:
@@ -195,7 +202,7 @@ def test_waypoints_a_cancel_and_the_next_goal_at_once(commander: Commander, prob
     commander.to(3.0)
     assert commander.spin(followed).status == GoalStatus.STATUS_CANCELED
     commander.ended()
-    assert commander.distance(probe.pose.pose, 3.0) < 0.3
+    assert away(probe, 3.0) < 0.3
 
 
 def test_a_pose_outside_of_the_map_is_missed(commander: Commander) -> None:
@@ -211,13 +218,13 @@ def test_the_goal_tool_and_the_stop_of_an_operator(commander: Commander, probe: 
     )
     commander.until(commander.goal_pose.get_subscription_count, 'goal_pose')
     commander.goal_pose.publish(pose(9.0))
-    probe.wait(lambda: commander.distance(probe.pose.pose, *DOCK) > 0.5, 'the robot on its way')
+    probe.wait(lambda: away(probe, *DOCK) > 0.5, 'the robot on its way')
     assert probe.status.state == ExecutiveStatus.IDLE
     stopped = probe.send(ExecutiveCommand.STOP)
     probe.wait(lambda: any(result.command_id == stopped for result in probe.status.results), 'the answer')
     probe.wait(lambda: runs and runs[-1].finished, 'the end of the tree')
     probe.wait_at_rest()
-    assert commander.distance(probe.pose.pose, 9.0) > 1.0
+    assert away(probe, 9.0) > 1.0
     probe.console.call(lambda: probe.console.node.destroy_subscription(subscription))
 
 
