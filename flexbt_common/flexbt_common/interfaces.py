@@ -185,7 +185,8 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     *_topics(names.CMD_VEL_TELEOP, names.PREEMPT_TELEOP, to=(NAVIGATION,)),
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
-    *_topics(names.PLAN_SMOOTHED, names.ROUTE_GRAPH, names.SPEED_LIMIT, by=(NAVIGATION,)),
+    *_topics(names.PLAN_SMOOTHED, names.ROUTE_GRAPH, by=(NAVIGATION,)),
+    *_topics(names.SPEED_LIMIT, by=(NAVIGATION,), to=(NAVIGATION,)),
     *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, by=(NAVIGATION,)),
     # The robot
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive

@@ -93,7 +93,7 @@ def test_the_walls_of_the_map_are_not_marked_again_by_a_noisy_lidar(seed: int) -
 
 def test_where_the_robot_itself_is_there_is_no_obstacle() -> None:
     layers = layered()
-    ranges = numpy.full(360, 0.15)
+    ranges = numpy.full(360, 0.12)
     layers.observe(Observation(ROBOT, numpy.linspace(0.0, math.tau, 360), ranges, 3.5), ROBOT)
     assert not marks(layers)
 
@@ -140,6 +140,19 @@ def test_clearing_as_nav2s_services_do() -> None:
     layers.clear_except_square(Pose(3.0, 4.0, 0.0), 0.6)
     assert not layers.costmap.in_collision(right)
     assert layers.costmap.in_collision(above)
+
+
+def test_a_local_costmap_is_never_without_what_was_seen_last() -> None:
+    """A robot that drives on it must not be blind until the next scan."""
+    layers = layered(window=3.0)
+    layers.observe(seen(with_block(EMPTY, 4.0, 3.0), ROBOT), ROBOT)
+    known = marks(layers)
+    assert known
+    layers.clear()
+    assert marks(layers) == known
+    other = layered(with_block(EMPTY, 1.0, 1.0), window=3.0)
+    other.continue_from(layers)
+    assert marks(other) == known
 
 
 @settings(deadline=None, max_examples=40)

@@ -5,6 +5,7 @@ from .behaviors import AssistedTeleop, DriveMotion, SpinMotion
 from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
 from .layers import LayeredCostmap, Observation, ObstacleRanges
 from .motions import LOOK_AHEAD, STOP, Motion, Velocity, collides
+from .navigator import Navigator, Trip
 from .path_follower import FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare
 from .smoother import Smoothing, smooth_path
@@ -26,6 +27,7 @@ __all__ = [
     'Inflation',
     'LayeredCostmap',
     'Motion',
+    'Navigator',
     'Observation',
     'ObstacleRanges',
     'PathFollower',
@@ -35,6 +37,7 @@ __all__ = [
     'SpinMotion',
     'StopFlag',
     'Track',
+    'Trip',
     'Velocity',
     'collides',
     'prepare',

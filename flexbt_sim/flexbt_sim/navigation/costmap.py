@@ -130,14 +130,35 @@ class Costmap:
 
     def clearance(self, x: float, y: float, within: float) -> float:
         """Distance from a point to the nearest obstacle, m, exactly; infinite where none is nearer than ``within``."""
+        return self._distance(x, y, within)
+
+    def is_free_on_map(self, x: float, y: float, radius: float) -> bool:
+        """Whether a circle overlaps no obstacle of the static map, whatever else was seen."""
+        return self._distance(x, y, radius, on_map=True) >= radius
+
+    def clearance_seen(self, x: float, y: float, within: float) -> float:
+        """As :meth:`clearance`, of the obstacles that were seen and are not on the map: they may move."""
+        return self._distance(x, y, within, on_map=False)
+
+    def _distance(self, x: float, y: float, within: float, on_map: bool | None = None) -> float:
         row, column = self.world.grid_position(x, y)
         reach = within / self.world.resolution + 1.0
         bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
-        near = self.obstacles[bottom : max(0, math.ceil(row + reach)), left : max(0, math.ceil(column + reach))]
+        part = (slice(bottom, max(0, math.ceil(row + reach))), slice(left, max(0, math.ceil(column + reach))))
+        near = self.world.obstacles[part] if on_map else self.obstacles[part]
+        if on_map is False:
+            near = near & ~self.world.obstacles[part]
         rows, columns = numpy.nonzero(near)
         gaps = numpy.hypot(_gaps(rows + bottom, row), _gaps(columns + left, column))
         least = float(gaps.min(initial=math.inf)) * self.world.resolution
         return least if least < within else math.inf
+
+    def known_distance(self, x: float, y: float) -> float:
+        """Distance from the cell of a point to the nearest obstacle, m; infinite beyond the reach of the inflation."""
+        cell = self.world.cell(x, y)
+        if not self.world.contains(*cell) or self._squares[cell] > 4 * self._reach**2:
+            return math.inf
+        return math.sqrt(self._squares[cell]) * self.world.resolution / 2.0
 
     def is_clear(self, start: Position, end: Position, radius: float) -> bool:
         """Whether a circle, of a radius in m, can move straight from one position to the other.

@@ -53,7 +53,8 @@ class LayeredCostmap:
 
     def __init__(self, static: Costmap, ranges: ObstacleRanges | None = None, window: float = math.inf) -> None:
         """``static`` is the map without anything seen. Obstacles outside of a square round the robot, ``window`` m
-        wide, are forgotten: the rolling window of a local costmap.
+        wide, are forgotten: the rolling window of a local costmap. Since robots drive on that one, it is never without
+        what was seen last, which is marked again at once when it is cleared.
         """
         self.costmap = static.copy()
         self._static: Bools = static.obstacles
@@ -61,11 +62,13 @@ class LayeredCostmap:
         self._ranges = ranges or ObstacleRanges()
         self._window_size = window
         self._window = Box(0, 0, 0, 0)
+        self._newest: tuple[Observation, Pose] | None = None
         self.changes = 0
 
     def observe(self, observation: Observation, robot: Pose) -> None:
         """Take over what a lidar has seen. Nothing is marked where the robot itself is."""
         world = self.costmap.world
+        self._newest = observation, robot
         old, self._window = self._window, self.window(robot)
         reach = max(self._ranges.mark, self._ranges.clear)
         seen = _square(world, observation.sensor, 2.0 * reach)
@@ -78,6 +81,11 @@ class LayeredCostmap:
             self._marks[touched.cells] = False
             self._marks[self._window.cells] = kept
         self._take_over(touched, before)
+
+    def continue_from(self, before: LayeredCostmap) -> None:
+        """Take over what ``before``, on another map, has seen last."""
+        if before._newest is not None:
+            self.observe(*before._newest)
 
     def window(self, robot: Pose) -> Box:
         """The part of the grid round the robot whose obstacles are not forgotten."""
@@ -107,6 +115,8 @@ class LayeredCostmap:
         before = self._marks[box.cells].copy()
         self._marks[box.cells] &= ~chosen
         self._take_over(box, before)
+        if math.isfinite(self._window_size) and self._newest is not None:
+            self.observe(*self._newest)
 
     def _trace(self, observation: Observation) -> None:
         world = self.costmap.world
@@ -121,13 +131,13 @@ class LayeredCostmap:
         loops().trace(self._marks, self._static, row, column, directions, cleared, struck, tolerance)
 
     def _clear_disc(self, robot: Pose) -> None:
-        """Nav2's footprint clearing."""
+        """Nav2's footprint clearing, of cells that lie in the footprint as a whole: what touches the robot stays."""
         world, radius = self.costmap.world, self.costmap.inflation.robot_radius
         box = _square(world, robot, 2.0 * radius)
         row, column = world.grid_position(robot.x, robot.y)
         rows, columns = numpy.ogrid[box.cells]
-        inside = numpy.hypot(rows + 0.5 - row, columns + 0.5 - column) * world.resolution <= radius
-        self._marks[box.cells] &= ~inside
+        farthest = numpy.hypot(numpy.abs(rows + 0.5 - row) + 0.5, numpy.abs(columns + 0.5 - column) + 0.5)
+        self._marks[box.cells] &= farthest * world.resolution > radius
 
     def _take_over(self, box: Box, before: Bools) -> None:
         """The marks in a box were changed."""

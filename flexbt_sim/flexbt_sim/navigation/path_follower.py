@@ -15,7 +15,7 @@ from typing import Final
 import numpy
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose, wrap
+from flexbt_sim.world import Pose, drive, wrap
 
 from .costmap import Costmap
 from .motions import STOP, TurnLimits, Velocity, collides
@@ -23,6 +23,13 @@ from .track import Track
 
 SEARCH_DISTANCE: Final = 1.5
 """How far along the path, m, the robot may have come from one step to the next; the path may cross itself."""
+
+JOIN_DISTANCE: Final = 0.25
+"""How much nearer, m, a later part of a new path has to be for the robot to join it there."""
+
+SIDE_GAP: Final = 0.03
+SIDE_TIME: Final = 0.4
+"""What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
 
 NEAREST_LOOKAHEAD: Final = 0.05
 """Distance, m, of the nearest point that the robot is directed to."""
@@ -34,7 +41,8 @@ class FollowerLimits:
 
     The look-ahead distance is ``lookahead_time`` of driving, within its bounds. Within ``approach_distance`` of the end
     the robot slows down to ``approach_speed``; where the path bends more than ``curvature_radius`` it slows down to no
-    less than ``curve_speed``. A turn of more than ``rotate_angle`` is made on the spot. No progress means less than
+    less than ``curve_speed``, and so it does where an obstacle is nearer than ``proximity_distance`` to its centre.
+    A turn of more than ``rotate_angle`` is made on the spot. No progress means less than
     ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle ahead is waited for.
     """
 
@@ -46,6 +54,7 @@ class FollowerLimits:
     approach_speed: float = 0.05
     curvature_radius: float = 0.6
     curve_speed: float = 0.1
+    proximity_distance: float = 0.4
     rotate_angle: float = 0.785
     angular_speed: float = 1.5
     xy_tolerance: float = 0.1
@@ -82,9 +91,10 @@ class PathFollower:
         path: Sequence[Pose],
         costmap: Costmap,
         limits: FollowerLimits,
-        progress: ProgressChecker | None = None,
+        before: PathFollower | None = None,
     ) -> None:
-        """``progress`` is that of the path that this one replaces.
+        """``before`` followed the path that this one replaces: it is gone over to without a stop, and the progress
+        checker goes on, as in Nav2.
 
         Raises:
             NavigationError: INVALID_PATH for one without poses, or with one that is not finite.
@@ -95,12 +105,15 @@ class PathFollower:
         self._track = Track(path)
         self._costmap = costmap
         self._limits = limits
-        self.progress = progress or ProgressChecker(limits)
+        self.progress: ProgressChecker = ProgressChecker(limits) if before is None else before.progress
         self._turn = TurnLimits(maximum=limits.angular_speed)
         self._at = 0.0
+        self._has_begun = False
         self._at_goal = False
         self._blocked_since: float | None = None
-        self.speed = 0.0
+        self.speed: float = 0.0 if before is None else before.speed
+        self.speed_limit = math.inf
+        """m/s, of the topic of that name."""
         self.distance_to_goal = self._track.length
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
@@ -111,7 +124,7 @@ class PathFollower:
                 NO_VALID_CONTROL at once when there is no patience.
         """
         limits = self._limits
-        self._at = self._track.nearest(pose, self._at, self._at + SEARCH_DISTANCE)
+        self._at = self._nearest(pose)
         left = self._track.length - self._at
         self.distance_to_goal = math.dist(pose[:2], self._track.point(self._at)) + left
         near_end = left <= 2.0 * limits.xy_tolerance
@@ -129,6 +142,19 @@ class PathFollower:
         self.speed = velocity.linear
         return velocity
 
+    def _nearest(self, pose: Pose) -> float:
+        """Where on the path the robot is: not much farther than it was, unless this is its first step on the path."""
+        track = self._track
+        near = track.nearest(pose, self._at, self._at + SEARCH_DISTANCE)
+        if not self._has_begun:
+            # It was planned from where the robot was, which may have driven on for long meanwhile.
+            self._has_begun = True
+            anywhere = track.nearest(pose, 0.0, track.length)
+            gaps = [math.dist(track.point(at), pose[:2]) for at in (near, anywhere)]
+            if gaps[1] < gaps[0] - JOIN_DISTANCE:
+                return anywhere
+        return near
+
     def update(self, costmap: Costmap) -> None:
         """See :class:`flexbt_sim.navigation.motions.Motion`."""
         self._costmap = costmap
@@ -142,7 +168,7 @@ class PathFollower:
             carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
             velocity = self._towards(pose, carrot)
             if not self._is_blocked(pose, carrot, velocity):
-                return velocity
+                return self._kept_apart(pose, velocity)
             if not self._is_free_until(end):
                 return None
             reach /= 2.0
@@ -160,13 +186,30 @@ class PathFollower:
         if abs(bearing) > (limits.rotate_angle / 3.0 if at_rest else limits.rotate_angle):
             return self._turn_by(bearing)
         curvature = 2.0 * math.sin(bearing) / max(pose.distance(carrot), 0.05)
-        speed = limits.speed
-        if abs(curvature) * limits.curvature_radius > 1.0:
-            speed = max(limits.curve_speed, speed / (abs(curvature) * limits.curvature_radius))
+        top = min(limits.speed, self.speed_limit)
+        bend = abs(curvature) * limits.curvature_radius
+        near = self._costmap.known_distance(pose.x, pose.y) / limits.proximity_distance
+        speed = min(top, max(limits.curve_speed, top * min(1.0, 1.0 / bend if bend else 1.0, near)))
         if self.distance_to_goal < limits.approach_distance:
             speed = max(limits.approach_speed, speed * self.distance_to_goal / limits.approach_distance)
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
         return Velocity(speed, angular)
+
+    def _kept_apart(self, pose: Pose, velocity: Velocity) -> Velocity | None:
+        """Slower on the same arc where the robot comes nearer to something that may move; not at all when it is near.
+
+        Look-ahead finds what is on the arc. This finds what comes from the side, between two scans.
+        """
+        radius = self._costmap.inflation.robot_radius
+        reach = radius + SIDE_GAP + SIDE_TIME * velocity.linear
+        here = self._costmap.clearance_seen(pose.x, pose.y, reach)
+        if velocity.linear == 0.0 or here == math.inf:
+            return velocity
+        ahead = drive(pose, *velocity, SIDE_TIME / 2.0)
+        if self._costmap.clearance_seen(ahead.x, ahead.y, reach) >= here:
+            return velocity
+        share = min(1.0, (here - radius - SIDE_GAP) / (SIDE_TIME * velocity.linear))
+        return Velocity(velocity.linear * share, velocity.angular * share) if share > 0.0 else None
 
     def _turn_by(self, angle: float) -> Velocity:
         return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))

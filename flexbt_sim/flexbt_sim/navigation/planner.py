@@ -106,9 +106,11 @@ class GridPlanner:
         return _resample([(start.x, start.y), *points[1:-1], (goal.x, goal.y)], goal)
 
     def _occupied(self, goal: Pose) -> NavigationError:
-        return NavigationError(
-            'GOAL_OCCUPIED', f'the goal ({goal.x:.2f}, {goal.y:.2f}) is in collision with an obstacle'
-        )
+        """What the map has there stays; what was seen there may go away, and trees wait for that and try again."""
+        place = f'the goal ({goal.x:.2f}, {goal.y:.2f})'
+        if self._costmap.is_free_on_map(goal.x, goal.y, self._costmap.inflation.robot_radius):
+            return NavigationError('NO_VALID_PATH', f'{place} is covered by an obstacle that is seen there')
+        return NavigationError('GOAL_OCCUPIED', f'{place} is in collision with an obstacle')
 
     def _position(self, which: str, pose: Pose) -> Position:
         world = self._costmap.world

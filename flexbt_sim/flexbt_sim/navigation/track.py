@@ -4,15 +4,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-
-import numpy
-from numpy.typing import NDArray
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
+from itertools import accumulate, pairwise
 
 from flexbt_sim.world import Pose
 
-Points = NDArray[numpy.float64]
-"""Shape (n, 2): x and y, m."""
+Point = tuple[float, float]
+"""x and y, m."""
 
 
 class Track:
@@ -20,47 +19,58 @@ class Track:
 
     def __init__(self, poses: Sequence[Pose]) -> None:
         """``poses`` has at least one."""
-        self._corners: Points = numpy.array([pose[:2] for pose in poses], float)
-        steps = numpy.hypot(*numpy.diff(self._corners, axis=0).T)
-        self._at = numpy.concatenate([[0.0], numpy.cumsum(steps)])
-        self.length = float(self._at[-1])
+        self._corners: list[Point] = [(float(pose.x), float(pose.y)) for pose in poses]
+        self._at = list(accumulate((math.dist(a, b) for a, b in pairwise(self._corners)), initial=0.0))
+        self.length = self._at[-1]
 
-    def point(self, at: float) -> tuple[float, float]:
+    def point(self, at: float) -> Point:
         """Position at a distance from the beginning, m."""
-        return float(numpy.interp(at, self._at, self._corners[:, 0])), float(
-            numpy.interp(at, self._at, self._corners[:, 1])
-        )
+        after = bisect_left(self._at, at)
+        if after == 0:
+            return self._corners[0]
+        if after == len(self._at):
+            return self._corners[-1]
+        (x, y), (to_x, to_y) = self._corners[after - 1], self._corners[after]
+        share = (at - self._at[after - 1]) / (self._at[after] - self._at[after - 1])
+        return x + share * (to_x - x), y + share * (to_y - y)
 
     def nearest(self, pose: Pose, begin: float, end: float) -> float:
         """Where, between two distances from the beginning, the track comes nearest to a position."""
-        at, corners = self._part(begin, end)
-        steps = numpy.diff(corners, axis=0)
-        squares = (steps**2).sum(axis=1)
-        parts = ((pose[:2] - corners[:-1]) * steps).sum(axis=1) / numpy.where(squares > 0.0, squares, 1.0)
-        parts = numpy.clip(parts, 0.0, 1.0)
-        gaps = numpy.hypot(*(corners[:-1] + parts[:, None] * steps - pose[:2]).T)
-        best = int(numpy.argmin(gaps))
-        return float(at[best] + parts[best] * (at[best + 1] - at[best]))
+        best, least = begin, math.dist(self.point(begin), pose[:2])
+        for (at, (x, y)), (next_at, (to_x, to_y)) in pairwise(self._part(begin, end)):
+            dx, dy = to_x - x, to_y - y
+            square = dx * dx + dy * dy
+            if square > 0.0:
+                share = min(1.0, max(0.0, ((pose.x - x) * dx + (pose.y - y) * dy) / square))
+                gap = math.hypot(x + share * dx - pose.x, y + share * dy - pose.y)
+                if gap < least:
+                    best, least = at + share * (next_at - at), gap
+        return best
 
-    def ahead(self, pose: Pose, begin: float, reach: float) -> tuple[float, float]:
+    def ahead(self, pose: Pose, begin: float, reach: float) -> Point:
         """The first point after a distance from the beginning that is ``reach`` away from a position, or the end."""
-        _, corners = self._part(begin, self.length)
-        gaps = numpy.hypot(*(corners - pose[:2]).T)
-        outside = numpy.flatnonzero(gaps >= reach)
-        if not outside.size:
-            return self.point(self.length)
-        last = int(outside[0])
-        if last == 0:
-            return self.point(begin)
-        (x, y), (dx, dy) = corners[last - 1], corners[last] - corners[last - 1]
-        # Where a circle round the position cuts the line that leaves it.
-        square = dx * dx + dy * dy
-        half = (dx * (x - pose.x) + dy * (y - pose.y)) / square
-        part = -half + math.sqrt(max(0.0, half * half + (reach * reach - gaps[last - 1] ** 2) / square))
-        return float(x + part * dx), float(y + part * dy)
+        x, y = self.point(begin)
+        gap = math.hypot(x - pose.x, y - pose.y)
+        for _, (to_x, to_y) in self._part(begin, self.length):
+            next_gap = math.hypot(to_x - pose.x, to_y - pose.y)
+            if next_gap >= reach:
+                dx, dy = to_x - x, to_y - y
+                square = dx * dx + dy * dy
+                if square == 0.0:
+                    return to_x, to_y
+                # Where a circle round the position cuts the line that leaves it.
+                half = (dx * (x - pose.x) + dy * (y - pose.y)) / square
+                share = -half + math.sqrt(max(0.0, half * half + (reach * reach - gap * gap) / square))
+                return x + share * dx, y + share * dy
+            x, y, gap = to_x, to_y, next_gap
+        return self._corners[-1]
 
-    def _part(self, begin: float, end: float) -> tuple[NDArray[numpy.float64], Points]:
+    def _part(self, begin: float, end: float) -> Iterator[tuple[float, Point]]:
         """The track between two distances from its beginning: distances and positions of its ends and corners."""
-        within = (self._at > begin) & (self._at < end)
-        at = numpy.concatenate([[begin], self._at[within], [min(end, self.length)]])
-        return at, numpy.stack([numpy.interp(at, self._at, self._corners[:, axis]) for axis in (0, 1)], axis=1)
+        yield begin, self.point(begin)
+        last = min(end, self.length)
+        for index in range(bisect_right(self._at, begin), len(self._at)):
+            if self._at[index] >= last:
+                break
+            yield self._at[index], self._corners[index]
+        yield last, self.point(last)

@@ -137,10 +137,12 @@ class CostmapServer:
     # -- what comes in -----------------------------------------------------------------------------------------------
 
     def set_map(self, world: OccupancyMap) -> None:
-        """There is a new map. What was seen is forgotten."""
+        """There is a new map. Of what was seen only the newest scan counts on."""
         static = Costmap(world, self._parameters.inflation)
+        before = self._kept
         self._kept = {name: _Kept(LayeredCostmap(static, window=WINDOWS[name])) for name in names.COSTMAPS}
-        self._observation = None
+        for name, kept in before.items():
+            self._kept[name].layers.continue_from(kept.layers)
         for name in names.COSTMAPS:
             self._publish(name)
 

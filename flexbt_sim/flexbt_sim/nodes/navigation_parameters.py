@@ -85,6 +85,13 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             speed=declare.real(
                 'desired_linear_vel', follower.speed, 0.01, 10.0, 'speed on a free and straight way, m/s'
             ),
+            proximity_distance=declare.real(
+                'cost_scaling_dist',
+                follower.proximity_distance,
+                0.01,
+                10.0,
+                'nearer to an obstacle than this the robot drives slower, in proportion, m',
+            ),
             xy_tolerance=declare.real('xy_goal_tolerance', follower.xy_tolerance, 0.01, 2.0, 'm'),
             yaw_tolerance=declare.real('yaw_goal_tolerance', follower.yaw_tolerance, 0.01, 3.2, 'rad'),
             progress_distance=declare.real('required_movement_radius', follower.progress_distance, 0.01, 10.0, 'm'),

@@ -9,11 +9,13 @@ every goal is ended: nobody is left to stop it.
 
 from __future__ import annotations
 
+import math
 import sys
 from functools import partial
 from typing import Any, Final
 
 from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
+from nav2_msgs.msg import SpeedLimit
 from nav2_msgs.srv import IsPathValid
 
 from flexbt_common import names
@@ -22,7 +24,7 @@ from flexbt_common.runtime import Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import DriveMotion, PathFollower, ProgressChecker, SpinMotion, prepare
+from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare
 
 from .action_results import GoalEnd
 from .motion_server import MotionArbiter, MotionServer
@@ -110,6 +112,8 @@ class Navigation:
         TeleopServer(runtime, self._parameters, self._arbiter)
         self._routes = RouteServer(runtime, self._parameters, self._robot)
         self._waits = WaitServer(runtime)
+        self._speed_limit = math.inf
+        runtime.node.create_subscription(SpeedLimit, names.SPEED_LIMIT, self._limit_speed, 10)
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
     # -- motions -----------------------------------------------------------------------------------------------------
@@ -121,13 +125,22 @@ class Navigation:
         check_id(request.progress_checker_id, parameters.progress_checker_ids, 'progress checker', 'UNKNOWN')
         path = path_in_map(request.path, parameters.map_frame)
         running = self._arbiter.running
-        progress: ProgressChecker | None = None
-        speed = 0.0
-        if running is not None and isinstance(running.motion, PathFollower):
-            progress, speed = running.motion.progress, running.motion.speed
-        follower = PathFollower(path, self._robot.costmaps.local, parameters.follower, progress)
-        follower.speed = speed
+        before = running.motion if running is not None and isinstance(running.motion, PathFollower) else None
+        follower = PathFollower(path, self._robot.costmaps.local, parameters.follower, before)
+        follower.speed_limit = self._speed_limit
         return follower
+
+    def _limit_speed(self, message: SpeedLimit) -> None:
+        """As Nav2's controller server: a share of the desired speed in percent, or m/s; 0 for no limit."""
+        limit = float(message.speed_limit)
+        if not 0.0 <= limit < math.inf:
+            self._runtime.node.get_logger().error(f'{names.SPEED_LIMIT}: {limit:g} is no limit of the speed: ignored')
+            return
+        share = self._parameters.follower.speed / 100.0 if message.percentage else 1.0
+        self._speed_limit = limit * share or math.inf
+        running = self._arbiter.running
+        if running is not None and isinstance(running.motion, PathFollower):
+            running.motion.speed_limit = self._speed_limit
 
     def _back_up(self, request: Any) -> DriveMotion:
         return self._straight(-abs(request.target.x), -abs(request.speed), request)

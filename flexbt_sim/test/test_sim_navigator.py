@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A robot with planner, costmaps and controller in a simulated world, from goal to goal, without ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy
+import pytest
+from numpy.typing import NDArray
+
+from flexbt_sim.navigation import Costmap, Inflation, Navigator, Trip
+from flexbt_sim.world import (
+    Circle,
+    LidarModel,
+    ObstacleModel,
+    OccupancyMap,
+    Pose,
+    RobotModel,
+    RouteModel,
+    WalkModel,
+    World,
+    box,
+    wrap,
+)
+
+BLIND = RobotModel(lidar=None)
+SEEING = RobotModel(lidar=LidarModel(beams=180))
+
+
+def walled(height: int, width: int, resolution: float, draw: Callable[[NDArray[numpy.int8]], None]) -> OccupancyMap:
+    """A closed map with what ``draw`` adds."""
+    cells = numpy.zeros((height, width), numpy.int8)
+    cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = 100
+    draw(cells)
+    return OccupancyMap(cells, resolution, Pose(-1.0, -2.0, 0.0))
+
+
+def shelves(cells: NDArray[numpy.int8]) -> None:
+    """Rows of shelves with aisles of 1.8 m, as in a warehouse."""
+    for row in range(80, cells.shape[0] - 60, 90):
+        for column in range(60, cells.shape[1] - 150, 200):
+            cells[row : row + 30, column : column + 150] = 100
+
+
+def posts(cells: NDArray[numpy.int8]) -> None:
+    """Posts and a wall with a gap."""
+    for row in range(30, cells.shape[0] - 30, 40):
+        for column in range(30, cells.shape[1] - 30, 40):
+            cells[row : row + 6, column : column + 6] = 100
+    middle = cells.shape[1] // 2
+    cells[:, middle : middle + 3] = 100
+    cells[40:60, middle : middle + 3] = 0
+
+
+def free_places(costmap: Costmap, seed: int) -> Callable[[], Pose]:
+    """Draws places with room for the robot."""
+    random = numpy.random.default_rng(seed)
+    cells = numpy.argwhere(costmap.costs < 150)
+
+    def draw() -> Pose:
+        row, column = cells[random.integers(len(cells))].tolist()
+        return Pose(*costmap.world.point(row, column), float(random.uniform(-math.pi, math.pi)))
+
+    return draw
+
+
+def check_reached(world: World, trip: Trip) -> None:
+    """Within 0.25 m and 0.25 rad of the goal, and nothing was touched."""
+    there = world.robots['robot'].pose
+    assert (trip.code, trip.contacts) == ('', 0), trip.errors
+    assert there.distance(trip.goal) <= 0.25
+    assert abs(wrap(there.yaw - trip.goal.yaw)) <= 0.25
+
+
+@pytest.fixture(scope='module')
+def warehouse() -> Costmap:
+    return Costmap(walled(1674, 1006, 0.03, shelves), Inflation())
+
+
+def test_goals_are_reached_on_a_large_map_though_each_plan_is_old_when_it_comes(warehouse: Costmap) -> None:
+    """At full speed a plan takes many seconds of simulated time. Its path begins where the robot was then."""
+    draw = free_places(warehouse, 1)
+    world = World(warehouse.world)
+    world.add('robot', BLIND, draw())
+    navigator = Navigator(world, 'robot', warehouse, plan_seconds=10.0)
+    for _ in range(8):
+        here = world.robots['robot'].pose
+        goal = next(goal for goal in iter(draw, None) if 6.0 < goal.distance(here) < 12.0)
+        trip = navigator.navigate(goal, timeout=300.0)
+        check_reached(world, trip)
+        assert trip.recoveries == 0
+
+
+def test_obstacles_that_the_map_does_not_show_are_driven_round() -> None:
+    known = walled(160, 240, 0.05, posts)
+    for seed in range(2):
+        static = Costmap(known, Inflation())
+        draw = free_places(static, seed)
+        world = World(known, seed=seed)
+        world.add('robot', SEEING, Pose(0.0, -1.0, 0.0))
+        world.add('crate', ObstacleModel(Pose(4.8, 1.15, 0.3), box(0.4, 0.6)))  # beside the gap
+        world.add('cart', ObstacleModel(Pose(7.0, 2.0, 0.0), Circle(0.2), route=RouteModel(((9.0, 2.0),), speed=0.3)))
+        for number in range(3):
+            walk = WalkModel(speed=0.2 + 0.1 * number)
+            while f'walker{number}' not in world.entities:
+                place = draw()
+                if place.distance(Pose(0.0, -1.0, 0.0)) > 1.0:
+                    world.add(f'walker{number}', ObstacleModel(place, Circle(0.2), random_walk=walk))
+        navigator = Navigator(world, 'robot', static)
+        for goal in (Pose(9.5, 4.5, 1.0), Pose(0.0, 4.5, -2.0)):
+            check_reached(world, navigator.navigate(goal, timeout=600.0))
+
+
+def test_where_there_is_no_way_the_code_says_why() -> None:
+    def cell_in_the_middle(cells: NDArray[numpy.int8]) -> None:
+        cells[30:70, 30:32] = cells[30:70, 68:70] = cells[30:32, 30:70] = cells[68:70, 30:70] = 100
+
+    known = walled(100, 100, 0.05, cell_in_the_middle)
+    world = World(known)
+    world.add('robot', BLIND, Pose(-0.5, -1.5, 0.0))
+    navigator = Navigator(world, 'robot')
+    for goal, code in (
+        (Pose(1.5, 0.5, 0.0), 'NO_VALID_PATH'),
+        (Pose(0.5, 0.5, 0.0), 'GOAL_OCCUPIED'),
+        (Pose(50.0, 0.5, 0.0), 'GOAL_OUTSIDE_MAP'),
+    ):
+        trip = navigator.navigate(goal)
+        assert (trip.code, trip.contacts) == (code, 0)
+    check_reached(world, navigator.navigate(Pose(3.5, 2.5, 0.0)))
+
+
+def test_a_goal_that_is_covered_for_a_while_is_reached_when_it_is_free_again() -> None:
+    known = walled(100, 100, 0.05, lambda cells: None)
+    world = World(known)
+    world.add('robot', SEEING, Pose(0.0, 0.0, 0.0))
+    goal = Pose(2.0, 0.0, 0.0)
+    world.add('crate', ObstacleModel(goal, Circle(0.3)))
+    navigator = Navigator(world, 'robot')
+
+    def go_away() -> None:
+        if world.time > 30.0 and 'crate' in world.entities:
+            world.remove('crate')
+
+    navigator.on_step = go_away
+    check_reached(world, navigator.navigate(goal))
+    assert world.time > 30.0
+
+
+def test_a_closed_passage_ends_with_the_code_of_the_planner_after_all_recoveries() -> None:
+    def wall(cells: NDArray[numpy.int8]) -> None:
+        cells[:, 50:52] = 100
+        cells[40:60, 50:52] = 0
+
+    world = World(walled(100, 100, 0.05, wall))
+    world.add('robot', SEEING, Pose(0.5, 0.5, 0.0))
+    world.add('crate', ObstacleModel(Pose(1.55, 0.5, 0.0), box(0.3, 0.9)))
+    trip = Navigator(world, 'robot').navigate(Pose(3.0, 0.5, 0.0))
+    assert trip.code in ('NO_VALID_PATH', 'PATIENCE_EXCEEDED')
+    assert (trip.recoveries, trip.contacts) == (6, 0)
