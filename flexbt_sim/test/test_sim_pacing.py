@@ -185,20 +185,27 @@ def test_while_somebody_computes_time_passes_as_on_a_robot() -> None:
 
 def test_while_it_stands_still_steps_are_made_as_many_as_asked_for() -> None:
     pacer = paused()
-    left: list[int] = []
-    assert pacer.step(5, left.append)
-    assert not pacer.step(1, left.append)  # others are being made
-    while pacer.is_paused and (not left or left[-1]):
-        pacer.wait(pacer.begin(3), 0.01, 0.0)
-    assert left == [2, 0]
-    assert pacer.step(1, left.append)
+    told: list[tuple[int, bool]] = []
+
+    def on_stepped(left: int, is_over: bool) -> None:
+        told.append((left, is_over))
+
+    assert pacer.step(5, on_stepped, 100)
+    assert not pacer.step(1, on_stepped, 100)  # others are being made
+    for made in (3, 2):
+        assert pacer.begin(3) == made
+        pacer.wait(made, 0.01, 0.0)
+    assert told == [(2, False), (0, True)]
+    assert pacer.step(2, on_stepped, 1)
+    assert pacer.begin(3) == 1  # a piece
+    pacer.wait(1, 0.01, 0.0)
     pacer.cancel_steps()
-    assert pacer.step(2, left.append)
+    assert told[2:] == [(1, False), (1, True)]
+    assert pacer.step(4, on_stepped, 100)
     pacer.play()
+    assert told[4:] == [(4, True)]
     assert pacer.begin(3) == 3
-    pacer.wait(3, 1e-6, 0.0)
-    assert left == [2, 0]
-    assert not pacer.step(1, left.append)  # it does not stand still
+    assert not pacer.step(1, on_stepped, 1)  # it does not stand still
 
 
 def test_the_wait_of_a_pause_is_not_made_good() -> None:

@@ -36,6 +36,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BtExecute_Goal.behavior_tree': 4_096,  # it may be a file
     'flexbt_msgs/OperatorInput_Goal.prompt': 10_000,
     'flexbt_msgs/OperatorInput_Goal.choices': 200,
+    'flexbt_msgs/SetFault_Request.parameters': 10_000,
     'nav2_msgs/ComputePathThroughPoses_Goal.goals': 10_000,
     'nav2_msgs/NavigateThroughPoses_Goal.poses': 10_000,
     'nav2_msgs/NavigateThroughPoses_Goal.behavior_tree': 4_096,  # it may be a file
@@ -44,6 +45,9 @@ LIMITS: Final[Mapping[str, int]] = {
     'nav_msgs/Path.poses': 20_000,  # 1 km of 5 cm
     'sensor_msgs/LaserScan.ranges': 100_000,
     'sensor_msgs/LaserScan.intensities': 100_000,
+    'simulation_interfaces/SpawnEntity_Request.resource_string': 100_000,
+    'simulation_interfaces/SpawnEntity_Request.uri': 4_096,
+    'nav2_msgs/LoadMap_Request.map_url': 4_096,
     'nav_msgs/OccupancyGrid.data': 10_000_000,  # as many cells as maps from files may have
 }
 """The bounds that differ, by type and field; of a list of texts, ``field[]`` is that of each text."""

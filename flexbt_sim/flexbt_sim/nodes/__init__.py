@@ -4,7 +4,7 @@
 from .motion_server import MotionArbiter
 from .navigation_parameters import declare_navigation_parameters
 from .navigation_servers import Navigation
-from .ros_messages import grid_message, map_of, pose_of, seconds_of, time_message, transform
+from .ros_messages import grid_message, map_of, pose_message, pose_of, seconds_of, time_message, transform
 
 __all__ = [
     'MotionArbiter',
@@ -12,6 +12,7 @@ __all__ = [
     'declare_navigation_parameters',
     'grid_message',
     'map_of',
+    'pose_message',
     'pose_of',
     'seconds_of',
     'time_message',

@@ -15,6 +15,7 @@ import threading
 import traceback
 from typing import Any, Final
 
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidHandle
 from rclpy.parameter import Parameter
@@ -25,12 +26,15 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
-from flexbt_sim.world import Pacer, Pose, Robot
+from flexbt_sim.world import Entity, Pacer, Pose, Robot
 
+from .entity_services import EntityServices
+from .fault_service import FaultService
 from .map_server import MapServer
 from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_parameters
 from .prefilled import PrefilledMessage, stamp_fields
 from .robot_topics import Commands, Message, RobotTopics
+from .time_services import TimeServices
 
 CLOCK_PERIOD: Final = 0.03
 """Simulated time between two messages of /clock, s, or the steps that are nearest to it. It costs every node of the
@@ -61,6 +65,8 @@ class Simulator:
         self._steps_per_clock = max(1, round(CLOCK_PERIOD / step))
         self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
         self._robots: dict[str, RobotTopics] = {}
+        self._spawned: dict[str, str] = {}
+        """What has come by service, and the namespace that was wanted."""
         self._map_servers: dict[str, MapServer] = {}
         self._token = LivelinessToken(runtime)
         runtime.call(self._connect)
@@ -82,38 +88,106 @@ class Simulator:
         self._clock = node.create_publisher(Clock, names.CLOCK, clock_qos)
         self._clock_bytes = PrefilledMessage(Clock(), *stamp_fields('clock'))
         for robot in self.world.robots.values():
-            self.connect_robot(robot)
+            self._connect_robot(robot, self.parameters.namespace_of(robot.name))
+        EntityServices(self)
+        TimeServices(self)
+        FaultService(self)
         node.create_service(Trigger, names.RESET, self._on_reset)
         node.add_on_set_parameters_callback(self._on_parameters)
         self._token.set_ready(True)
 
     # -- on the executor thread --------------------------------------------------------------------------------------
 
-    def connect_robot(self, robot: Robot) -> None:
+    def _connect_robot(self, robot: Robot, namespace: str) -> None:
         """Make the topics of a robot that has come."""
-        namespace = self.parameters.namespace_of(robot.name)
-        commands = Commands(self._drive, self._initial_pose)
-        topics = RobotTopics(self.runtime, robot, namespace, self.parameters, commands)
-        map_server = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
-        self._map_servers[robot.name] = map_server
-        self._token.add_name(self._stands_in_for(robot.name))
+        topics = RobotTopics(self.runtime, robot, namespace, self.parameters, Commands(self._drive, self._initial_pose))
+        self._map_servers[robot.name] = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
+        self._token.add_name(self._stands_in_for(namespace))
         self._robots = self._robots | {robot.name: topics}  # anew: the thread of the world goes through the old one
 
-    def disconnect_robot(self, name: str) -> None:
+    def _disconnect_robot(self, name: str) -> None:
         """Take back the topics of a robot that has gone."""
         topics = self._robots[name]
         with self.lock:
             self._robots = {key: value for key, value in self._robots.items() if key != name}
         self.pacer.forget_driver(name)
         if topics.namespace:
-            self._token.remove_name(self._stands_in_for(name))
+            self._token.remove_name(self._stands_in_for(topics.namespace))
         self._map_servers.pop(name).close()
         topics.close()
 
-    def _stands_in_for(self, robot: str) -> str:
-        """The simulator in the namespace of the robot, whose nodes look for it there."""
-        namespace = self.runtime.node.get_namespace().rstrip('/')
-        return f'{namespace}/{self.parameters.namespace_of(robot)}{self.runtime.name}'
+    def _stands_in_for(self, namespace: str) -> str:
+        """The simulator in the namespace of a robot, whose nodes look for it there."""
+        return f'{self.runtime.node.get_namespace().rstrip("/")}/{namespace}{self.runtime.name}'
+
+    # -- for the services --------------------------------------------------------------------------------------------
+
+    def stamp(self) -> Time:
+        """The time of the clock."""
+        seconds, nanoseconds = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
+        return Time(sec=seconds, nanosec=nanoseconds)
+
+    def spawned(self, entity: Entity, namespace: str) -> None:
+        """Something has come: a robot gets its topics, in a namespace of its name unless another one is given."""
+        self._spawned[entity.name] = namespace
+        if isinstance(entity, Robot):
+            self._connect_robot(entity, f'{namespace.strip("/") or entity.name}/')
+
+    def is_free_namespace(self, namespace: str) -> bool:
+        """Whether no robot is there."""
+        return f'{namespace.strip("/")}/' not in {topics.namespace for topics in self._robots.values()}
+
+    def remove(self, entity: Entity) -> None:
+        """Take something away."""
+        if isinstance(entity, Robot):
+            self._disconnect_robot(entity.name)
+        with self.lock:
+            self.world.remove(entity.name)
+        self._spawned.pop(entity.name, None)
+
+    def remove_spawned(self) -> None:
+        """Take away all that has come by service."""
+        for name in list(self._spawned):
+            self.remove(self.world.entities[name])
+
+    def move(self, entity: Entity, pose: Pose) -> None:
+        """Put something somewhere. Raises SimulationError where it does not fit."""
+        with self.lock:
+            self.world.move(entity.name, pose)
+        self.pacer.forget_driver(entity.name)
+
+    def reset_state(self) -> None:
+        """Everything is where it was at the start; the time goes on."""
+        with self.lock:
+            self.world.reset()
+        self.pacer.forget_drivers()
+
+    def reset_time(self) -> None:
+        """The clock begins at 0."""
+        with self.lock:
+            self._began = self.world.nanoseconds
+
+    def restart(self) -> None:
+        """Begin anew, as if the simulator had been started.
+
+        Raises:
+            SimulationError: the world cannot be made any more.
+        """
+        world = self.parameters.make_world()
+        for name in list(self._robots):
+            if name in self._spawned or name not in world.robots:
+                self._disconnect_robot(name)
+        with self.lock:
+            self.world, self._began, self._steps = world, 0, 0
+            self._spawned.clear()
+            for name, topics in self._robots.items():
+                topics.restart(world.robots[name])
+        self.pacer.forget_drivers()
+        for robot in world.robots.values():
+            if robot.name not in self._robots:
+                self._connect_robot(robot, self.parameters.namespace_of(robot.name))
+
+    # -- on the executor thread --------------------------------------------------------------------------------------
 
     def _drive(self, robot: Robot, linear: float, angular: float) -> None:
         with self.lock:
@@ -133,9 +207,7 @@ class Simulator:
             self.pacer.forget_driver(robot.name)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        with self.lock:
-            self.world.reset()
-        self.pacer.forget_drivers()
+        self.reset_state()
         response.success = True
         response.message = 'everything is where it was at the start; the time goes on'
         return response

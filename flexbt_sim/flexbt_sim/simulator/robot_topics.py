@@ -264,8 +264,11 @@ class RobotTopics:
             if self._battery.get_subscription_count():
                 yield names.BATTERY_STATE, self._battery, self._battery_message(stamp)
 
-    def restart(self) -> None:
-        """Time has begun anew."""
+    def restart(self, robot: Robot) -> None:
+        """The world has begun anew, and so has its robot, which is of the same model."""
+        self.robot = robot
+        self._loss = generator(self._parameters.seed, robot.name, 'messages')
+        self._told_at = self._told_contact = None
         self._battery_due = 0.0
         self._scan_time = -math.inf
         self._late.clear()

@@ -40,7 +40,9 @@ from .ray_casting import RayCaster, Sensor, outlines
 from .robot import Battery, Robot, Scan, compose, inverse
 from .scenery import Door, Entity, Obstacle, Station, Zone
 from .shapes import Circle, Polygon, Shape, box, gap
+from .specification import NAME
 from .world import EntityModel, EntityState, Snapshot, World
+from .world_file import WorldFile
 
 __all__ = [
     'ANSWER_SECONDS',
@@ -56,6 +58,7 @@ __all__ = [
     'MAX_RESOLUTION',
     'MIN_RESOLUTION',
     'MODELS',
+    'NAME',
     'OCCUPIED',
     'TICK',
     'UNKNOWN',
@@ -98,6 +101,7 @@ __all__ = [
     'StationModel',
     'WalkModel',
     'World',
+    'WorldFile',
     'Zone',
     'ZoneModel',
     'box',

@@ -32,6 +32,9 @@ COMPUTING_FACTOR: Final = 1.0
 ANSWER_SECONDS: Final = 0.02
 """How long 'as fast as possible' waits for the command that an odometry message causes, s of wall time."""
 
+OnStepped = Callable[[int, bool], None]
+"""See :meth:`Pacer.step`."""
+
 
 class Schedule:
     """When simulated time is due on the wall clock. Wall time, ``now``, is handed in; all times in s.
@@ -124,8 +127,8 @@ class Pacer:
         self._computing: set[object] = set()
         self._stopped = False
         self._is_paused = False
-        self._steps = 0
-        self._on_stepped: Callable[[int], None] | None = None
+        self._steps = self._piece = 0
+        self._on_stepped: OnStepped | None = None
 
     @property
     def factor(self) -> float:
@@ -179,33 +182,34 @@ class Pacer:
             self._event.notify_all()
 
     def play(self) -> None:
-        """Let time go on. Steps that were left are not made: ``on_stepped`` of :meth:`step` is told so."""
+        """Let time go on. Steps that were left are not made."""
         with self._event:
             self._is_paused = False
-            self._end_steps()
             self._schedule = Schedule(self._schedule.factor, time.monotonic())
-            self._event.notify_all()
+        self.cancel_steps()
 
-    def step(self, count: int, on_stepped: Callable[[int], None]) -> bool:
+    def step(self, count: int, on_stepped: OnStepped, piece: int) -> bool:
         """Have so many steps made while time stands still; False, and nothing, while others are being made, or it does
         not stand still.
 
-        ``on_stepped(left)`` is called after each piece of them, on the thread that steps, without the last lock held.
+        ``on_stepped(left, is_over)`` is called after each ``piece`` of them or less, on the thread that steps; when no
+        more are made, for whatever reason, ``is_over``.
         """
         with self._event:
             if not self._is_paused or self._steps or self._stopped:
                 return False
-            self._steps, self._on_stepped = count, on_stepped
+            self._steps, self._piece, self._on_stepped = count, piece, on_stepped
             self._event.notify_all()
             return True
 
     def cancel_steps(self) -> None:
-        """Make no more of the steps."""
+        """Make no more steps."""
         with self._event:
-            self._end_steps()
-
-    def _end_steps(self) -> None:
-        self._steps, self._on_stepped = 0, None
+            told, left = self._on_stepped, self._steps
+            self._steps, self._on_stepped = 0, None
+            self._event.notify_all()
+        if told is not None:
+            told(left, True)
 
     def begin(self, most: int) -> int:
         """How many steps may be made now, up to ``most``; waits while time stands still. 0 after :meth:`stop`."""
@@ -213,7 +217,7 @@ class Pacer:
             self._event.wait_for(lambda: self._stopped or not self._is_paused or self._steps)
             if self._stopped:
                 return 0
-            return min(most, self._steps) if self._is_paused else most
+            return min(most, self._steps, self._piece) if self._is_paused else most
 
     def stop(self) -> None:
         """End all waiting, now and later."""
@@ -230,17 +234,17 @@ class Pacer:
 
     def wait(self, steps: int, simulated: float, now: float) -> None:
         """Let the wall time of ``steps`` pass that took ``simulated`` seconds, until the simulated time ``now``."""
-        told: Callable[[int], None] | None = None
+        told: OnStepped | None = None
         with self._event:
             if self._steps:
                 self._steps -= min(steps, self._steps)
                 told, left = self._on_stepped, self._steps
                 if not left:
-                    self._end_steps()
+                    self._on_stepped = None
             elif not self._is_paused:
                 self._wait(simulated, now)
         if told is not None:
-            told(left)
+            told(left, left == 0)
 
     def _wait(self, simulated: float, now: float) -> None:
         fastest = IDLE_FACTOR

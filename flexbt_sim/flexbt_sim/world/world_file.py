@@ -59,11 +59,13 @@ class WorldFile:
         WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
     """
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, text: str | None = None, pose: Pose | None = None) -> None:
+        """``text`` is what is read in place of the file; ``pose`` is that of robots of which none is said."""
         self._file = file
+        self._text = text
         self._problems: list[Problem] = []
         self._marks: dict[Where, tuple[int, int]] = {}
-        reader = _Reader(self._data(), file.parent, self._problems)
+        reader = _Reader(self._data(), file.parent, self._problems, pose)
         self.model = reader.model()
         self.places = reader.places()
         self.entities = reader.entities()
@@ -72,21 +74,26 @@ class WorldFile:
         self.finish()
 
     def _data(self) -> Any:
+        try:
+            return self._parsed(self._read() if self._text is None else self._text)
+        except YamlError as error:
+            raise WorldError([f'{self._file}:{error.line}:{error.column}: {error.reason}']) from error
+
+    def _read(self) -> str:
         file = self._file
         try:
             if not file.is_file() or file.stat().st_size > MAX_BYTES:
                 raise OSError(f'not a regular file of at most {MAX_BYTES} bytes')
-            text = file.read_text(encoding='utf-8')
+            return file.read_text(encoding='utf-8')
         except (OSError, ValueError) as error:
             raise WorldError([f'{file}: cannot be read: {error}; give a world file']) from error
-        try:
-            node = compose_yaml(text)
-            if node is None:
-                return {}
-            _mark(node, (), self._marks, self._problems)
-            return construct_yaml(node)
-        except YamlError as error:
-            raise WorldError([f'{file}:{error.line}:{error.column}: {error.reason}']) from error
+
+    def _parsed(self, text: str) -> Any:
+        node = compose_yaml(text)
+        if node is None:
+            return {}
+        _mark(node, (), self._marks, self._problems)
+        return construct_yaml(node)
 
     def attempt(self, path: Where, action: Callable[..., object], *arguments: Any) -> None:
         """Do what is said at a place of the file; an error becomes one of the file."""
@@ -128,8 +135,9 @@ def _line(file: Path, problem: Problem, marks: Mapping[Where, tuple[int, int]]) 
 
 
 class _Reader:
-    def __init__(self, data: Any, directory: Path, problems: list[Problem]) -> None:
+    def __init__(self, data: Any, directory: Path, problems: list[Problem], pose: Pose | None) -> None:
         self._data = data
+        self._pose = pose
         self._directory = directory
         self._problems = problems
 
@@ -214,10 +222,12 @@ class _Reader:
             model = self._model(value, path, models, 'model')
             if model is None:
                 continue
-            if 'pose' not in value:
+            pose = self._pose
+            if 'pose' in value:
+                pose = convert(Pose, value['pose'], (*path, 'pose'), self._problems)
+            elif pose is None:
                 self._problems.append(Problem(path, "'pose' is missing: where it is at the start, [x, y, yaw]"))
                 continue
-            pose = convert(Pose, value['pose'], (*path, 'pose'), self._problems)
             robots.append((path, name, model, pose))
         return robots
 

@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is in the world, by the standard services of simulators (https://github.com/ros-simulation/simulation_interfaces).
+
+An entity is described as in a world file: a mapping of one section with one entry, ``robots: {beta: {model: burger}}``.
+Each of its kinds is a tag, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from geometry_msgs.msg import Pose as PoseMessage
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
+from simulation_interfaces.msg import (
+    Bounds,
+    EntityCategory,
+    EntityFilters,
+    EntityInfo,
+    EntityState,
+    NamedPose,
+    Result,
+    TagsFilter,
+)
+from simulation_interfaces.srv import (
+    DeleteEntity,
+    GetEntities,
+    GetEntitiesStates,
+    GetEntityInfo,
+    GetEntityState,
+    GetNamedPoses,
+    SetEntityState,
+    SpawnEntity,
+)
+
+from flexbt_common.errors import ResourceError
+from flexbt_common.runtime import resolve_file
+from flexbt_common.values import check_limits, shown
+from flexbt_core.errors import FlexbtError
+from flexbt_sim.errors import SimulationError, WorldError
+from flexbt_sim.nodes import pose_message, pose_of
+from flexbt_sim.world import NAME, Body, Circle, Entity, Pose, Robot, Shape, Station, WorldFile, Zone, box, compose, gap
+
+from .name_filter import NameFilter
+from .node_parts import SimulatorParts
+
+WORLD_FRAME: Final = 'world'
+"""Frame of poses of which none is said, by the standard; here it is that of the map."""
+
+SUFFIXES: Final = ('.yaml', '.yml')
+
+
+class RefusedError(SimulationError):
+    """A request is refused, with a ``code`` of its result."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def answered(answer: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
+    """A service callback whose response has a ``result``, the code of what ``answer(request, response)`` raises."""
+
+    def callback(request: Any, response: Any) -> Any:
+        response.result.result = Result.RESULT_OK
+        try:
+            check_limits(request)
+            answer(request, response)
+        except FlexbtError as error:
+            response.result.result = error.code if isinstance(error, RefusedError) else Result.RESULT_OPERATION_FAILED
+            response.result.error_message = str(error)
+        return response
+
+    return callback
+
+
+class EntityServices:
+    """On the executor thread."""
+
+    def __init__(self, simulator: SimulatorParts) -> None:
+        self._simulator = simulator
+        node = simulator.runtime.node
+        for service_type, name, answer in (
+            (SpawnEntity, 'spawn_entity', self._spawn),
+            (DeleteEntity, 'delete_entity', self._delete),
+            (GetEntities, 'get_entities', self._list),
+            (GetEntityInfo, 'get_entity_info', self._inform),
+            (GetEntityState, 'get_entity_state', self._tell),
+            (GetEntitiesStates, 'get_entities_states', self._tell_all),
+            (SetEntityState, 'set_entity_state', self._move),
+            (GetNamedPoses, 'get_named_poses', self._places),
+        ):
+            node.create_service(service_type, f'~/{name}', answered(answer))
+
+    # -- spawn and delete --------------------------------------------------------------------------------------------
+
+    def _spawn(self, request: Any, response: Any) -> None:
+        codes = SpawnEntity.Response
+        simulator = self._simulator
+        placed = request.initial_pose
+        pose = None
+        if placed.header.frame_id or placed.pose != PoseMessage():
+            pose = self._pose(placed.pose, placed.header.frame_id, codes.INVALID_POSE)
+        described, model, own_pose = self._described(request, pose)
+        name = self._free_name(request.name or described, request.allow_renaming)
+        namespace = request.entity_namespace
+        if namespace:
+            self._check_namespace(namespace)
+        try:
+            with simulator.lock:
+                entity = simulator.world.add(name, model, pose or own_pose)
+        except SimulationError as error:
+            raise RefusedError(codes.INVALID_POSE, str(error)) from None
+        simulator.spawned(entity, namespace)
+        response.entity_name = name
+
+    def _described(self, request: Any, pose: Pose | None) -> tuple[str, Any, Pose | None]:
+        """Name, model and pose of the entity."""
+        codes = SpawnEntity.Response
+        text: str | None = None
+        if request.uri:
+            file = self._file(request.uri)
+        elif request.resource_string:
+            file, text = Path('resource_string'), request.resource_string
+            if text.lstrip().startswith('<'):
+                raise RefusedError(codes.UNSUPPORTED_FORMAT, 'XML is not known here; give the YAML of a world file')
+        else:
+            raise RefusedError(codes.NO_RESOURCE, 'uri and resource_string are empty; give the YAML of a world file')
+        try:
+            entities = WorldFile(file, text, pose or Pose(0.0, 0.0, 0.0)).entities
+        except WorldError as error:
+            raise RefusedError(codes.RESOURCE_PARSE_ERROR, str(error)) from None
+        if len(entities) != 1:
+            raise RefusedError(
+                codes.RESOURCE_PARSE_ERROR,
+                f'{file}: {len(entities)} entities; give one, as in robots: {{beta: {{model: burger}}}}',
+            )
+        _, name, model, own_pose = entities[0]
+        return name, model, own_pose
+
+    @staticmethod
+    def _file(uri: str) -> Path:
+        codes = SpawnEntity.Response
+        if not uri.endswith(SUFFIXES):
+            raise RefusedError(codes.UNSUPPORTED_FORMAT, f'{shown(uri)} is no YAML file: {", ".join(SUFFIXES)}')
+        try:
+            return resolve_file(uri.removeprefix('package://'))
+        except ResourceError as error:
+            raise RefusedError(codes.NO_RESOURCE, f'{error}; files are package://PACKAGE/PATH') from None
+
+    def _free_name(self, name: str, may_rename: bool) -> str:
+        codes = SpawnEntity.Response
+        if not NAME.fullmatch(name):
+            raise RefusedError(
+                codes.NAME_INVALID, f'{shown(name)} cannot be a name: give letters, digits and _, a letter first'
+            )
+        entities = self._simulator.world.entities
+        if name not in entities:
+            return name
+        if not may_rename:
+            raise RefusedError(codes.NAME_NOT_UNIQUE, f'there is a {name!r} already')
+        number = next(number for number in range(1, len(entities) + 2) if f'{name}_{number}' not in entities)
+        return self._free_name(f'{name}_{number}', may_rename=False)
+
+    def _check_namespace(self, namespace: str) -> None:
+        try:
+            validate_namespace(f'/{namespace.strip("/")}')
+        except InvalidNamespaceException as error:
+            raise RefusedError(SpawnEntity.Response.NAMESPACE_INVALID, str(error)) from None
+        if not self._simulator.is_free_namespace(namespace):
+            raise RefusedError(
+                SpawnEntity.Response.NAMESPACE_INVALID, f'there is a robot in namespace {namespace!r} already'
+            )
+
+    def _delete(self, request: Any, _response: Any) -> None:
+        entity = self._entity(request.entity)
+        self._simulator.remove(entity)
+
+    # -- state -------------------------------------------------------------------------------------------------------
+
+    def _entity(self, name: str) -> Entity:
+        entity = self._simulator.world.entities.get(name)
+        if entity is None:
+            raise RefusedError(Result.RESULT_NOT_FOUND, f'there is no {shown(name)} in the world')
+        return entity
+
+    def _pose(self, message: PoseMessage, frame: str, code: int) -> Pose:
+        """The pose in the map. A frame may be that of the map, or the name of an entity."""
+        turned = message.orientation
+        length = math.hypot(turned.x, turned.y, turned.z, turned.w)
+        pose = pose_of(message)
+        if not abs(length - 1.0) < 0.01 or not pose.is_place:
+            raise RefusedError(code, 'the pose has numbers that are none, or a quaternion that is not of length 1')
+        if frame in ('', WORLD_FRAME, self._simulator.parameters.map_frame):
+            return pose
+        if frame not in self._simulator.world.entities:
+            raise RefusedError(
+                code, f'frame {shown(frame)} is not known; give the pose in that of the map or an entity'
+            )
+        return compose(self._simulator.world.entities[frame].pose, pose)
+
+    def _move(self, request: Any, _response: Any) -> None:
+        entity, state = self._entity(request.entity), request.state
+        speeds = (state.twist.linear, state.twist.angular, state.acceleration.linear, state.acceleration.angular)
+        if any(getattr(speed, axis) != 0.0 for speed in speeds for axis in 'xyz'):
+            raise SimulationError(f'{request.entity}: speeds cannot be set; a robot is driven by cmd_vel')
+        code = SetEntityState.Response.INVALID_POSE
+        pose = self._pose(state.pose, state.header.frame_id, code)
+        try:
+            self._simulator.move(entity, pose)
+        except SimulationError as error:
+            raise RefusedError(code, str(error)) from None
+
+    def _tell(self, request: Any, response: Any) -> None:
+        self._entity(request.entity)
+        with self._simulator.lock:
+            response.state = self._state(request.entity)
+
+    def _tell_all(self, request: Any, response: Any) -> None:
+        with self._simulator.lock:
+            response.entities = list(self._filtered(request.filters))
+            response.states = [self._state(name) for name in response.entities]
+
+    def _state(self, name: str) -> EntityState:
+        state = self._simulator.world.state(name)
+        message = EntityState(pose=pose_message(state.pose))
+        message.header.frame_id = self._simulator.parameters.map_frame
+        message.header.stamp = self._simulator.stamp()
+        forward, sideways = state.linear
+        yaw = state.pose.yaw if state.kind == 'robot' else 0.0
+        message.twist.linear.x = forward * math.cos(yaw) - sideways * math.sin(yaw)
+        message.twist.linear.y = forward * math.sin(yaw) + sideways * math.cos(yaw)
+        message.twist.angular.z = float(state.angular)
+        return message
+
+    # -- what there is -----------------------------------------------------------------------------------------------
+
+    def _list(self, request: Any, response: Any) -> None:
+        with self._simulator.lock:
+            response.entities = list(self._filtered(request.filters))
+
+    def _inform(self, request: Any, response: Any) -> None:
+        entity = self._entity(request.entity)
+        kind = _kind(entity)
+        faults = ', '.join(self._simulator.world.active_faults(request.entity))
+        description = f'{kind} {request.entity}' + (f', with faults: {faults}' if faults else '')
+        response.info = EntityInfo(
+            category=EntityCategory(category=_category(entity)), description=description, tags=[kind]
+        )
+
+    def _filtered(self, filters: EntityFilters) -> Iterator[str]:
+        matches = NameFilter(filters.filter)
+        categories = {one.category for one in filters.categories}
+        area = _area(filters.bounds)
+        for name, entity in self._simulator.world.entities.items():
+            if (
+                matches(name)
+                and (not categories or _category(entity) in categories)
+                and _has_tags(filters.tags, (_kind(entity),))
+                and (area is None or gap(*area, *_outline(entity)) <= 0.0)
+            ):
+                yield name
+
+    def _places(self, request: Any, response: Any) -> None:
+        response.poses = [
+            NamedPose(name=name, pose=pose_message(pose))
+            for name, pose in self._simulator.world.places.items()
+            if _has_tags(request.tags, ())
+        ]
+
+
+def _kind(entity: Entity) -> str:
+    return type(entity).__name__.lower()
+
+
+def _category(entity: Entity) -> int:
+    if isinstance(entity, Robot):
+        return int(EntityCategory.CATEGORY_ROBOT)
+    if isinstance(entity, Zone):
+        return int(EntityCategory.CATEGORY_OBJECT)
+    moves = isinstance(entity, Body) and entity.top_speed > 0.0
+    return int(EntityCategory.CATEGORY_DYNAMIC_OBJECT if moves else EntityCategory.CATEGORY_STATIC_OBJECT)
+
+
+def _has_tags(wanted: TagsFilter, tags: tuple[str, ...]) -> bool:
+    if not wanted.tags:
+        return True
+    every = all if wanted.filter_mode == TagsFilter.FILTER_MODE_ALL else any
+    return every(tag in tags for tag in wanted.tags)
+
+
+def _outline(entity: Entity) -> tuple[Shape, Pose]:
+    if isinstance(entity, Body):
+        return entity.shape, entity.pose
+    return (Circle(entity.model.reach) if isinstance(entity, Station) else entity.model.area), entity.pose
+
+
+def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:
+    """What bounds take up in the plane; None where they restrict nothing."""
+    if bounds.type == Bounds.TYPE_EMPTY:
+        return None
+    points = [(point.x, point.y) for point in bounds.points]
+    if not all(math.isfinite(number) for point in points for number in point):
+        raise SimulationError('bounds have numbers that are none')
+    if bounds.type == Bounds.TYPE_SPHERE and len(points) == 2:
+        return Circle(points[1][0]), Pose(*points[0], 0.0)
+    if bounds.type == Bounds.TYPE_BOX and len(points) == 2:
+        (x0, y0), (x1, y1) = points
+        return box(abs(x1 - x0), abs(y1 - y0)), Pose((x0 + x1) / 2.0, (y0 + y1) / 2.0, 0.0)
+    if bounds.type in (Bounds.TYPE_SPHERE, Bounds.TYPE_BOX):
+        raise SimulationError('bounds have two points: corners of a box, or the centre of a sphere and (radius, 0, 0)')
+    raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds are a box or a sphere here')
+
+
+__all__ = ['EntityServices', 'RefusedError', 'answered']

@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A world file on ROS: two robots in namespaces, and the standard services of simulators, on one launched world."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, Vector3
+from nav2_msgs.srv import LoadMap
+from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.srv import GetMap
+from rclpy.qos import qos_profile_sensor_data as LOSSY
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState, LaserScan
+from simulation_interfaces.action import SimulateSteps
+from simulation_interfaces.msg import Bounds, EntityCategory, EntityFilters, Result, SimulationState, TagsFilter
+from simulation_interfaces.srv import (
+    DeleteEntity,
+    GetEntities,
+    GetEntitiesStates,
+    GetEntityInfo,
+    GetEntityState,
+    GetNamedPoses,
+    GetSimulationState,
+    GetSimulatorFeatures,
+    ResetSimulation,
+    SetEntityState,
+    SetSimulationState,
+    SpawnEntity,
+    StepSimulation,
+)
+from std_msgs.msg import Bool, String
+from tf2_msgs.msg import TFMessage
+
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
+from flexbt_common.liveness import LivelinessWatch
+from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.srv import SetFault
+from flexbt_sim.nodes import pose_of, seconds_of
+from flexbt_sim.simulator import Simulator, built_in_map
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.sim_world import Probe, pose, without_faults
+from flexbt_testing.waiting import wait_until
+
+WORLD = """
+plan:
+  rooms: [{from: [0, 0], to: [10, 6]}]
+seed: 3
+robots:
+  alpha: {model: burger, pose: [1, 1, 0], bumper: true}
+  beta: {model: waffle, pose: [1, 4, 0], odometry: {linear_noise: 0.02}}
+obstacles:
+  crate: {pose: [8, 5, 0], shape: [0.4, 0.4]}
+stations:
+  dock: {pose: [1, 1, 0]}
+places:
+  exit: [9, 1, 1.57]
+"""
+
+
+class Bench:
+    """The simulator, and somebody who asks and listens."""
+
+    def __init__(self, simulator: Simulator, runtime: NodeRuntime) -> None:
+        self.simulator = simulator
+        self.runtime = runtime
+        self._probe = Probe(runtime)
+
+    def ask(self, service_type: Any, service: str, **fields: Any) -> Any:
+        """Ask a service of the simulator; the response."""
+        return self.ask_other(service_type, f'simulator/{service}', **fields)
+
+    def ask_other(self, service_type: Any, service: str, **fields: Any) -> Any:
+        """Ask any service."""
+        return self._probe.ask(service_type, service, service_type.Request(**fields))
+
+    def listen(self, message_type: Any, topic: str, qos: Any = LOSSY) -> list[Any]:
+        """The messages of a topic, as they come."""
+        heard: list[Any] = []
+        node = self.runtime.node
+        self.runtime.call(lambda: node.create_subscription(message_type, topic, heard.append, qos))
+        return heard
+
+    def publisher(self, message_type: Any, topic: str) -> Callable[[Any], None]:
+        node = self.runtime.node
+        made = self.runtime.call(lambda: node.create_publisher(message_type, topic, 1))
+        wait_until(made.get_subscription_count)
+        return lambda message: made.publish(message)
+
+    def pose(self, name: str) -> tuple[float, ...]:
+        """Where an entity is: m, m, rad."""
+        response = self.ask(GetEntityState, 'get_entity_state', entity=name)
+        assert response.result.result == Result.RESULT_OK, response.result.error_message
+        return tuple(pose_of(response.state.pose))
+
+    def set_state(self, state: int) -> int:
+        response = self.ask(SetSimulationState, 'set_simulation_state', state=SimulationState(state=state))
+        return int(response.result.result)
+
+    def state(self) -> int:
+        return int(self.ask(GetSimulationState, 'get_simulation_state').state.state)
+
+    def spawn(self, text: str, **fields: Any) -> Any:
+        return self.ask(SpawnEntity, 'spawn_entity', resource_string=text, **fields)
+
+
+@pytest.fixture(scope='module')
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    file = tmp_path_factory.mktemp('world') / 'hall.yaml'
+    file.write_text(WORLD)
+    parameters = {'world': str(file), 'speed_factor': 5.0}
+    with (
+        without_faults(names.SIMULATOR, parameters=parameters) as simulator,
+        without_faults('somebody') as runtime,
+    ):
+        yield Bench(Simulator(simulator), runtime)
+
+
+@pytest.fixture(autouse=True)
+def at_start(bench: Bench) -> Iterator[None]:
+    yield
+    bench.set_state(SimulationState.STATE_PLAYING)
+    assert bench.ask(ResetSimulation, 'reset_simulation').result.result == Result.RESULT_OK
+
+
+def test_each_robot_has_its_topics_in_its_namespace(bench: Bench) -> None:
+    topics: list[tuple[Any, str, Any]] = [
+        (PoseStamped, names.POSE, LOSSY),
+        (Odometry, names.ODOM, LOSSY),
+        (LaserScan, names.SCAN, LOSSY),
+        (TFMessage, names.TF, LOSSY),
+        (TFMessage, names.TF_STATIC, names.latched()),
+        (OccupancyGrid, names.MAP, names.latched()),
+        (PoseWithCovarianceStamped, names.AMCL_POSE, names.latched()),
+        (String, names.ROBOT_DESCRIPTION, names.latched()),
+        (BatteryState, names.BATTERY_STATE, LOSSY),
+    ]
+    heard = {
+        (robot, topic): bench.listen(message_type, f'/{robot}/{topic}', qos)
+        for robot in ('alpha', 'beta')
+        for message_type, topic, qos in topics
+    }
+    bumper = bench.listen(Bool, f'/alpha/{names.BUMPER}', names.latched())
+    wait_until(lambda: all(heard.values()) and bumper, lambda: [key for key, value in heard.items() if not value])
+    assert pose_of(heard['beta', names.POSE][0].pose).distance(pose_of(pose((1.0, 4.0)).pose)) < 1e-6
+    assert pose_of(heard['beta', names.ODOM][0].pose.pose).distance(pose_of(pose((0.0, 0.0)).pose)) < 1e-6
+    assert '<robot name="alpha">' in heard['alpha', names.ROBOT_DESCRIPTION][0].data
+    assert not bumper[0].data
+    for robot in ('alpha', 'beta'):
+        watch = LivelinessWatch(bench.runtime, f'/{robot}/simulator')
+        wait_until(lambda: watch.ready)  # noqa: B023
+        watch.close()
+
+
+def test_a_robot_is_driven_alone_and_a_wall_is_felt(bench: Bench) -> None:
+    drive = bench.publisher(Twist, '/alpha/cmd_vel')
+    bumper = bench.listen(Bool, f'/alpha/{names.BUMPER}', names.latched())
+
+    def has_hit() -> bool:
+        drive(Twist(linear=Vector3(x=-0.22)))
+        return bool(bumper and bumper[-1].data)
+
+    wait_until(has_hit)
+    assert bench.pose('alpha')[0] < 0.5
+    assert bench.pose('beta') == pytest.approx((1.0, 4.0, 0.0))
+
+
+def test_entities_are_found_by_name_category_tag_and_place(bench: Bench) -> None:
+    def found(**fields: Any) -> set[str]:
+        response = bench.ask(GetEntities, 'get_entities', filters=EntityFilters(**fields))
+        assert response.result.result == Result.RESULT_OK, response.result.error_message
+        return set(response.entities)
+
+    assert found() == {'alpha', 'beta', 'crate', 'dock'}
+    assert found(filter='.*a') == {'alpha', 'beta'}
+    robots = EntityCategory(category=EntityCategory.CATEGORY_ROBOT)
+    assert found(categories=[robots]) == {'alpha', 'beta'}
+    assert found(tags=TagsFilter(tags=['obstacle', 'station'])) == {'crate', 'dock'}
+    assert found(tags=TagsFilter(tags=['obstacle', 'station'], filter_mode=TagsFilter.FILTER_MODE_ALL)) == set()
+    corner = Bounds(type=Bounds.TYPE_BOX, points=[Vector3(x=0.0, y=0.0), Vector3(x=2.0, y=2.0)])
+    assert found(bounds=corner) == {'alpha', 'dock'}
+    ball = Bounds(type=Bounds.TYPE_SPHERE, points=[Vector3(x=8.0, y=4.5), Vector3(x=0.4)])
+    assert found(bounds=ball) == {'crate'}
+    hull = EntityFilters(bounds=Bounds(type=Bounds.TYPE_CONVEX_HULL))
+    answer = bench.ask(GetEntities, 'get_entities', filters=hull)
+    assert answer.result.result == Result.RESULT_FEATURE_UNSUPPORTED
+    for pattern in ('(', 'a' * 2_000):
+        answer = bench.ask(GetEntities, 'get_entities', filters=EntityFilters(filter=pattern))
+        assert answer.result.result == Result.RESULT_OPERATION_FAILED
+    states = bench.ask(GetEntitiesStates, 'get_entities_states', filters=EntityFilters(filter='crate'))
+    assert states.entities == ['crate'] and states.states[0].pose.position.x == 8.0
+    info = bench.ask(GetEntityInfo, 'get_entity_info', entity='crate').info
+    assert info.tags == ['obstacle'] and info.category.category == EntityCategory.CATEGORY_STATIC_OBJECT
+    assert bench.ask(GetEntityInfo, 'get_entity_info', entity='x').result.result == Result.RESULT_NOT_FOUND
+    poses = bench.ask(GetNamedPoses, 'get_named_poses').poses
+    assert [(one.name, one.pose.position.x) for one in poses] == [('exit', 9.0)]
+
+
+def test_a_robot_comes_and_goes_with_its_topics(bench: Bench) -> None:
+    answer = bench.spawn('robots: {gamma: {model: burger}}', initial_pose=pose((5.0, 3.0, 1.0), 'world'))
+    assert (answer.result.result, answer.entity_name) == (Result.RESULT_OK, 'gamma'), answer.result.error_message
+    heard = bench.listen(PoseStamped, '/gamma/pose')
+    wait_until(lambda: heard)
+    assert tuple(pose_of(heard[0].pose)) == pytest.approx((5.0, 3.0, 1.0))
+    beside = bench.spawn(
+        'robots: {gamma: {model: burger}}', allow_renaming=True, initial_pose=pose((1.0, 0.0), 'gamma')
+    )
+    assert beside.entity_name == 'gamma_1'
+    assert bench.pose('gamma_1')[:2] == pytest.approx((5.0 + math.cos(1.0), 3.0 + math.sin(1.0)))
+    watch = LivelinessWatch(bench.runtime, '/gamma/simulator')
+    wait_until(lambda: watch.ready)
+    assert bench.ask(DeleteEntity, 'delete_entity', entity='gamma').result.result == Result.RESULT_OK
+    wait_until(lambda: not bench.runtime.node.get_publishers_info_by_topic('/gamma/pose'))
+    wait_until(lambda: watch.alive is False)
+    watch.close()
+    assert bench.ask(DeleteEntity, 'delete_entity', entity='gamma').result.result == Result.RESULT_NOT_FOUND
+
+
+@pytest.mark.parametrize(
+    ('text', 'fields', 'code', 'says'),
+    [
+        ('', {}, SpawnEntity.Response.NO_RESOURCE, 'empty'),
+        ('<sdf/>', {}, SpawnEntity.Response.UNSUPPORTED_FORMAT, 'XML'),
+        ('', {'uri': '/etc/passwd'}, SpawnEntity.Response.UNSUPPORTED_FORMAT, 'YAML'),
+        ('', {'uri': '/etc/x.yaml'}, SpawnEntity.Response.NO_RESOURCE, 'package://'),
+        ('robots: {a: {model: bruger}}', {}, SpawnEntity.Response.RESOURCE_PARSE_ERROR, "do you mean 'burger'"),
+        ('robots: [', {}, SpawnEntity.Response.RESOURCE_PARSE_ERROR, ':1:'),
+        ('obstacles: {a: {pose: [1, 2, 0]}, b: {pose: [1, 3, 0]}}', {}, SpawnEntity.Response.RESOURCE_PARSE_ERROR, '2'),
+        ('robots: {alpha: {}}', {}, SpawnEntity.Response.NAME_NOT_UNIQUE, 'alpha'),
+        ('robots: {new: {}}', {'name': '1 /'}, SpawnEntity.Response.NAME_INVALID, 'letters'),
+        ('robots: {new: {}}', {'entity_namespace': 'a b'}, SpawnEntity.Response.NAMESPACE_INVALID, 'namespace'),
+        ('robots: {new: {}}', {'entity_namespace': '/alpha'}, SpawnEntity.Response.NAMESPACE_INVALID, 'already'),
+        ('robots: {new: {}}', {'initial_pose': pose((1.0, 1.0))}, SpawnEntity.Response.INVALID_POSE, 'alpha'),
+        ('robots: {new: {}}', {'initial_pose': pose((2.0, 2.0), 'moon')}, SpawnEntity.Response.INVALID_POSE, 'moon'),
+        ('robots: {new: {}}', {'initial_pose': pose((math.nan, 2.0))}, SpawnEntity.Response.INVALID_POSE, 'none'),
+        ('x' * 200_000, {}, Result.RESULT_OPERATION_FAILED, 'characters'),
+    ],
+)
+def test_what_cannot_be_spawned_is_refused_with_its_code(
+    bench: Bench, text: str, fields: dict[str, Any], code: int, says: str
+) -> None:
+    answer = bench.spawn(text, **fields)
+    assert (answer.result.result, answer.entity_name) == (code, ''), answer.result.error_message
+    assert says in answer.result.error_message
+
+
+def test_what_is_there_is_moved(bench: Bench) -> None:
+    def move(entity: str, place: tuple[float, ...], **twist: float) -> int:
+        request = SetEntityState.Request(entity=entity)
+        request.state.pose = pose(place).pose
+        request.state.twist.linear = Vector3(**twist)
+        answer = bench.ask_other(SetEntityState, 'simulator/set_entity_state', entity=entity, state=request.state)
+        return int(answer.result.result)
+
+    places = {'beta': (6.0, 2.0, 0.5), 'crate': (3.0, 3.0, 0.0), 'dock': (6.0, 5.0, 0.5)}
+    for entity, place in places.items():
+        assert move(entity, place) == Result.RESULT_OK
+        assert bench.pose(entity) == pytest.approx(place)
+    assert move('beta', (-5.0, 2.0)) == SetEntityState.Response.INVALID_POSE
+    assert move('beta', (math.inf, 2.0)) == SetEntityState.Response.INVALID_POSE
+    assert move('beta', (5.0, 2.0), x=1.0) == Result.RESULT_OPERATION_FAILED
+    assert move('nobody', (5.0, 2.0)) == Result.RESULT_NOT_FOUND
+
+
+def test_time_is_paused_stepped_and_goes_on(bench: Bench) -> None:
+    clock = bench.listen(Clock, '/clock', 10)
+    playing, paused, stopped = (
+        SimulationState.STATE_PLAYING,
+        SimulationState.STATE_PAUSED,
+        SimulationState.STATE_STOPPED,
+    )
+    assert bench.ask(StepSimulation, 'step_simulation', steps=1).result.result == Result.RESULT_OPERATION_FAILED
+    assert bench.set_state(paused) == Result.RESULT_OK
+    assert bench.set_state(paused) == SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+    assert bench.state() == paused
+    step = bench.simulator.world.step_size
+    before = bench.simulator.world.time
+    assert bench.ask(StepSimulation, 'step_simulation', steps=10).result.result == Result.RESULT_OK
+    assert bench.simulator.world.time == pytest.approx(before + 10 * step)
+    wait_until(lambda: clock and seconds_of(clock[-1].clock) == pytest.approx(before + 10 * step))
+    for steps in (0, 2**63):
+        answer = bench.ask(StepSimulation, 'step_simulation', steps=steps)
+        assert answer.result.result == Result.RESULT_OPERATION_FAILED
+    link = ActionLinks(bench.runtime).link(SimulateSteps, 'simulator/simulate_steps')
+    goal = SentGoal(link, SimulateSteps.Goal(steps=5), 60.0)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert bench.simulator.world.time == pytest.approx(before + 15 * step)
+    endless = SentGoal(link, SimulateSteps.Goal(steps=1_000_000), 60.0)
+    wait_until(lambda: len(endless.feedback) > 5)
+    told = endless.feedback[5]
+    assert told.completed_steps + told.remaining_steps == 1_000_000
+    endless.call.cancel()
+    assert endless.wait().status is GoalStatus.CANCELED
+    assert bench.set_state(stopped) == Result.RESULT_OK
+    assert (bench.state(), bench.simulator.world.time) == (stopped, 0.0)
+    assert bench.set_state(SimulationState.STATE_QUITTING) == Result.RESULT_FEATURE_UNSUPPORTED
+    assert bench.set_state(77) == SetSimulationState.Response.INCORRECT_TRANSITION
+    assert bench.set_state(playing) == Result.RESULT_OK
+    seen = len(clock)
+    wait_until(lambda: len(clock) > seen + 3)
+
+
+def test_a_reset_takes_back_what_its_scope_says(bench: Bench) -> None:
+    clock = bench.listen(Clock, '/clock', 10)
+
+    def reset(scope: int) -> int:
+        return int(bench.ask(ResetSimulation, 'reset_simulation', scope=scope).result.result)
+
+    scopes = ResetSimulation.Request
+    assert bench.spawn('obstacles: {box: {pose: [5, 5, 0]}}').result.result == Result.RESULT_OK
+    request = SetEntityState.Request(entity='beta')
+    request.state.pose = pose((6.0, 2.0)).pose
+    bench.ask(SetEntityState, 'set_entity_state', entity='beta', state=request.state)
+    wait_until(lambda: clock and seconds_of(clock[-1].clock) > 0.5)
+    assert reset(scopes.SCOPE_TIME) == Result.RESULT_OK
+    wait_until(lambda: seconds_of(clock[-1].clock) < 0.5)
+    assert bench.pose('beta')[:2] == pytest.approx((6.0, 2.0))
+    assert reset(scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED) == Result.RESULT_OK
+    assert bench.pose('beta')[:2] == pytest.approx((1.0, 4.0))
+    assert 'box' not in bench.ask(GetEntities, 'get_entities').entities
+    assert bench.spawn('robots: {late: {pose: [5, 5, 0]}}').result.result == Result.RESULT_OK
+    assert bench.ask(DeleteEntity, 'delete_entity', entity='alpha').result.result == Result.RESULT_OK
+    assert reset(scopes.SCOPE_DEFAULT) == Result.RESULT_OK
+    assert set(bench.ask(GetEntities, 'get_entities').entities) == {'alpha', 'beta', 'crate', 'dock'}
+    heard = bench.listen(PoseStamped, '/alpha/pose')
+    wait_until(lambda: heard)
+    assert reset(64) == Result.RESULT_FEATURE_UNSUPPORTED
+
+
+def test_features_are_told(bench: Bench) -> None:
+    features = bench.ask(GetSimulatorFeatures, 'get_simulator_features').features
+    assert len(features.features) == 21 and features.spawn_formats == ['yaml']
+
+
+def test_faults_come_and_go(bench: Bench) -> None:
+    def fault(**fields: Any) -> Any:
+        return bench.ask(SetFault, 'set_fault', **fields)
+
+    heard = bench.listen(PoseStamped, '/alpha/pose')
+    assert fault(entity='alpha', fault='localization_lost', parameters='jump: [1.0, 0.5, 0.0]').success
+    wait_until(lambda: heard and pose_of(heard[-1].pose).distance(pose_of(pose((2.0, 1.5)).pose)) < 1e-6)
+    assert bench.pose('alpha')[:2] == pytest.approx((1.0, 1.0))
+    assert fault(entity='alpha', clear=True).success
+    wait_until(lambda: pose_of(heard[-1].pose).distance(pose_of(pose((1.0, 1.0)).pose)) < 1e-6)
+    assert fault(entity='alpha', fault='messages_dropped', parameters='topic: pose').success
+    count = len(heard)
+    other = bench.listen(PoseStamped, '/beta/pose')
+    wait_until(lambda: len(other) > 20)
+    assert len(heard) <= count + 2
+    assert fault(entity='alpha', fault='messages_late', parameters='{topic: pose, delay: 0.2}', clear=False).success
+    assert fault(entity='alpha', fault='messages_dropped', clear=True).success
+    count = len(heard)
+    wait_until(lambda: len(heard) > count)
+    for fields, says in (
+        ({'fault': 'stuck_wheel'}, '2 robots'),
+        ({'entity': 'gamma', 'fault': 'stuck_wheel'}, 'gamma'),
+        ({'entity': 'alpha', 'fault': 'stuck_weel'}, 'stuck_wheel'),
+        ({'entity': 'alpha', 'fault': 'stuck_wheel', 'parameters': 'side: up'}, 'up'),
+        ({'entity': 'alpha', 'fault': 'stuck_wheel', 'parameters': '[1'}, 'line'),
+        ({'entity': 'alpha', 'fault': 'stuck_wheel', 'after': math.nan}, 'nan'),
+        ({'entity': 'alpha', 'fault': 'stuck_wheel', 'parameters': 'a' * 20_000}, 'characters'),
+    ):
+        answer = fault(**fields)
+        assert not answer.success and says in answer.message, answer.message
+
+
+def test_an_initial_pose_tells_the_localization_and_moves_nothing(bench: Bench) -> None:
+    tell = bench.publisher(PoseWithCovarianceStamped, '/alpha/initialpose')
+    told = bench.listen(PoseWithCovarianceStamped, '/alpha/amcl_pose', names.latched())
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id, message.pose.pose = 'map', pose((4.0, 3.0, 0.5)).pose
+    tell(message)
+    wait_until(lambda: told and tuple(pose_of(told[-1].pose.pose)) == pytest.approx((4.0, 3.0, 0.5)))
+    assert bench.pose('alpha') == pytest.approx((1.0, 1.0, 0.0))
+    message.pose.pose = pose((1.2, 0.9, 0.1)).pose
+    tell(message)
+    wait_until(lambda: tuple(pose_of(told[-1].pose.pose)) == pytest.approx((1.0, 1.0, 0.0)))
+
+
+def test_localization_and_map_have_the_services_of_nav2(bench: Bench) -> None:
+    amcl = LifecycleClient(bench.runtime, '/alpha/amcl')
+    assert amcl.state() == 'active'
+    assert amcl.change('deactivate')
+    heard = bench.listen(PoseStamped, '/alpha/pose')
+    other = bench.listen(PoseStamped, '/beta/pose')
+    wait_until(lambda: len(other) > 5)
+    assert len(heard) <= 1
+    assert amcl.change('activate')
+    wait_until(lambda: len(heard) > 2)
+    assert LifecycleClient(bench.runtime, '/alpha/map_server').state() == 'active'
+    assert bench.ask_other(GetMap, '/alpha/map_server/map').map.info.width > 10
+    maps = bench.listen(OccupancyGrid, '/beta/map', names.latched())
+    wait_until(lambda: maps)
+    rooms: Path = built_in_map()
+    answer = bench.ask_other(LoadMap, '/beta/map_server/load_map', map_url=f'file://{rooms}')
+    assert answer.result == LoadMap.Response.RESULT_SUCCESS
+    wait_until(lambda: maps[-1].info.width == answer.map.info.width)
+    for url, code in (
+        ('/nowhere.yaml', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
+        (str(rooms.with_suffix('.png')), LoadMap.Response.RESULT_INVALID_MAP_DATA),
+    ):
+        assert bench.ask_other(LoadMap, '/beta/map_server/load_map', map_url=url).result == code
