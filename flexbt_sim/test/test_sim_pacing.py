@@ -97,7 +97,7 @@ def test_stop_ends_all_waiting() -> None:
     for pacer in (Pacer(1e-6), paused()):
         while_waiting(pacer, partial(pass_time, pacer), pacer.stop)
         pacer.wait(1, 1e9, 1e9)
-        assert pacer.stopped and pacer.begin(3) == 0
+        assert pacer.stopped and pacer.begin(3) == (0, False)
 
 
 def paused() -> Pacer:
@@ -108,7 +108,8 @@ def paused() -> Pacer:
 
 def pass_time(pacer: Pacer, simulated: float = 1.0) -> None:
     """As the world does, once."""
-    if steps := pacer.begin(3):
+    steps, _ = pacer.begin(3)
+    if steps:
         pacer.wait(steps, simulated, simulated)
 
 
@@ -193,18 +194,18 @@ def test_while_it_stands_still_steps_are_made_as_many_as_asked_for() -> None:
     assert pacer.step(5, on_stepped, 100)
     assert not pacer.step(1, on_stepped, 100)  # others are being made
     for made in (3, 2):
-        assert pacer.begin(3) == made
+        assert pacer.begin(3) == (made, True)
         pacer.wait(made, 0.01, 0.0)
     assert told == [(2, False), (0, True)]
     assert pacer.step(2, on_stepped, 1)
-    assert pacer.begin(3) == 1  # a piece
+    assert pacer.begin(3) == (1, True)  # a piece
     pacer.wait(1, 0.01, 0.0)
     pacer.cancel_steps()
     assert told[2:] == [(1, False), (1, True)]
     assert pacer.step(4, on_stepped, 100)
     pacer.play()
     assert told[4:] == [(4, True)]
-    assert pacer.begin(3) == 3
+    assert pacer.begin(3) == (3, False)
     assert not pacer.step(1, on_stepped, 1)  # it does not stand still
 
 

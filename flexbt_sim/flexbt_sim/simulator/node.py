@@ -225,18 +225,20 @@ class Simulator:
             with self.runtime.health.loop('the world') as loop:
                 while True:
                     with loop.resting():
-                        steps = self.pacer.begin(self._steps_per_clock - self._steps % self._steps_per_clock)
+                        steps, is_single = self.pacer.begin(self._steps_per_clock - self._steps % self._steps_per_clock)
                     if steps == 0:
                         return
-                    for _ in range(steps):
-                        self._step(self.pacer.is_paused)
+                    made = sum(self._step(is_single) for _ in range(steps))
                     with loop.resting():
-                        self.pacer.wait(steps, steps * self.world.step_size, self.world.time)
+                        self.pacer.wait(made, made * self.world.step_size, self.world.time)
         except BaseException as error:  # without a world there is nothing to simulate
             self.runtime.give_up(f'the world raised: {"".join(traceback.format_exception(error)).rstrip()}')
 
-    def _step(self, is_single: bool) -> None:
+    def _step(self, is_single: bool) -> bool:
+        """Make a step, unless time stands still since it was begun; whether it was made."""
         with self.lock:
+            if self.pacer.is_paused != is_single:
+                return False
             for topics in self._robots.values():
                 topics.robot.is_scanning = topics.listens_to_scans
             self.world.step()
@@ -253,6 +255,7 @@ class Simulator:
         for _, publisher, message in messages:
             with contextlib.suppress(InvalidHandle):  # the robot was removed at this moment
                 publisher.publish(message)
+        return True
 
     def _close(self) -> None:
         self.pacer.stop()

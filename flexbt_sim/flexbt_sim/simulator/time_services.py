@@ -110,7 +110,8 @@ class TimeServices:
         if wanted == PLAYING:
             self._pacer.play()
         else:
-            self._pacer.pause()
+            with self._simulator.lock:  # not in the middle of a step: afterwards none is made
+                self._pacer.pause()
             if wanted == STOPPED:
                 self._simulator.restart()
         self._is_stopped = wanted == STOPPED

@@ -211,13 +211,15 @@ class Pacer:
         if told is not None:
             told(left, True)
 
-    def begin(self, most: int) -> int:
-        """How many steps may be made now, up to ``most``; waits while time stands still. 0 after :meth:`stop`."""
+    def begin(self, most: int) -> tuple[int, bool]:
+        """How many steps may be made now, up to ``most``, and whether they are those that were asked for while time
+        stands still; it waits for them then. 0 after :meth:`stop`.
+        """
         with self._event:
             self._event.wait_for(lambda: self._stopped or not self._is_paused or self._steps)
             if self._stopped:
-                return 0
-            return min(most, self._steps, self._piece) if self._is_paused else most
+                return 0, False
+            return (min(most, self._steps, self._piece), True) if self._is_paused else (most, False)
 
     def stop(self) -> None:
         """End all waiting, now and later."""
