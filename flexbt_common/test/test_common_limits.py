@@ -7,7 +7,9 @@ import inspect
 from typing import Any
 
 import nav2_msgs.action
+import nav2_msgs.srv
 import pytest
+import simulation_interfaces.srv
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
@@ -35,6 +37,8 @@ RECEIVED = [
     *_interfaces(flexbt_msgs.srv, 'Request', 'Response'),
     *_interfaces(flexbt_msgs.msg),
     *_interfaces(nav2_msgs.action, 'Goal'),
+    *_interfaces(nav2_msgs.srv, 'Request'),
+    *_interfaces(simulation_interfaces.srv, 'Request'),
 ]
 
 
@@ -54,7 +58,7 @@ def test_every_bound_of_the_table_is_one_of_a_field() -> None:
     for key in LIMITS:
         package, _, field = key.partition('/')
         name, _, attribute = field.partition('.')
-        if package in ('flexbt_msgs', 'nav2_msgs'):
+        if package in ('flexbt_msgs', 'nav2_msgs', 'simulation_interfaces'):
             assert attribute.removesuffix('[]') in types[name].get_fields_and_field_types(), key
 
 
