@@ -39,8 +39,8 @@ ticks a tree is in [The behavior-tree engine](../explanation/bt_engine.md); wher
 
 ## Overview
 
-Control nodes, decorators and Nav2's nodes have the semantics of BehaviorTree.CPP 4 and Nav2 (Jazzy). An arrow marks an
-output.
+Control nodes, decorators and Nav2's nodes have the semantics of BehaviorTree.CPP 4 and Nav2, of its branches jazzy and
+main. An arrow marks an output.
 
 | node | kind | ports | what it does |
 |---|---|---|---|"""

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Goals, Odometry
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
@@ -115,6 +115,28 @@ def test_goal_updater_takes_a_newer_goal(dialect: str, stamp: int, taken: bool) 
         seen = entry(world, 'n')
         wait_until(lambda: entry(world, 'n') > seen + 3, 'some more ticks')
         assert entry(world, 'new') == (other if taken else given)
+        cancel(goal)
+
+
+def test_goals_to_pass_are_updated_in_main() -> None:
+    with open_world(nav2_dialect='main', tick_rate=50.0) as world:
+        world.client.load_tree(
+            '<KeepRunningUntilFailure><GoalUpdater input_goal="{goal}" input_goals="{goals}" output_goals="{new}">'
+            '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
+        )
+        given = [pose(1.0), pose(2.0)]
+        given[0].header.stamp.sec = 5
+        goal = world.client.execute(inputs={'goals': given}, goals=[pose(0.0)])
+        wait_until(lambda: entry(world, 'new') == given, 'the goals that were given')
+        publish = publisher(world, Goals, 'goals_update')
+        newer = Goals(goals=[pose(7.0)])
+        publish(newer)  # without a stamp
+        newer.header.stamp.sec = 5
+        seen = entry(world, 'n')
+        wait_until(lambda: entry(world, 'n') > seen + 3, 'some more ticks')
+        assert entry(world, 'new') == given
+        publish(newer)
+        wait_until(lambda: entry(world, 'new') == [pose(7.0)], 'the newer goals')
         cancel(goal)
 
 

@@ -5,11 +5,12 @@ services."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Goals, Odometry
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
@@ -74,7 +75,7 @@ class GoalUpdater(Decorator):
         'input_goal': input_port(POSE_STAMPED, description='the goal that was given'),
         'output_goal': output_port(POSE_STAMPED, description='the newer of the two'),
         'input_goals': input_port(POSES, optional=True, description='goals to pass'),
-        'output_goals': output_port(POSES, description='the same goals'),
+        'output_goals': output_port(POSES, description='the same goals; in main the newer ones'),
     }
     dialect: ClassVar[Dialect] = 'jazzy'
     topic = 'goal_update'
@@ -85,38 +86,67 @@ class GoalUpdater(Decorator):
 
     def tick(self) -> NodeStatus:
         if self._cache is None:
-            services: LeafServices = self.services
-            self._cache = services.topics.cache(PoseStamped, self.topic, 1)
-            self._cache.on_message(self.context)
+            self._cache = self.hear(PoseStamped, self.topic)
         goal = self.get_input('input_goal')
         published = self._cache.latest
         if published is not None and self.newer(_stamp(published), _stamp(goal)):
             goal = published
         self.set_output('output_goal', goal)
-        goals = self.get_input_or('input_goals', None)
+        goals = self.newer_goals(self.get_input_or('input_goals', None))
         if goals is not None:
             self.set_output('output_goals', goals)
         return self.tick_child()
+
+    def hear(self, message_type: type[Any], topic: str) -> TopicCache:
+        """The messages of a topic, which tick the tree."""
+        services: LeafServices = self.services
+        cache = services.topics.cache(message_type, topic, 1)
+        cache.on_message(self.context)
+        return cache
 
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
         """Whether a goal of the one stamp (s, ns) takes the place of one of the other."""
         return published > given
 
+    def newer_goals(self, goals: Sequence[PoseStamped] | None) -> Sequence[PoseStamped] | None:
+        """Goals to pass, in the place of those given."""
+        return goals
+
 
 class GoalUpdaterOfMain(GoalUpdater):
-    """GoalUpdater as in the branch main of Nav2: a published goal of the same time is newer."""
+    """GoalUpdater as in the branch main of Nav2: a published goal of the same time is newer.
 
-    __slots__ = ()
+    Goals to pass come from the topic ``goals_update`` (nav_msgs/Goals) as well; the stamp of those given is that of the
+    first of them.
+    """
+
+    __slots__ = ('_goals',)
 
     xml_name = 'GoalUpdater'
     dialect: ClassVar[Dialect] = 'main'
+    goals_topic = 'goals_update'
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._goals: TopicCache | None = None
 
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
         return published >= given and published != (0, 0)
 
+    def newer_goals(self, goals: Sequence[PoseStamped] | None) -> Sequence[PoseStamped] | None:
+        if self.port_key('output_goals') is None:
+            return goals
+        if self._goals is None:
+            self._goals = self.hear(Goals, self.goals_topic)
+        published = self._goals.latest
+        given = _stamp(goals[0]) if goals else (0, 0)
+        if published is not None and published.goals and self.newer(_stamp(published), given):
+            return list(published.goals)
+        return goals
 
-def _stamp(pose: Any) -> tuple[int, int]:
-    return pose.header.stamp.sec, pose.header.stamp.nanosec
+
+def _stamp(stamped: Any) -> tuple[int, int]:
+    return stamped.header.stamp.sec, stamped.header.stamp.nanosec
 
 
 class PauseResumeController(nav2_pause.PauseResumeController):

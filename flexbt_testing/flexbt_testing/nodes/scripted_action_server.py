@@ -90,6 +90,11 @@ class ScriptedActionServer:
         """Numbers of the goals that have not ended."""
         return [number for number in range(len(self.goals)) if number not in self.statuses]
 
+    def forget(self) -> None:
+        """Begin to count anew. No goal may be running."""
+        for known in (self.goals, self.statuses, self._handles, self._ends):
+            known.clear()
+
     def end(self, number: int, how: str = 'succeed', result: Any = None) -> None:
         """End a goal that is held; waits until it is there."""
         wait_until(lambda: len(self.goals) > number, f'goal {number}')
