@@ -36,7 +36,9 @@ from flexbt_sim.world import (
     box,
     drive,
     gap,
+    loops,
 )
+from flexbt_sim.world.space import polygon_gap
 
 ROUNDING = 1e-6
 footprints: st.SearchStrategy[Shape] = st.sampled_from(
@@ -431,3 +433,15 @@ def test_on_a_free_plane_it_drives_the_arc(linear: float, angular: float, durati
     robot.command(linear, angular, 0.0)
     world.step(duration)
     assert tuple(robot.pose) == pytest.approx(tuple(drive(Pose(0.0, 0.0, 0.0), linear, angular, duration)), abs=1e-6)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.data(), worlds(least=8))
+def test_both_ways_give_the_same_gap_to_the_map(data: st.DataObject, grid: OccupancyMap) -> None:
+    """A side that ends on the edge of a cell crosses it or not, by the last bit."""
+    shape, pose = data.draw(footprints), data.draw(places(grid, beside=5.0))
+    if isinstance(shape, Circle):
+        return
+    corners = numpy.array([grid.grid_position(x, y)[::-1] for x, y in shape.points(pose)])
+    one, other = loops.polygon_gap(grid.obstacles, corners), polygon_gap(grid.obstacles, corners)
+    assert one == pytest.approx(other, abs=1e-9) or max(one, other) < 1e-9

@@ -20,6 +20,8 @@ from scipy import ndimage
 from flexbt_core.values import load_yaml
 from flexbt_sim.errors import MapError
 
+from . import loops
+from .acceleration import compiled
 from .geometry import FARTHEST, Pose
 
 FREE: Final = 0
@@ -118,6 +120,9 @@ class OccupancyMap:
         row, column = self.grid_position(x, y)
         known, beside = self._nearest_known(row, column)
         reach = (known + beside) / self.resolution + 1.0
+        look = compiled(loops.clearance)
+        if look is not None:
+            return float(look(self.obstacles, row, column, reach)) * self.resolution
         bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
         near = self.obstacles[bottom : math.ceil(row + reach), left : math.ceil(column + reach)]
         rows, columns = numpy.nonzero(near)

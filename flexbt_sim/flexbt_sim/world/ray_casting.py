@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy
 from numpy.typing import NDArray
 
-from . import beams
+from . import loops
 from .acceleration import compiled
 from .bodies import Body
 from .geometry import Pose
@@ -71,7 +71,7 @@ class RayCaster:
 
     def cast(self, sensors: Sequence[Sensor], bodies: Outlines) -> list[Floats]:
         """For each sensor, how far each beam gets, m; infinite where it meets nothing within its range."""
-        cast = compiled(beams.cast)
+        cast = compiled(loops.cast)
         return self.cast_at_once(sensors, bodies) if cast is None else [self._one(cast, one, bodies) for one in sensors]
 
     @cached_property

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The beams of one sensor, one after the other, written so that numba can compile it.
+"""The inner loops over beams and cells, written so that numba can compile them.
 
-It is the same as the whole-array operations of :mod:`.ray_casting`, which are for where there is no numba.
+Each has an equivalent of whole-array operations, for where there is no numba: in :mod:`.ray_casting`, :mod:`.space` and
+:mod:`.occupancy_map`.
 """
 
 from __future__ import annotations
@@ -92,3 +93,64 @@ def cast(
     for beam in range(beams):
         if ranges[beam] > range_max:
             ranges[beam] = math.inf
+
+
+def clearance(obstacles: Any, row: float, column: float, reach: float) -> float:
+    """Distance, in cells, from a place on the grid to the nearest obstacle cell; infinite if none is within reach."""
+    height, width = obstacles.shape
+    nearest = math.inf
+    for i in range(max(0, int(math.floor(row - reach))), min(height, int(math.ceil(row + reach)))):  # noqa: RUF046
+        up = max(i - row, row - 1.0 - i, 0.0)
+        for j in range(max(0, int(math.floor(column - reach))), min(width, int(math.ceil(column + reach)))):  # noqa: RUF046
+            if obstacles[i, j]:
+                aside = max(j - column, column - 1.0 - j, 0.0)
+                nearest = min(nearest, up * up + aside * aside)
+    return math.sqrt(nearest)
+
+
+def polygon_gap(obstacles: Any, corners: Any) -> float:
+    """Distance, in cells, from the sides of a polygon to the nearest obstacle cell within a cell of its bounds.
+
+    ``corners`` has rows of column and row. Where sides cross cells, minus the number of these; infinite
+    if none is near.
+    """
+    height, width = obstacles.shape
+    count = corners.shape[0]
+    left, bottom, right, top = corners[0, 0], corners[0, 1], corners[0, 0], corners[0, 1]
+    for k in range(count):
+        left, right = min(left, corners[k, 0]), max(right, corners[k, 0])
+        bottom, top = min(bottom, corners[k, 1]), max(top, corners[k, 1])
+    nearest, crossed = math.inf, 0
+    for i in range(max(0, int(math.floor(bottom)) - 1), min(height, int(math.ceil(top)) + 1)):  # noqa: RUF046
+        for j in range(max(0, int(math.floor(left)) - 1), min(width, int(math.ceil(right)) + 1)):  # noqa: RUF046
+            if not obstacles[i, j]:
+                continue
+            crosses = False
+            for k in range(count):
+                x, y = corners[k, 0], corners[k, 1]
+                dx, dy = corners[(k + 1) % count, 0] - x, corners[(k + 1) % count, 1] - y
+                # From where to where the side is between the edges of the cell, on both axes.
+                first, last = 0.0, 1.0
+                if dx != 0.0:
+                    first, last = (
+                        max(first, min((j - x) / dx, (j + 1 - x) / dx)),
+                        min(last, max((j - x) / dx, (j + 1 - x) / dx)),
+                    )
+                elif x <= j or x >= j + 1:
+                    last = -1.0
+                if dy != 0.0:
+                    first, last = (
+                        max(first, min((i - y) / dy, (i + 1 - y) / dy)),
+                        min(last, max((i - y) / dy, (i + 1 - y) / dy)),
+                    )
+                elif y <= i or y >= i + 1:
+                    last = -1.0
+                crosses = crosses or first < last
+                aside, up = max(j - x, x - 1.0 - j, 0.0), max(i - y, y - 1.0 - i, 0.0)
+                nearest = min(nearest, aside * aside + up * up)
+                for corner in range(4):
+                    px, py = j + corner % 2 - x, i + corner // 2 - y
+                    part = min(1.0, max(0.0, (px * dx + py * dy) / (dx * dx + dy * dy)))
+                    nearest = min(nearest, (px - part * dx) ** 2 + (py - part * dy) ** 2)
+            crossed += crosses
+    return -float(crossed) if crossed else math.sqrt(nearest)
