@@ -134,6 +134,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         by=(BT_SERVER,),
     ),
     *_topics(names.GOAL_POSE, to=(BT_SERVER,)),
+    *_topics(names.BEHAVIOR_TREE_LOG, by=(BT_SERVER,)),
     # Navigation
     *_actions(
         names.COMPUTE_PATH_TO_POSE,

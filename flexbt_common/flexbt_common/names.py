@@ -33,6 +33,7 @@ NAVIGATE_TO_POSE: Final = 'navigate_to_pose'
 NAVIGATE_THROUGH_POSES: Final = 'navigate_through_poses'
 FOLLOW_WAYPOINTS: Final = 'follow_waypoints'
 GOAL_POSE: Final = 'goal_pose'
+BEHAVIOR_TREE_LOG: Final = 'behavior_tree_log'
 
 # Topics of the BT server
 TREE_STRUCTURE: Final = 'tree_structure'

@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose
+from nav2_msgs.msg import BehaviorTreeLog
+from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
 from flexbt_common.errors import ResourceError
 from flexbt_common.runtime import resolve_file
 from flexbt_common.values import from_entry
+from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
@@ -260,6 +263,41 @@ def test_a_goal_in_a_frame_that_is_not_known_leaves_the_running_one_alone(drivin
     ended(first)
 
 
+def test_a_goal_in_another_frame_is_transformed(front: Front) -> None:
+    runtime = front.world.client.runtime
+    dock = TransformStamped(child_frame_id='dock')
+    dock.header.frame_id = 'map'
+    dock.transform.translation.x = 5.0
+    dock.transform.rotation.z, dock.transform.rotation.w = 1.0, 0.0  # it looks back
+    publisher = runtime.call(lambda: runtime.node.create_publisher(TFMessage, names.TF_STATIC, names.latched()))
+    publisher.publish(TFMessage(transforms=[dock]))
+    ended(front.to(1.0, frame='dock'))
+    ended(front.to(2.0, frame=''))  # no frame is that of the map
+    assert front.planned_to() == [pytest.approx(4.0), 2.0]
+
+
+def test_a_sub_tree_without_autoremap_gets_what_it_is_given(front: Front) -> None:
+    drive = '<ComputePathToPose goal="{goal}" path="{path}"/><Wait/><FollowPath path="{path}"/>'
+    trees = (
+        '<root BTCPP_format="4" main_tree_to_execute="Outer">'
+        '<BehaviorTree ID="Outer"><SubTree ID="Inner" goal="{goal}"/></BehaviorTree>'
+        f'<BehaviorTree ID="Inner"><Sequence>{drive}</Sequence></BehaviorTree>'
+        '<BehaviorTree ID="Forgets"><SubTree ID="Inner"/></BehaviorTree></root>'
+    )
+    assert front.world.client.load(xml=trees).code == BtLoad.Result.SUCCESS
+    front.navigation.hold.add(names.WAIT)
+    goal = front.to(1.0, tree='Outer')
+    wait_until(lambda: goal.feedback and goal.feedback[-1].number_of_recoveries == 1)  # counted for the whole run
+    front.navigation.actions[names.WAIT].end(0)
+    ended(goal)
+    ended(front.to(1.0, tree='Forgets'), GoalStatus.ABORTED, 'ComputePathToPose', 'goal')
+
+
+def test_a_planner_that_answers_late(front: Front) -> None:
+    front.planner.delay_accept = 0.05  # more than the 20 ms of Nav2
+    ended(front.to(1.0))
+
+
 def test_a_goal_needs_the_pose_of_the_robot() -> None:
     with open_world(navigators=NAVIGATORS, server_timeout=0.2) as world:
         world.server.activate()
@@ -343,6 +381,22 @@ def test_the_run_is_seen_paused_and_stopped_as_any_other(driving: Front) -> None
     ended(goal, GoalStatus.ABORTED, 'was stopped')
     assert driving.follow.statuses[0] == 'canceled'
     wait_until(lambda: seen[-1].finished)
+
+
+def test_the_log_of_the_tree_has_its_end(front: Front) -> None:
+    runtime = front.world.client.runtime
+    logs: list[BehaviorTreeLog] = []
+    runtime.call(lambda: runtime.node.create_subscription(BehaviorTreeLog, names.BEHAVIOR_TREE_LOG, logs.append, 1000))
+    server = front.world.server_runtime
+    wait_until(lambda: server.call(lambda: server.node.count_subscribers(names.BEHAVIOR_TREE_LOG)))
+    ended(front.to(1.0))
+
+    def seen() -> list[tuple[str, str, str]]:
+        return [(one.node_name, one.previous_status, one.current_status) for log in logs for one in log.event_log]
+
+    wait_until(lambda: ('NavigateRecovery', 'SUCCESS', 'IDLE') in seen(), seen)
+    of_root = [change[1:] for change in seen() if change[0] == 'NavigateRecovery']
+    assert of_root == [('IDLE', 'RUNNING'), ('RUNNING', 'SUCCESS'), ('SUCCESS', 'IDLE')]
 
 
 def test_the_lifecycle_of_bt_navigator(driving: Front) -> None:

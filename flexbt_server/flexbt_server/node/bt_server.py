@@ -26,7 +26,7 @@ from flexbt_server.goals import TreeGoals
 from flexbt_server.leaves import LeafServices, RobotFrames, TopicCaches, TriggerServices
 from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
-from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher
+from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher, TreeLogs
 from flexbt_server.trees import Blackboards, RosJsonTypes, TreeStore
 
 from .parameters import ServerParameters, declare_parameters
@@ -144,6 +144,8 @@ class BtServer:
             )
         if parameters.btlog_directory is not None:
             watchers.append(RunLogs(runtime, parameters.btlog_directory, parameters.btlog_keep))
+        if parameters.navigators.navigators:
+            watchers.append(TreeLogs(runtime))
         return watchers
 
     def _preload(self, store: TreeStore, files: tuple[str, ...]) -> None:

@@ -5,6 +5,7 @@ from .groot2_runs import Groot2Runs
 from .run_logs import RunLogs
 from .run_outcome import RunOutcome
 from .run_watchers import RunWatcher, watched_by
+from .tree_logs import TreeLogs
 from .tree_run import TreeRun
 from .tree_stream import NoStream, TreeStream
 
@@ -14,6 +15,7 @@ __all__ = [
     'RunLogs',
     'RunOutcome',
     'RunWatcher',
+    'TreeLogs',
     'TreeRun',
     'TreeStream',
     'watched_by',
