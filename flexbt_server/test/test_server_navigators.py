@@ -136,6 +136,20 @@ def test_through_poses(front: Front) -> None:
     assert [place.pose.position.x for place in goal.goals] == [3.0, 4.0]
 
 
+def test_poses_to_pass_have_statuses_that_begin_anew_with_each_goal(front: Front) -> None:
+    """As in main: what was passed is completed, and cannot be passed once more."""
+    leaf = (
+        '<RemovePassedGoals radius="0.7" input_goals="{{goals}}" output_goals="{{left}}" '
+        'input_waypoint_statuses="{{{}}}" output_waypoint_statuses="{{{}}}"/>'
+    )
+    once, twice = leaf.format('waypoint_statuses', 'marked'), leaf.format('marked', 'marked')
+    front.world.client.load_tree(once, 'Once')
+    front.world.client.load_tree(f'<Sequence>{once}{twice}</Sequence>', 'Twice')
+    for _ in range(2):
+        ended(front.through(0.1, 4.0, tree='Once'))
+    ended(front.through(0.1, 4.0, tree='Twice'), GoalStatus.ABORTED, 'no pending waypoint status')
+
+
 def test_codes_are_those_of_the_servers_and_messages_name_the_node(front: Front) -> None:
     front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, GOAL_OUTSIDE_MAP)
     ended(front.to(100.0), GoalStatus.ABORTED, 'ComputePathToPose', 'scripted failure 0', code=GOAL_OUTSIDE_MAP)

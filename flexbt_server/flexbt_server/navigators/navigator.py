@@ -21,8 +21,9 @@ from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
 from flexbt_server.goals import MESSAGE_LIMIT, RunningTree, TreeGoal, TreeGoals
+from flexbt_server.nav2 import pending
 from flexbt_server.runs import RunOutcome
-from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY, Blackboards, Value
+from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY, WAYPOINT_STATUSES, Blackboards, Value
 
 from .parameters import NavigatorParameters
 from .progress import Speed, distance_left, seconds_left
@@ -132,7 +133,10 @@ class NavigatorGoal(TreeGoal):
         if self.navigator.action_type is NavigateToPose:
             self.values = [(parameters.goal_key, self.poses[0], POSE_STAMPED)]
         else:
-            self.values = [(parameters.goals_key, self.poses, POSES)]
+            self.values = [
+                (parameters.goals_key, self.poses, POSES),
+                (parameters.statuses_key, pending(self.poses), WAYPOINT_STATUSES),
+            ]
 
     def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
         board, parameters = running.run.board, self.navigator.parameters

@@ -31,6 +31,7 @@ class NavigatorParameters:
     goal_key: str
     goals_key: str
     path_key: str
+    statuses_key: str
     stop_on_failure: bool
     waypoint_pause: float
 
@@ -75,6 +76,11 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
         goal_key=declare.text('goal_blackboard_id', 'goal', 'blackboard key of the goal of navigate_to_pose'),
         goals_key=declare.text('goals_blackboard_id', 'goals', 'blackboard key of those of navigate_through_poses'),
         path_key=declare.text('path_blackboard_id', 'path', 'blackboard key of the path that the robot follows'),
+        statuses_key=declare.text(
+            'waypoint_statuses_blackboard_id',
+            'waypoint_statuses',
+            'blackboard key of what has become of each of them, for trees of the branch main',
+        ),
         stop_on_failure=declare.flag(
             'stop_on_failure', True, 'whether follow_waypoints ends when a waypoint cannot be reached'
         ),
