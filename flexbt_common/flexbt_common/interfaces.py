@@ -148,6 +148,8 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.WAIT,
         names.DRIVE_ON_HEADING,
         names.ASSISTED_TELEOP,
+        names.DOCK_ROBOT,
+        names.UNDOCK_ROBOT,
         by=NAVIGATION,
         to=(BT_SERVER, ONBOARD_EXECUTIVE),
     ),
@@ -174,8 +176,6 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     # What Nav2's trees use, and only other robots have
     *_actions(
-        names.DOCK_ROBOT,
-        names.UNDOCK_ROBOT,
         names.FOLLOW_OBJECT,
         to=(BT_SERVER,),
     ),
@@ -188,7 +188,9 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
     *_topics(names.PLAN_SMOOTHED, names.ROUTE_GRAPH, by=(NAVIGATION,)),
     *_topics(names.SPEED_LIMIT, by=(NAVIGATION,), to=(NAVIGATION,)),
-    *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, by=(NAVIGATION,)),
+    *_topics(names.DOCK_POSE, names.STAGING_POSE, by=(NAVIGATION,)),
+    *_topics(names.DETECTED_DOCK_POSE, to=(NAVIGATION,)),
+    *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, names.RELOAD_DOCKS, by=(NAVIGATION,)),
     # The robot
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
@@ -199,7 +201,8 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
     *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
-    *_topics(names.AMCL_POSE, names.BATTERY_STATE, names.BUMPER, names.ROBOT_DESCRIPTION, by=(SIMULATOR,)),
+    *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, by=(SIMULATOR,)),
+    *_topics(names.BATTERY_STATE, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(
         'amcl/get_state',
         'amcl/change_state',

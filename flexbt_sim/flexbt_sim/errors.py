@@ -5,7 +5,8 @@ FlexbtError
 └── SimulationError
     ├── FileError           a file that cannot be used; names file, field and remedy
     │   ├── MapError        of a map
-    │   └── GraphError      of a graph of routes
+    │   ├── GraphError      of a graph of routes
+    │   └── DockError       of docks
     ├── WorldError          a world file that cannot be used; all that is wrong with it, with places and remedies
     └── NavigationError     a request that ends with one of Nav2's error codes
 """
@@ -37,6 +38,10 @@ class MapError(FileError):
 
 class GraphError(FileError):
     """A graph of routes cannot be used."""
+
+
+class DockError(FileError):
+    """A database of docks cannot be used."""
 
 
 class WorldError(SimulationError):

@@ -4,7 +4,7 @@
 from .behaviors import AssistedTeleop, DriveMotion, SpinMotion
 from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
 from .layers import LayeredCostmap, Observation, ObstacleRanges
-from .motions import LOOK_AHEAD, STOP, Motion, Velocity, collides
+from .motions import LOOK_AHEAD, STOP, Motion, TurnLimits, Velocity, collides
 from .navigator import Navigator, Trip
 from .path_follower import FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare
@@ -38,6 +38,7 @@ __all__ = [
     'StopFlag',
     'Track',
     'Trip',
+    'TurnLimits',
     'Velocity',
     'collides',
     'prepare',

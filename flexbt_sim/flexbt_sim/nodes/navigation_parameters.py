@@ -12,6 +12,7 @@ from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_sim.navigation import FollowerLimits, Inflation
 
+from .docking_parameters import DockingParameters, declare_docking_parameters
 from .route_parameters import RouteParameters, declare_route_parameters
 
 
@@ -38,6 +39,7 @@ class NavigationParameters:
     stamped_cmd_vel: bool
     pose_timeout: float
     routes: RouteParameters
+    docking: DockingParameters
 
 
 def declare_navigation_parameters(node: Node) -> NavigationParameters:
@@ -111,4 +113,5 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             'pose_timeout', 1.0, 0.1, 60.0, "time of the node's clock without a pose after which motions fail, s"
         ),
         routes=declare_route_parameters(declare),
+        docking=declare_docking_parameters(declare),
     )

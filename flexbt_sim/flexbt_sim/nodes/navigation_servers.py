@@ -2,9 +2,9 @@
 """The node ``navigation``: navigation servers with the interfaces of Nav2, for the simulated robot.
 
 Actions compute_path_to_pose, compute_path_through_poses, smooth_path, follow_path, spin, backup, drive_on_heading,
-assisted_teleop, wait, compute_route and compute_and_track_route; services to clear the costmaps, is_path_valid, and
-those of the route server. While a node of the parameter ``owner_nodes`` is late the robot is held; when it is gone
-every goal is ended: nobody is left to stop it.
+assisted_teleop, wait, compute_route, compute_and_track_route, dock_robot and undock_robot; services of the costmaps, of
+the route server and of the docking server, and is_path_valid. While a node of the parameter ``owner_nodes`` is late the
+robot is held; when it is gone every goal is ended: nobody is left to stop it.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare
 
 from .action_results import GoalEnd
+from .docking_server import DockingServer
 from .motion_server import MotionArbiter, MotionServer
 from .navigation_parameters import declare_navigation_parameters
 from .planner_server import PlannerServer
@@ -111,6 +112,7 @@ class Navigation:
         SmootherServer(runtime, self._parameters, self._robot)
         TeleopServer(runtime, self._parameters, self._arbiter)
         self._routes = RouteServer(runtime, self._parameters, self._robot)
+        self._docking = DockingServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
         self._speed_limit = math.inf
         runtime.node.create_subscription(SpeedLimit, names.SPEED_LIMIT, self._limit_speed, 10)
@@ -208,12 +210,14 @@ class Navigation:
             self._runtime.call(lambda: None)
 
     def _end_all(self, reason: str, code: str = 'UNKNOWN') -> None:
-        if self._arbiter.running is not None or self._waits.busy or self._routes.busy:
+        servers = (self._waits, self._routes, self._docking)
+        if self._arbiter.running is not None or any(server.busy for server in servers):
             self._runtime.node.get_logger().error(f'every goal is ended: {reason}')
         end = GoalEnd(code=code, message=reason)
         self._arbiter.end(end)
         self._waits.end_all(end)
         self._routes.end_all(end)
+        self._docking.end_all(end)
 
 
 def main(args: list[str] | None = None) -> int:

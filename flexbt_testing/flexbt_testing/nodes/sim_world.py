@@ -19,10 +19,12 @@ from nav2_msgs.action import (
     ComputePathThroughPoses,
     ComputePathToPose,
     ComputeRoute,
+    DockRobot,
     DriveOnHeading,
     FollowPath,
     SmoothPath,
     Spin,
+    UndockRobot,
     Wait,
 )
 from nav_msgs.msg import Path
@@ -51,6 +53,8 @@ ACTIONS = {
     names.COMPUTE_ROUTE: ComputeRoute,
     names.COMPUTE_AND_TRACK_ROUTE: ComputeAndTrackRoute,
     names.FOLLOW_PATH: FollowPath,
+    names.DOCK_ROBOT: DockRobot,
+    names.UNDOCK_ROBOT: UndockRobot,
     names.SMOOTH_PATH: SmoothPath,
     names.SPIN: Spin,
     names.BACKUP: BackUp,

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The actions dock_robot and undock_robot, and the service that reads the database of docks anew.
+
+That the robot is charged is told by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from nav2_msgs.action import DockRobot, UndockRobot
+from nav2_msgs.srv import ReloadDockDatabase
+from sensor_msgs.msg import BatteryState
+
+from flexbt_common import names
+from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import duration_message, shown
+from flexbt_core.errors import FlexbtError
+from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, StagingMotion, UndockMotion, load_docks
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation import GridPlanner, PathFollower
+from flexbt_sim.world import Pose, wrap
+
+from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
+from .computation import Computation
+from .frames import poses_in_map
+from .motion_server import MotionArbiter, RunningMotion
+from .navigation_parameters import NavigationParameters
+from .ros_messages import stamped
+
+CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
+CHARGING_CURRENT: Final = 0.5
+"""A, from which on a battery is charged whatever its status: Nav2's charging_threshold."""
+
+LONGEST: Final = 1e6
+"""s; longer ones are for ever."""
+
+
+class DockingServer:
+    """On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, arbiter: MotionArbiter) -> None:
+        """Raises DockError: the parameter ``dock_database`` names no database."""
+        self.runtime = runtime
+        self.parameters = parameters
+        self.arbiter = arbiter
+        self.computation = Computation(runtime, 'the planner of docking')
+        docking = parameters.docking
+        self._types = {
+            **{name: DockType(name, charges=False) for name in docking.other_types},
+            **{name: DockType(name, charges=True) for name in docking.charging_types},
+        }
+        self._docks = load_docks(Path(docking.database)) if docking.database else {}
+        self._is_charging = False
+        self._seen: tuple[float, Pose] | None = None
+        self._docked: tuple[DockType, Pose] | None = None
+        self._docking: DockGoal | None = None
+        node = runtime.node
+        node.create_subscription(BatteryState, names.BATTERY_STATE, self._on_battery, 1)
+        if docking.uses_detection:
+            node.create_subscription(PoseStamped, names.DETECTED_DOCK_POSE, self._on_detection, 1)
+        self._dock_poses = node.create_publisher(PoseStamped, names.DOCK_POSE, 1)
+        self._staging_poses = node.create_publisher(PoseStamped, names.STAGING_POSE, 1)
+        node.create_service(ReloadDockDatabase, names.RELOAD_DOCKS, self._reload)
+        for action_type, name, serve in (
+            (DockRobot, names.DOCK_ROBOT, self._dock),
+            (UndockRobot, names.UNDOCK_ROBOT, self._undock),
+        ):
+            server = GoalServer(runtime, action_type, name, serve, self._cancel, partial(_refused, action_type))
+            runtime.on_close(lambda server=server: runtime.call(server.close))  # type: ignore[misc]
+
+    @property
+    def busy(self) -> bool:
+        """Whether a robot is to be docked."""
+        return self._docking is not None and self._docking.goal.active
+
+    def end_all(self, end: GoalEnd) -> None:
+        """End a goal that does not drive yet, too."""
+        if self._docking is not None:
+            self._docking.end(end)
+
+    def show(self, dock: Pose, staging: Pose) -> None:
+        """Publish both, for display."""
+        frame, stamp = self.parameters.map_frame, self.runtime.clock.stamp()
+        self._dock_poses.publish(stamped(dock, frame, stamp))
+        self._staging_poses.publish(stamped(staging, frame, stamp))
+
+    # -- what is known -----------------------------------------------------------------------------------------------
+
+    def _on_battery(self, message: BatteryState) -> None:
+        self._is_charging = message.power_supply_status in CHARGING or message.current > CHARGING_CURRENT
+
+    def _on_detection(self, message: PoseStamped) -> None:
+        def on_poses(poses: list[Pose]) -> None:
+            self._seen = self.runtime.clock.now(), poses[0]
+
+        def on_error(error: Exception) -> None:
+            self.runtime.node.get_logger().warning(f'ignored: {error}', throttle_duration_sec=5.0)
+
+        poses_in_map(self.runtime, [message], self.parameters.map_frame, 'TF_ERROR', on_poses, on_error)
+
+    def senses(self, dock: Pose) -> Senses:
+        """Without detection a dock is where it should be."""
+
+        def seen_dock() -> Pose | None:
+            if not self.parameters.docking.uses_detection:
+                return dock
+            age = self.runtime.clock.now() - self._seen[0] if self._seen is not None else math.inf
+            return self._seen[1] if self._seen and age <= self.parameters.docking.detection_seconds else None
+
+        return Senses(lambda: self._is_charging, seen_dock)
+
+    def _reload(self, request: Any, response: Any) -> Any:
+        logger = self.runtime.node.get_logger()
+        try:
+            self._docks = load_docks(Path(request.filepath))
+        except FlexbtError as error:
+            logger.error(f'the docks stay as they are: {error}')
+            return response
+        logger.info(f'{len(self._docks)} docks')
+        response.success = True
+        return response
+
+    def dock(self, request: Any) -> tuple[Dock, DockType]:
+        """What a request means; without an id it says itself where the dock is.
+
+        Raises:
+            NavigationError: DOCK_NOT_IN_DB or DOCK_NOT_VALID.
+        """
+        if not request.use_dock_id:
+            return Dock('', Pose(0.0, 0.0, 0.0), type=request.dock_type), self._type(request.dock_type)
+        if request.dock_id not in self._docks:
+            known = ', '.join(sorted(self._docks)[:20]) or 'none; set the parameter dock_database'
+            raise NavigationError('DOCK_NOT_IN_DB', f'there is no dock {shown(request.dock_id)}; known: {known}')
+        dock = self._docks[request.dock_id]
+        return dock, self._type(dock.type)
+
+    def _type(self, name: str) -> DockType:
+        """Without a name the first one of those that charge. Raises NavigationError DOCK_NOT_VALID."""
+        docking = self.parameters.docking
+        kind = self._types.get(name or next(iter((*docking.charging_types, *docking.other_types)), ''))
+        if kind is None:
+            raise NavigationError(
+                'DOCK_NOT_VALID', f'there is no type of docks {shown(name)}; known: {", ".join(self._types)}'
+            )
+        return kind
+
+    # -- goals -------------------------------------------------------------------------------------------------------
+
+    def _dock(self, goal: ServedGoal) -> None:
+        self.end_all(GoalEnd(message='a newer goal has taken over'))
+        self._docking = DockGoal(self, goal)
+        self._docking.begin()
+
+    def docked(self, kind: DockType, pose: Pose) -> None:
+        """The robot is on a dock."""
+        self._docked = kind, pose
+
+    def is_docked(self, dock: Pose) -> bool:
+        """Whether the robot is charged, or stands on the dock. Raises NavigationError, as the pose of the robot."""
+        near = self.arbiter.robot.pose.distance(dock) < self.parameters.docking.limits.docked_within
+        return near or self._is_charging
+
+    def _undock(self, goal: ServedGoal) -> None:
+        self.arbiter.robot.when_known(lambda: self._leave(goal))
+
+    def _leave(self, goal: ServedGoal) -> None:
+        def on_end(end: GoalEnd, seconds: float = 0.0) -> None:
+            if end.succeeded:
+                self._docked = None
+            finish(goal, UndockRobot.Result(success=end.succeeded), end)
+
+        request = goal.request
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
+        try:
+            here = self.arbiter.robot.pose
+            kind, place = self._docked or (self._type(request.dock_type), here)
+            if request.dock_type:
+                kind = self._type(request.dock_type)
+            if kind.charges and not self._is_charging and (self._docked is None or not self.is_docked(place)):
+                on_end(SUCCEEDED)  # it is on no dock
+                return
+            motion = UndockMotion(
+                self.senses(here),
+                self.parameters.docking.limits,
+                self.arbiter.robot.costmaps.local,
+                charges=kind.charges,
+                seconds=limited(request.max_undocking_time),
+            )
+        except Exception as error:
+            on_end(end_by(self.runtime, error, 'a goal of undock_robot'))
+            return
+        self.arbiter.start(RunningMotion(goal, motion, lambda _motion: UndockRobot.Feedback(), on_end))
+
+    def _cancel(self, goal: ServedGoal) -> None:
+        self.arbiter.cancel(goal)
+        if self._docking is not None and self._docking.goal is goal:
+            self._docking.end(CANCELED)
+
+
+class DockGoal:
+    """A goal of dock_robot on its way: where the dock is, a path to its staging pose, then the motion."""
+
+    def __init__(self, server: DockingServer, goal: ServedGoal) -> None:
+        self.goal = goal
+        self._server = server
+        self._motion: DockMotion | None = None
+        self._began = server.runtime.clock.now()
+        self._pose = Pose(0.0, 0.0, 0.0)
+
+    def begin(self) -> None:
+        """Find the dock, then go on when the robot is known."""
+        server, request = self._server, self.goal.request
+        try:
+            dock, self._kind = server.dock(request)
+            message = stamped(dock.pose, dock.frame, server.runtime.clock.stamp())
+        except Exception as error:
+            self._fail(error)
+            return
+        messages = [message if request.use_dock_id else request.dock_pose]
+        frame = server.parameters.map_frame
+        poses_in_map(server.runtime, messages, frame, 'DOCK_NOT_VALID', self._on_place, self._fail)
+
+    def end(self, end: GoalEnd, seconds: float = 0.0) -> None:
+        """End the goal, once."""
+        if not self.goal.active:
+            return
+        if end.succeeded:
+            self._server.docked(self._kind, self._pose)
+        retries = self._motion.retries if self._motion is not None else 0
+        finish(self.goal, DockRobot.Result(success=end.succeeded, num_retries=retries), end)
+
+    def _fail(self, error: Exception) -> None:
+        self.end(end_by(self._server.runtime, error, 'a goal of dock_robot'))
+
+    def _on_place(self, poses: list[Pose]) -> None:
+        self._pose = poses[0]
+        self._server.arbiter.robot.when_known(self._on_robot)
+
+    def _on_robot(self) -> None:
+        if not self.goal.active:
+            return
+        try:
+            if self._kind.charges and self._server.is_docked(self._pose):
+                self.end(SUCCEEDED)
+            else:
+                self._stage()
+        except Exception as error:
+            self._fail(error)
+
+    def _stage(self) -> None:
+        """Plan a path to the staging pose, unless the robot is there."""
+        server, robot = self._server, self._server.arbiter.robot
+        limits = server.parameters.docking.limits
+        staging = limits.staging_pose(self._pose)
+        server.show(self._pose, staging)
+        away = math.hypot(robot.pose.distance(staging), wrap(staging.yaw - robot.pose.yaw))
+        if not self.goal.request.navigate_to_staging_pose or away < limits.prestaging_tolerance:
+            self._drive(None)
+            return
+        self.goal.publish_feedback(self._feedback(DockState.NAV_TO_STAGING_POSE))
+        planner = GridPlanner(robot.costmaps.shared, 0.0)
+        start = robot.pose
+        server.computation.run(self.goal, lambda: planner.plan(start, staging), self._on_path, self._on_no_path)
+
+    def _on_no_path(self, end: GoalEnd) -> None:
+        self.end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))
+
+    def _on_path(self, path: list[Pose]) -> None:
+        if not self.goal.active:
+            return
+        try:
+            follower = PathFollower(path, self._server.arbiter.robot.costmaps.local, self._server.parameters.follower)
+            self._drive(StagingMotion(follower, limited(self.goal.request.max_staging_time)))
+        except Exception as error:
+            self._fail(error)
+
+    def _drive(self, staging: StagingMotion | None) -> None:
+        server = self._server
+        self._motion = DockMotion(
+            self._pose,
+            server.senses(self._pose),
+            server.parameters.docking.limits,
+            server.arbiter.robot.costmaps.local,
+            charges=self._kind.charges,
+            staging=staging,
+        )
+        feedback = lambda motion: self._feedback(motion.state, motion.retries)  # noqa: E731
+        server.arbiter.start(RunningMotion(self.goal, self._motion, feedback, self.end))
+
+    def _feedback(self, state: DockState, retries: int = 0) -> DockRobot.Feedback:
+        spent = max(0.0, self._server.runtime.clock.now() - self._began)
+        return DockRobot.Feedback(state=state.value, docking_time=duration_message(spent), num_retries=retries)
+
+
+def limited(seconds: float) -> float:
+    """As it is, or for ever; a number that is none is no time at all."""
+    return min(seconds, LONGEST) if seconds > 0.0 else 0.0
+
+
+def _refused(action_type: Any, why: str) -> Any:
+    result = action_type.Result(success=False, error_code=action_type.Result.UNKNOWN)
+    result.error_msg = why
+    return result
