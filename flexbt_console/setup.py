@@ -21,8 +21,8 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'console = flexbt_console.ui.console:main',
-            'recorder = flexbt_console.recording.recorder:main',
+            'console = flexbt_console.executables:console',
+            'recorder = flexbt_console.executables:recorder',
             'replay = flexbt_console.recording.replay:main',
         ],
     },

@@ -21,7 +21,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'onboard_executive = flexbt_onboard.node.onboard_executive:main',
+            'onboard_executive = flexbt_onboard.executables:onboard_executive',
             'run_report = flexbt_onboard.event_log.run_report:main',
         ],
     },

@@ -24,7 +24,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'bt_server = flexbt_server.node.bt_server:main',
+            'bt_server = flexbt_server.executables:bt_server',
         ],
     },
 )

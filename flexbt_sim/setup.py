@@ -27,8 +27,8 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'simulator = flexbt_sim.simulator.node:main',
-            'navigation = flexbt_sim.nodes.navigation_servers:main',
+            'simulator = flexbt_sim.executables:simulator',
+            'navigation = flexbt_sim.executables:navigation',
         ],
     },
 )

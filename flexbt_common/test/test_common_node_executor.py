@@ -14,14 +14,16 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherEventType, QoSSubscriptionEventType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future, Task
 from std_msgs.msg import Int32
 
-from flexbt_common.runtime.node_executor import NodeExecutor
+from flexbt_common.runtime import LatestMessage
+from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit
 from flexbt_msgs.srv import ControlTree
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
 
@@ -132,6 +134,39 @@ def test_topics_services_timers_and_guards_are_called_and_faults_stop_none_of_th
     bench.executor.turn(0.01)
     bench.executor.turn(0.01)
     assert called['timer'] == ticks
+
+
+@pytest.mark.parametrize('kind', [QoSPublisherEventType, QoSSubscriptionEventType])
+def test_only_events_of_ends_that_do_not_fit_may_come_late(kind: Any) -> None:
+    assert {name for name, event in kind.__members__.items() if is_misfit(event)} == {
+        name for name in kind.__members__ if 'INCOMPATIBLE' in name
+    }
+
+
+def test_a_message_that_nobody_waits_for_is_kept_for_who_asks(bench: Bench) -> None:
+    awaits = threading.Event()
+    called: list[int | None] = []
+
+    def newest() -> int | None:
+        message = latest.message
+        return None if message is None else int(message.data)
+
+    def tell() -> None:
+        called.append(newest())
+
+    latest = LatestMessage(bench.node, Int32, 'numbers', 1, tell, awaits.is_set)
+    numbers = bench.node.create_publisher(Int32, 'numbers', 10)
+    bench.turn_until(numbers.get_subscription_count, 'the discovery')
+    for number in range(50):
+        numbers.publish(Int32(data=number))
+        bench.executor.turn(0.001)
+    wait_until(lambda: newest() == 49, 'the newest message')
+    assert called == []
+    awaits.set()
+    numbers.publish(Int32(data=50))
+    bench.turn_until(lambda: called == [50], 'the message that is awaited')
+    latest.close()
+    assert newest() == 50
 
 
 def test_entities_come_and_go_in_callbacks_and_other_threads_and_nothing_is_lost(bench: Bench) -> None:

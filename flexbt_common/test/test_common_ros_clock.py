@@ -3,17 +3,23 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
+from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.simulated_time import LONGEST_WAIT
 from flexbt_core.clock import ManualClock, Timer, WakeEvent
+from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
 
@@ -29,22 +35,75 @@ class Simulation:
 
     def set(self, seconds: float) -> None:
         """Move ROS time to ``seconds``, and wait until the node knows."""
-        message = ClockMessage()
-        message.clock.sec, message.clock.nanosec = int(seconds), round(seconds % 1 * 1e9)
         deadline = time.monotonic() + DEADLINE
         while True:
-            self.publisher.publish(message)
-            stamp = self.runtime.call(self.runtime.clock.stamp)
-            if (stamp.sec, stamp.nanosec) == (message.clock.sec, message.clock.nanosec):
+            sent = self.publish(seconds)
+            if self.runtime.call(self.runtime.clock.stamp) == sent:
                 return
             assert time.monotonic() < deadline, 'simulated time did not arrive'
             time.sleep(0.005)
+
+    def publish(self, seconds: float) -> Time:
+        """Say that it is so late."""
+        time_message = Time(sec=int(seconds), nanosec=round(seconds % 1 * 1e9))
+        self.publisher.publish(ClockMessage(clock=time_message))
+        return time_message
 
 
 @pytest.fixture
 def simulation() -> Iterator[Simulation]:
     with NodeRuntime.open('simulated', parameters={'use_sim_time': True}) as runtime:
         yield Simulation(runtime)
+
+
+def test_a_node_that_waits_for_no_time_is_not_woken_by_it(simulation: Simulation) -> None:
+    simulation.set(1.0)
+    runtime = simulation.runtime
+    jumps: list[TimeJump] = []
+    threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None)
+    handle = runtime.node.get_clock().create_jump_callback(threshold, post_callback=jumps.append)
+    began = time.monotonic()
+    for number in range(200):
+        simulation.publish(2.0 + number)
+        time.sleep(0.002)
+    assert len(jumps) <= (time.monotonic() - began) / LONGEST_WAIT + 5
+    wait_until(lambda: runtime.call(runtime.clock.now) == 201.0, 'the last time')
+    handle.unregister()
+
+
+def test_the_time_is_known_while_the_executor_is_busy(simulation: Simulation) -> None:
+    simulation.set(1.0)
+    runtime, released = simulation.runtime, threading.Event()
+    runtime.post(lambda: released.wait(DEADLINE))
+    try:
+        simulation.publish(7.0)
+        wait_until(lambda: runtime.clock.now() == 7.0, 'the time')
+        assert runtime.clock.stamp().sec == 7
+    finally:
+        released.set()
+
+
+def test_a_timer_comes_in_time_while_others_ask_for_the_time(simulation: Simulation) -> None:
+    """What they take of the middleware does not wake the executor any more."""
+    simulation.set(1.0)
+    clock, over = simulation.runtime.clock, threading.Event()
+    called: list[int] = []
+
+    def ask() -> None:
+        while not over.is_set():
+            clock.now()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    try:
+        for second in range(2, 60):
+            clock.call_at(float(second), functools.partial(called.append, second))
+            simulation.runtime.call(lambda: None)
+            simulation.publish(float(second))
+            wait_until(functools.partial(called.__contains__, second), f'the timer for {second} s')
+    finally:
+        over.set()
+        thread.join()
 
 
 def settled(runtime: NodeRuntime) -> None:

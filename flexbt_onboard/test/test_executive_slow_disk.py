@@ -38,6 +38,16 @@ def waiting() -> OperatableStateMachine:
     return machine
 
 
+def waiting_longer() -> OperatableStateMachine:
+    """The same, and one more."""
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('A', Wait(), {'done': 'B'})
+        OperatableStateMachine.add('B', Wait(), {'done': 'C'})
+        OperatableStateMachine.add('C', Wait(), {'done': 'finished'})
+    return machine
+
+
 class Disk:
     """Answers only while it is told to."""
 
@@ -63,7 +73,7 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
 @pytest.fixture
 def bench(disk: Disk, tmp_path: Path) -> Iterator[ExecutiveBench]:
     parameters = ExecutiveParameters(peers=(), journal_directory=str(tmp_path), heartbeat_period=0.05)
-    bench = ExecutiveBench(behavior_of(waiting), parameters=parameters)
+    bench = ExecutiveBench(behavior_of(waiting), behavior_of(waiting_longer, 'Longer'), parameters=parameters)
     yield bench
     disk.goes.set()
     bench.close()
@@ -92,6 +102,26 @@ def test_the_heartbeat_goes_on_while_nothing_is_shown_that_a_crash_could_undo(
     disk.goes.set()
     bench.wait_active('/B')
     assert bench.result(command).code == CommandResult.APPLIED
+
+
+@pytest.mark.parametrize('command', [C.START, C.SWITCH])
+def test_no_structure_is_shown_that_a_crash_could_undo(
+    bench: ExecutiveBench, disk: Disk, monkeypatch: pytest.MonkeyPatch, command: int
+) -> None:
+    monkeypatch.setattr(journal, 'STUCK_SECONDS', 1000.0)
+    if command == C.SWITCH:
+        bench.start()
+        bench.wait_active('/A')
+    disk.goes.clear()
+    shown = len(bench.structures)
+    bench.send(command, behavior='Longer')
+    wait_until(lambda: (run := bench.executive.runs.run) and run.snapshot.behavior == 'Longer', 'effect of the command')
+    sequence = bench.status.sequence + 5
+    bench.wait_for(lambda status: status.sequence > sequence, 'heartbeats')
+    assert len(bench.structures) == shown
+    disk.goes.set()
+    bench.wait_for(lambda status: status.behavior == 'Longer', 'the status')
+    assert [structure.behavior for structure in bench.structures[shown:]] == ['Longer']
 
 
 def test_a_disk_that_hangs_for_long_is_told_and_not_waited_for(

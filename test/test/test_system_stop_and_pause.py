@@ -11,6 +11,7 @@ import pytest
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_testing.system.hold_up import EXECUTOR, RUN
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import uncontended_time
@@ -22,13 +23,7 @@ REST_SECONDS = 1.0
 
 @pytest.fixture(scope='module')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stack, Probe]]:
-    # Without the profile by which the middleware gives a process up after two seconds, and may not find it again.
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        Stack(tmp_path_factory.mktemp('system')) as stack,
-        NodeRuntime.open('probe') as runtime,
-    ):
-        patch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
+    with Stack(tmp_path_factory.mktemp('system'), can_be_held_up=True) as stack, NodeRuntime.open('probe') as runtime:
         stack.start_all({'speed_factor': '3.0'})
         yield stack, Probe(runtime)
 
@@ -58,6 +53,7 @@ def rest_after(probe: Probe, moment: float) -> float:
 
 
 def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
+    """For so long that the middleware of the others has given it up, too (after 2 s, by the profile)."""
     stack.send_signal('bt_server', signal.SIGSTOP)
     try:
         stopped = probe.stop()
@@ -72,9 +68,27 @@ def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
     assert probe.status.outcome == 'preempted'
     probe.wait_at_rest()
     assert probe.moved_stamp == where, 'what was stopped moves again'
-    stack.kill('bt_server')  # this one has to find all others again first
-    probe.wait(lambda: probe.peer_alive('bt_server') is False, 'bt_server shown as dead')
-    stack.start('bt_server')
+    probe.wait_ready()
+
+
+@pytest.mark.parametrize(
+    ('process', 'method'),
+    [
+        ('bt_server', EXECUTOR),
+        ('navigation', EXECUTOR),
+        ('onboard_executive', EXECUTOR),
+        ('onboard_executive', RUN),
+        ('simulator', EXECUTOR),
+    ],
+)
+def test_the_robot_stands_still_while_one_thread_hangs_and_drives_on(
+    stack: Stack, probe: Probe, process: str, method: str
+) -> None:
+    held_up = stack.hold_up(process, method, 3.0)
+    assert rest_after(probe, held_up) < REST_SECONDS
+    there = probe.moved_stamp
+    probe.wait(lambda: probe.moved_stamp > there, 'the robot drives on')
+    assert probe.status.state == ExecutiveStatus.RUNNING
 
 
 def pause(probe: Probe) -> float:

@@ -28,6 +28,7 @@ class NodeScope(NodeRuntime):
         self._host = host
         self.node = host.node
         self.name = host.name
+        self.simulated_time = host.simulated_time
         self.clock = host.clock
         self.steady = host.steady
         self.health = host.health

@@ -41,10 +41,12 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
+from flexbt_common.errors import LimitExceededError
 from flexbt_common.names import alive_topic
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates
+from flexbt_common.values import check_limits
 from flexbt_core.clock import Timer
-from flexbt_core.values import sendable
+from flexbt_core.values import one_line, sendable
 
 from .process_identity import ProcessIdentity
 
@@ -66,6 +68,16 @@ STARTED: Final = time.monotonic()
 
 _LOOK_SECONDS: Final = 0.2
 """From one look at whether the process of a node that is late exists, to the next."""
+
+_STATUS_BYTES: Final = 10_000
+"""Bytes of what a token says, at most; more is left aside."""
+
+_PROBLEM_CHARACTERS: Final = 1_000
+"""Of what is wrong, at most: a failure may be told with its whole trace."""
+
+_STATUS_RATE: Final = 50.0
+_STATUS_BURST: Final = 100
+"""How often a participant may say it: a second, and at once."""
 
 _PID: Final = 'pid'
 _BEGAN: Final = 'began'
@@ -169,7 +181,7 @@ class _HeldToken:
         return DiagnosticStatus(
             level=DiagnosticStatus.ERROR if has_ended else level,
             name=name,
-            message=sendable(self._problem),
+            message=sendable(self._problem)[:_PROBLEM_CHARACTERS],
             hardware_id=self._identity.host,
             values=[
                 KeyValue(key=_PID, value=str(self._identity.pid)),
@@ -325,13 +337,29 @@ class _SeenToken:
         self._silent_since = 0.0
         self._runtime = runtime
         self._timer: Timer | None = None
-        self._subscription = runtime.node.create_subscription(
+        self._rates = SenderRates(_STATUS_RATE, _STATUS_BURST, runtime.steady.now)
+        self._messages = ReceivedMessages(
+            runtime.node,
             DiagnosticStatus,
             topic,
-            self._hear,
             _qos(),
+            self._receive,
+            _STATUS_BYTES,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
         )
+
+    def _receive(self, received: Received) -> None:
+        if not self._rates.allows(received.participant):
+            self._messages.blame(received)
+            return
+        try:
+            status = received.unpack(DiagnosticStatus)
+            check_limits(status)
+        except (ValueError, LimitExceededError) as error:
+            logger = self._runtime.node.get_logger()
+            logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=5.0)
+            return
+        self._hear(status)
 
     def _hear(self, status: DiagnosticStatus) -> None:
         identity = _identity_of(status)
@@ -376,7 +404,7 @@ class _SeenToken:
         """Hear no more when nobody watches, and nothing is there to be watched."""
         if not self.listeners and not self.alive:
             self._runtime.forget(_key(self._topic))
-            self._runtime.node.destroy_subscription(self._subscription)
+            self._runtime.node.destroy_subscription(self._messages.subscription)
 
     def _review(self) -> None:
         """Find out whether it is late, and whether it is gone."""

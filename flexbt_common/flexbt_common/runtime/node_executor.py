@@ -6,6 +6,11 @@ task; and each task wakes it twice again. That is 0.15 ms of processor time a tu
 executive, several times for each message, where the wait itself takes 3 us. Here the wait set is kept until the node
 gets or loses an entity, and what is ready is called at once.
 
+A subscription wakes the executor only while somebody waits for its messages: that to the simulated time while a timer
+waits for a time (:mod:`.simulated_time`), and one whose callback has ``is_awaited`` while that gives True. What comes
+meanwhile stays with the middleware, up to the depth of the subscription, for whoever takes it. Whether the two ends of
+a topic do not fit each other is checked once a second: there are two such events for each topic of a node.
+
 What rclpy does with coroutines (a service whose callback awaits something) depends on its version. While one is under
 way, rclpy's own loop runs; it always does where rclpy lacks what :class:`NodeExecutor` is made of.
 """
@@ -15,24 +20,48 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from inspect import iscoroutine, iscoroutinefunction
 from threading import get_ident
+from time import monotonic
 from types import coroutine
 from typing import Any, Final
 
+from rclpy.clock import ClockType
+from rclpy.event_handler import EventHandler, QoSPublisherEventType, QoSSubscriptionEventType
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
 from . import rclpy_private
 from .rclpy_private import OpenExecutor, Take
+from .simulated_time import LONGEST_WAIT, SimulatedTime, tells_time
 
 __all__ = ['NodeExecutor', 'StockNodeExecutor', 'node_executor']
 
+_CHECK_SECONDS: Final = 1.0
+"""From one check of what nobody waits for to the next, s."""
+
+_MISFITS: Final = frozenset(
+    (type(event), event)  # events of different types compare equal by their numbers
+    for event in (
+        QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+        QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
+        QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+        QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
+    )
+)
+
 _AWAITING_TURN: Final = 0.02
 """Longest turn of rclpy's own loop, s: it may go on waiting although work was brought in meanwhile."""
+
+
+def is_misfit(event: QoSPublisherEventType | QoSSubscriptionEventType) -> bool:
+    """Whether the event says that the two ends of a topic do not fit each other."""
+    return (type(event), event) in _MISFITS
 
 
 def node_executor(node: Node, on_fault: Callable[[Exception], None]) -> NodeExecutor | StockNodeExecutor:
@@ -50,6 +79,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
     def __init__(self, node: Node, on_fault: Callable[[Exception], None]) -> None:
         super().__init__(context=node.context)
         self._on_fault = on_fault
+        self.simulated_time = SimulatedTime(on_fault)
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
@@ -69,6 +99,7 @@ class NodeExecutor(OpenExecutor):
 
     def __init__(self, node: Node, on_fault: Callable[[Exception], None]) -> None:
         super().__init__(context=node.context)
+        self.simulated_time = SimulatedTime(on_fault)
         self._node = node
         self._on_fault = on_fault
         self._entities: _Entities | None = None
@@ -126,9 +157,19 @@ class NodeExecutor(OpenExecutor):
             self._is_changed = False
             self._forget_entities()
             self._entities = self._entities_of_node()
-        for take, entity in self._entities.ready(-1 if timeout is None else int(timeout * 1e9)):
+        if self.simulated_time.subscription is not None:
+            timeout = LONGEST_WAIT if timeout is None else min(timeout, LONGEST_WAIT)
+        ready = self._entities.ready(timeout)
+        self.simulated_time.hear()  # first, so that no message is from the future
+        for take, entity in ready:
             self._call(take, entity)
             self._run_soon()
+
+    def taking_all(self, subscription: Subscription) -> Callable[[Subscription], object] | None:
+        """As that of the base."""
+        if tells_time(subscription):
+            return lambda _: self.simulated_time.hear()
+        return super().taking_all(subscription)
 
     def _turn_of_rclpy(self, timeout: float) -> None:
         self._forget_entities()
@@ -163,6 +204,7 @@ class NodeExecutor(OpenExecutor):
         node = self._node
         for guard in node.guards:
             rclpy_private.trigger_again(guard)
+        self.simulated_time.subscription = next(filter(tells_time, node.subscriptions), None)
         entities = {
             'timer': node.timers,
             'subscription': node.subscriptions,
@@ -221,6 +263,18 @@ def _rest(called: Coroutine[Any, Any, None], awaited: Any) -> Any:
             return
 
 
+@dataclass(frozen=True)
+class _Group:
+    """Entities that are in the wait set while ``is_awaited()``, and once in a while.
+
+    ``adds`` are calls that put them there, with their argument; ``waitables`` those among them, with how each is taken.
+    """
+
+    is_awaited: Callable[[], bool]
+    adds: list[tuple[Callable[[Any], object], Any]] = field(default_factory=list)
+    waitables: list[tuple[Take, Any]] = field(default_factory=list)
+
+
 class _Entities:
     """The entities of a node, and the wait set for them. While it is open, none of them is really destroyed."""
 
@@ -235,7 +289,7 @@ class _Entities:
         """``takes`` and ``entities``: by kind; ``own_guards`` only end the wait."""
         self._held = ExitStack()
         self._held.enter_context(context.handle)
-        self._waitables = [(takes['waitable'], waitable) for waitable in waitables if self._hold(waitable)]
+        held_waitables = [waitable for waitable in waitables if self._hold(waitable)]
         held = {
             kind: {entity.handle.pointer: (takes[kind], entity) for entity in those if self._hold(entity.handle)}
             for kind, those in entities.items()
@@ -249,28 +303,57 @@ class _Entities:
             len(held['client']),
             len(held['service']),
         )
-        for _, waitable in self._waitables:
+        for waitable in held_waitables:
             count += waitable.get_num_entities()
         self._wait_set = wait_set = rclpy_private.wait_set(count, context)
+        self._of_ros_time = [
+            timer.handle for _, timer in held['timer'].values() if timer.clock.clock_type is ClockType.ROS_TIME
+        ]
+        self._check_at = 0.0
+
+        always, seldom = _Group(lambda: True), _Group(lambda: False)
+        self._groups = [always, seldom]
         adds = {
             'timer': wait_set.add_timer,
-            'subscription': wait_set.add_subscription,
             'guard_condition': wait_set.add_guard_condition,
             'client': wait_set.add_client,
             'service': wait_set.add_service,
         }
-        self._adds = [(adds[kind], entity.handle) for kind, those in held.items() for _, entity in those.values()]
-        self._adds += [(wait_set.add_guard_condition, handle) for handle in own_handles]
-        self._adds += [(waitable.add_to_wait_set, wait_set) for _, waitable in self._waitables]
+        for kind, add in adds.items():
+            always.adds.extend((add, entity.handle) for _, entity in held[kind].values())
+        always.adds.extend((wait_set.add_guard_condition, handle) for handle in own_handles)
+        group_of: dict[Any, _Group] = {}  # by event of a subscription
+        for _, subscription in held['subscription'].values():
+            group, is_awaited = always, self._awaited(subscription)
+            if is_awaited is not None:
+                self._groups.append(group := _Group(is_awaited))
+                # The middleware ends the wait for an event when a message has come, too.
+                group_of |= dict.fromkeys(subscription.event_handlers, group)
+            group.adds.append((wait_set.add_subscription, subscription.handle))
+        for waitable in held_waitables:
+            tells_misfit = isinstance(waitable, EventHandler) and is_misfit(waitable.event_type)
+            group = seldom if tells_misfit else group_of.get(waitable, always)
+            group.adds.append((waitable.add_to_wait_set, wait_set))
+            group.waitables.append((takes['waitable'], waitable))
 
-    def ready(self, timeout: int) -> list[tuple[Take, Any]]:
-        """Wait until something is ready, at most ``timeout`` ns (-1: for ever); gives what is."""
+    def ready(self, timeout: float | None) -> list[tuple[Take, Any]]:
+        """Wait until something is ready, at most ``timeout`` seconds (None: for ever); gives what is."""
+        now = monotonic()
+        checks_all = now >= self._check_at
+        if checks_all:
+            self._check_at = now + _CHECK_SECONDS
+            groups = self._groups
+        else:
+            until = self._check_at - now
+            timeout = until if timeout is None else min(timeout, until)
+            groups = [group for group in self._groups if group.is_awaited()]
         wait_set = self._wait_set
         wait_set.clear_entities()
-        for add, handle in self._adds:
-            add(handle)
-        wait_set.wait(timeout)
-        ready = [(take, waitable) for take, waitable in self._waitables if waitable.is_ready(wait_set)]
+        for group in groups:
+            for add, argument in group.adds:
+                add(argument)
+        wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
+        ready = [entry for group in groups for entry in group.waitables if entry[1].is_ready(wait_set)]
         for kind, entities in self._by_kind:
             for pointer in wait_set.get_ready_entities(kind):
                 found = entities.get(pointer)
@@ -280,8 +363,19 @@ class _Entities:
 
     def close(self) -> None:
         """Let go of the entities."""
-        self._adds.clear()
+        self._groups.clear()
+        self._of_ros_time.clear()
         self._held.close()
+
+    def _awaited(self, subscription: Subscription) -> Callable[[], bool] | None:
+        """Whether somebody waits for its messages; None: always."""
+        if tells_time(subscription):
+            return self._is_time_awaited
+        is_awaited: Callable[[], bool] | None = getattr(subscription.callback, 'is_awaited', None)
+        return is_awaited
+
+    def _is_time_awaited(self) -> bool:
+        return not all(timer.is_timer_canceled() for timer in self._of_ros_time)
 
     def _hold(self, handle: Any) -> bool:
         try:

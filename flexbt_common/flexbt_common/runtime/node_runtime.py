@@ -123,6 +123,7 @@ class NodeRuntime:
         for warning in rclpy_private.warnings():
             self.node.get_logger().warning(warning)
         self._executor = node_executor(self.node, self._on_escaped)
+        self.simulated_time = self._executor.simulated_time
         self._doorbell = self.node.create_guard_condition(lambda: None)
         self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
         self.clock = RosClock(self)

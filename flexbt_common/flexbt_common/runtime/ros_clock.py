@@ -13,6 +13,8 @@ from rclpy.duration import Duration
 
 from flexbt_core.clock import Timer, TimerQueue
 
+from .simulated_time import SimulatedTime
+
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
 """Seconds; a timer that is farther away is checked again then. rcl counts nanoseconds in 64 bits."""
@@ -22,6 +24,7 @@ class Host(Protocol):
     """What the clock needs of a :class:`~flexbt_common.runtime.NodeRuntime`."""
 
     node: Any
+    simulated_time: SimulatedTime
 
     @property
     def on_executor_thread(self) -> bool:
@@ -65,12 +68,14 @@ class RosClock:
 
     def now(self) -> float:
         """Time in seconds; never goes back."""
+        self._runtime.simulated_time.hear()
         now = self._now()
         self._asked = True
         return now / _NANOSECONDS
 
     def stamp(self) -> Time:
         """The present ROS time, for the header of a message."""
+        self._runtime.simulated_time.hear()
         return self._ros_clock.now().to_msg()
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
@@ -100,6 +105,11 @@ class RosClock:
             return int(raw + self._offset)
 
     def _set_timer(self) -> None:
+        # What is set is a period, from a time that must not change meanwhile.
+        with self._runtime.simulated_time.standing_still():
+            self._set_period()
+
+    def _set_period(self) -> None:
         now = self._now()
         with self._lock:
             earliest = self._timers.earliest()

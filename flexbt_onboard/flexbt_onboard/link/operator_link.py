@@ -7,6 +7,7 @@ behaviors are complete and latched.
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
 from collections.abc import Mapping
@@ -18,12 +19,19 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from std_msgs.msg import Header
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime, writer_name
-from flexbt_core.values import Place, lines, sendable
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
+from flexbt_core.values import Place, lines, one_line, sendable
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus, PlaceList
 from flexbt_msgs.msg import Place as PlaceMessage
 
 from .command_intake import CommandIntake, OnCommand
+
+PING_BYTES: Final = 1_000
+"""Bytes of a ping, at most; a larger one is not echoed."""
+
+PING_RATE: Final = 50.0
+PING_BURST: Final = 100
+"""Pings of one participant that are echoed: a second, and at once."""
 
 _MOST_LINES: Final = 200
 """Of a text, in the log of the node: a trace may be long."""
@@ -47,7 +55,26 @@ class OperatorLink:
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.latched(names.LOG_DEPTH))
         # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.unacknowledged())
-        self._pings = node.create_subscription(Header, names.EXECUTIVE_PING, self._echo.publish, names.unacknowledged())
+        self._ping_rates = SenderRates(PING_RATE, PING_BURST, runtime.steady.now)
+        self._pings = ReceivedMessages(
+            node,
+            Header,
+            names.EXECUTIVE_PING,
+            names.unacknowledged(),
+            self._on_ping,
+            PING_BYTES,
+            on_ignored=functools.partial(self.log, ExecutiveLog.WARN),
+        )
+
+    def _on_ping(self, ping: Received) -> None:
+        if not self._ping_rates.allows(ping.participant):
+            self._pings.blame(ping)
+            return
+        try:
+            self._echo.publish(ping.unpack(Header))
+        except ValueError as error:
+            logger = self._runtime.node.get_logger()
+            logger.error(f'{names.EXECUTIVE_PING}: left aside: {one_line(str(error))}', throttle_duration_sec=5.0)
 
     def listen(self, on_command: OnCommand) -> None:
         """Take commands from now on; ``on_command`` is called on the executor thread."""

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The status that others are shown: only what a crash cannot undo."""
+"""The status, and what else others are shown of a run: only what a crash cannot undo."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 from flexbt_common.runtime import NodeRuntime
@@ -33,8 +34,14 @@ class ShownStatus:
         self._publish = publish
         self._when_durable = when_durable
         self._changed = changed
+        self._to_show: deque[Callable[[], None]] = deque()
         self._is_waiting = False
         self._is_outdated = False
+
+    def show(self, publish: Callable[[], None]) -> None:
+        """Have ``publish`` called when the journal has all that has happened so far, in the order of these calls."""
+        self._to_show.append(publish)
+        self._when_durable(lambda: self._on_executor(self._show_next))
 
     def refresh(self) -> None:
         """Show the status of now as soon as that is possible, or that of before."""
@@ -44,7 +51,11 @@ class ShownStatus:
             return
         self._is_waiting = True
         status = self._make()
-        self._when_durable(lambda: self._on_executor(lambda: self._show(status)))
+        self.show(lambda: self._show(status))
+
+    def _show_next(self) -> None:
+        # The first of them, whichever is told: what came before is durable as well.
+        self._to_show.popleft()()
 
     def _on_executor(self, fn: Callable[[], None]) -> None:
         if self._runtime.on_executor_thread:

@@ -18,7 +18,7 @@ from flexbt_common.cli import node_file
 from flexbt_common.lifecycle import SHUTTING_DOWN
 from flexbt_common.liveness import LivelinessToken, PresenceWatch
 from flexbt_common.runtime import NodeRuntime
-from flexbt_msgs.msg import BehaviorList, ExecutiveLog, ExecutiveStatus
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorLibrary, StateServices
 from flexbt_onboard.commands import (
     COMMANDS,
@@ -130,7 +130,7 @@ class Executive:
             report,
             OperatorWatch(runtime, presence, report.operators),
             StopWatch(runtime, motion_stop, parameters.stop_timeout),
-            RunDisplay(self._link.publish_structure, self._status.changed, self._status.flush),
+            RunDisplay(self._publish_structure, self._status.changed, self._status.flush),
             parameters.autonomy,
         )
         operator_names = OperatorNames(
@@ -238,6 +238,9 @@ class Executive:
         if self.runs.run is not None:
             self.runs.run.ask_activities()
         self._actions.refresh()
+
+    def _publish_structure(self, structure: BehaviorStructure) -> None:
+        self._shown.show(lambda: self._link.publish_structure(structure))
 
     def _authority_changed(self, text: str) -> None:
         self._report.authority(self._authority.holder, self._authority.requests, text)

@@ -55,7 +55,7 @@ class RunRecorder:
         self._journal = journal
         self._report = report
         self._owner = owner
-        self._switched_to: RunRequest | None = None
+        self._switched_to: tuple[RunRequest, BehaviorStructure] | None = None
         self.changed = owner.run_changed
 
     def built(self, request: RunRequest, structure: BehaviorStructure) -> None:
@@ -79,15 +79,17 @@ class RunRecorder:
 
     def moved(self, position: Callable[[], Position], decided: Sequence[Decided]) -> None:
         """The machine is where it was not before, or commands were decided."""
-        switched_to, self._switched_to = self._switched_to, None
-        for type_name in self._journal.move(self._run_id, position, decided, switched_to):
+        switched, self._switched_to = self._switched_to, None
+        request, structure = switched or (None, None)
+        for type_name in self._journal.move(self._run_id, position, decided, request):
             self._report.not_journaled(self._run_id, type_name)
+        if structure is not None:
+            self._owner.run_switched(structure)
 
     def switched(self, request: RunRequest, structure: BehaviorStructure) -> None:
-        """The run goes on with another behavior."""
-        self._switched_to, self._behavior = request, request.entry.name
+        """The run goes on with another behavior; its owner is told when that is journaled."""
+        self._switched_to, self._behavior = (request, structure), request.entry.name
         self._report.run_switched(self._run_id, request)
-        self._owner.run_switched(structure)
 
     def stopping(self, why: str) -> None:
         """The run is told to stop: it does not go on after a crash."""

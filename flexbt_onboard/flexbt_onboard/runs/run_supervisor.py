@@ -45,8 +45,8 @@ ShownRun = RunSnapshot | InterruptedRun | LastRun
 class RunDisplay:
     """Where operators see the run.
 
-    ``publish_structure`` sends the structure of a run, before the first status that names it; ``changed`` is told, from
-    any thread, that the status has changed; ``flush`` sends it now, if it has.
+    ``publish_structure`` sends the structure of a run, before the next status; both when the journal has all that has
+    happened. ``changed`` is told, from any thread, that the status has changed; ``flush`` sends it now, if it has.
     """
 
     publish_structure: Callable[[BehaviorStructure], None]

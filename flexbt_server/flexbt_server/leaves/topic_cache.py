@@ -21,10 +21,13 @@ class TopicCache:
     """The last message of a topic. Made on the executor thread; the subscription goes with who holds the cache."""
 
     def __init__(self, runtime: NodeRuntime, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
+        self._runtime = runtime
         self._trees: weakref.WeakSet[TreeContext] = weakref.WeakSet()
         self._lock = threading.Lock()
         me = weakref.ref(self)
-        self._last = LatestMessage(runtime.node, message_type, topic, qos, lambda: _wake(me()))
+        self._last = LatestMessage(
+            runtime.node, message_type, topic, qos, lambda: _wake(me()), lambda: _is_awaited(me())
+        )
         weakref.finalize(self, runtime.post, self._last.close).atexit = False
 
     @property
@@ -36,6 +39,12 @@ class TopicCache:
         """Tick the tree whenever a message comes, as long as the tree exists. From any thread."""
         with self._lock:
             self._trees.add(tree)
+        self._runtime.post(lambda: None)  # that the executor waits for a message from now on
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether there is such a tree."""
+        return bool(self._trees)
 
     def wake(self) -> None:
         """Tick those trees."""
@@ -48,6 +57,10 @@ class TopicCache:
 def _wake(cache: TopicCache | None) -> None:
     if cache is not None:
         cache.wake()
+
+
+def _is_awaited(cache: TopicCache | None) -> bool:
+    return cache is not None and cache.is_awaited
 
 
 class TopicCaches:

@@ -68,7 +68,7 @@ class TreeStream:
 
     def now(self) -> Time:
         """Time of the node."""
-        return self._runtime.node.get_clock().now()
+        return Time.from_msg(self._runtime.clock.stamp())
 
     def begin(self, run: RunStream) -> None:
         """A run is open from now on."""

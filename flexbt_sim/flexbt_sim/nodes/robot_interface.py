@@ -109,7 +109,7 @@ class RobotInterface:
         command = twist(velocity)
         if self._parameters.stamped_cmd_vel:
             message = TwistStamped(twist=command)
-            message.header.stamp = self._runtime.node.get_clock().now().to_msg()
+            message.header.stamp = self._runtime.clock.stamp()
             self._commands.publish(message)
         else:
             self._commands.publish(command)

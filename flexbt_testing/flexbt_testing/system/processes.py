@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,10 +50,16 @@ class Ending:
 class Stack:
     """Processes by the names of their executables; leaving the context kills those that are left."""
 
-    def __init__(self, directory: Path, network: NetworkNamespace | None = None) -> None:
-        """``directory`` takes the logs; the processes are in ``network``, or in that of this process."""
+    def __init__(
+        self, directory: Path, network: NetworkNamespace | None = None, *, can_be_held_up: bool = False
+    ) -> None:
+        """``directory`` takes the logs; the processes are in ``network``, or in that of this process.
+
+        ``can_be_held_up``: whether :meth:`hold_up` is to be used.
+        """
         self.directory = directory
         self._network = network
+        self._can_be_held_up = can_be_held_up
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._starts = 0
 
@@ -81,7 +88,7 @@ class Stack:
         settings = {} if base == 'simulator' else {'use_sim_time': 'true'}
         if base == 'onboard_executive':
             settings['event_log_directory'] = str(self.directory)
-        words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
+        words = [*self._held_up_by(name), executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
         for key, value in {**settings, **(parameters or {})}.items():
             words += ['-p', f'{key}:={value}']
         if self._network is not None:
@@ -112,6 +119,11 @@ class Stack:
         self._processes[name].send_signal(number)
         return uncontended_time()
 
+    def hold_up(self, name: str, method: str, seconds: float) -> float:
+        """Let the thread that calls a method hang for so long (:mod:`.hold_up`); the uncontended time when."""
+        self._fifo(name).write_text(f'{method} {seconds}\n')
+        return uncontended_time()
+
     def running(self) -> set[str]:
         """The names of those that run."""
         return {name for name, process in self._processes.items() if process.poll() is None}
@@ -136,6 +148,17 @@ class Stack:
         """Everything that a process has said."""
         log = self._log(name)
         return log.read_text(errors='replace') if log.exists() else ''
+
+    def _held_up_by(self, name: str) -> list[str]:
+        if not self._can_be_held_up:
+            return []
+        fifo = self._fifo(name)
+        if not fifo.exists():
+            os.mkfifo(fifo)
+        return [sys.executable, '-m', 'flexbt_testing.system.hold_up', str(fifo)]
+
+    def _fifo(self, name: str) -> Path:
+        return self._log(name).with_suffix('.fifo')
 
     def _log(self, name: str) -> Path:
         return self.directory / f'{name.replace("/", ".")}.log'

@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How an executable begins. It imports nothing but Python's own, so that it is there before all else is loaded."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+
+
+def run_main(module: str) -> int:
+    """Import a module, which may take a second, and run its ``main()``; gives the exit code of the process.
+
+    A SIGINT that comes meanwhile ends the process by that signal (130 for a shell), without a traceback of what was
+    being imported. One that is ignored stays so, as in the background of a shell.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    main = importlib.import_module(module).main
+    signal.signal(signal.SIGINT, before)
+    exit_code: int = main()
+    return exit_code

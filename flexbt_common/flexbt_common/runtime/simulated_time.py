@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The simulated time of a node, taken from the middleware when somebody wants to know it.
+
+rclpy wakes the executor for each message of /clock, some dozens a second, and that was most of what a node at rest had
+to do. The middleware keeps the newest message anyway. It is taken whenever the executor has come back from a wait, and
+when :class:`flexbt_common.runtime.RosClock` is asked for the time, on any thread; and the executor is woken for it
+while a timer waits for a time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.subscription import Subscription
+from rclpy.time_source import TimeSource
+
+LONGEST_WAIT: Final = 0.1
+"""For so long at most the executor waits under simulated time, s of wall time: no more is the time old by which rclpy's
+own clock goes, when it is read without a :class:`flexbt_common.runtime.RosClock`."""
+
+
+class SimulatedTime:
+    """Brings the newest message of /clock to rclpy's clocks. From any thread.
+
+    ``subscription`` is rclpy's own one, which the executor finds; None while nobody but the executor is to take from
+    it, or time is not simulated. ``on_fault`` is told what a callback of a jump of time lets escape.
+    """
+
+    def __init__(self, on_fault: Callable[[Exception], None]) -> None:
+        self._on_fault = on_fault
+        self.subscription: Subscription | None = None
+        self._lock = threading.RLock()
+        self._stands_still = False
+
+    def hear(self) -> None:
+        """Take the newest message, if there is one that was not taken yet.
+
+        Where somebody is about that, or has the time stand still, it is left to them.
+        """
+        subscription = self.subscription
+        if subscription is None or not self._lock.acquire(blocking=False):
+            return
+        try:
+            if not self._stands_still:  # else it is this thread's own doing: a callback of a jump asks for the time
+                with self.standing_still():
+                    self._take(subscription)
+        except InvalidHandle:
+            self.subscription = None  # time is not simulated any more
+        except Exception as error:
+            self._on_fault(error)
+        finally:
+            self._lock.release()
+
+    @contextlib.contextmanager
+    def standing_still(self) -> Iterator[None]:
+        """In the block, only this thread changes the time of rclpy's clocks, as far as it is simulated."""
+        with self._lock:
+            before, self._stands_still = self._stands_still, True
+            try:
+                yield
+            finally:
+                self._stands_still = before
+
+    def _take(self, subscription: Subscription) -> None:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, False)
+        if taken is not None:
+            subscription.callback(taken[0])
+
+
+def tells_time(subscription: Subscription) -> bool:
+    """Whether it is the one by which rclpy's clocks get the simulated time."""
+    return isinstance(getattr(subscription.callback, '__self__', None), TimeSource)

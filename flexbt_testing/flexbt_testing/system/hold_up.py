@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs an executable one thread of which can be made to hang, as a callback that does not return would.
+
+Usage: python -m flexbt_testing.system.hold_up FIFO EXECUTABLE [ARGUMENT ...]
+
+A line that is written to FIFO names a method that the thread calls again and again, and seconds:
+``flexbt_common.runtime.NodeRuntime._run_posted 3.0``. Its next call takes so much longer. The interpreter goes on, and
+with it all other threads of the process: a stopped process (SIGSTOP) is another case.
+"""
+
+from __future__ import annotations
+
+import importlib
+import runpy
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+EXECUTOR = 'flexbt_common.runtime.NodeRuntime._run_posted'
+"""Called in each turn of the executor of a node."""
+
+RUN = 'flexbt_core.state_machine.MachineRun.step'
+"""Called whenever something has happened to the run of a behavior."""
+
+
+def hold_up(method: str, seconds: float) -> None:
+    """Have the next call of a method, by its qualified name, take so much longer."""
+    path, _, name = method.rpartition('.')
+    module, _, class_name = path.rpartition('.')
+    owner = getattr(importlib.import_module(module), class_name)
+    original = getattr(owner, name)
+
+    def held(*arguments: Any, **options: Any) -> Any:
+        setattr(owner, name, original)
+        time.sleep(seconds)
+        return original(*arguments, **options)
+
+    setattr(owner, name, held)
+
+
+def _listen(fifo: Path) -> None:
+    with fifo.open('r+') as lines:  # so that it does not end with who writes
+        for line in lines:
+            method, seconds = line.split()
+            hold_up(method, float(seconds))
+
+
+def main() -> None:
+    """Run the executable, and listen."""
+    fifo, *command = sys.argv[1:]
+    threading.Thread(target=_listen, args=(Path(fifo),), daemon=True).start()
+    sys.argv = command
+    runpy.run_path(command[0], run_name='__main__')
+
+
+if __name__ == '__main__':
+    main()
