@@ -51,7 +51,7 @@ else
   export PATH
   unset _flexbt_directory _flexbt_options
 
-  # Only this computer; quick discovery, and a crash is noticed within 2 s; logs beside the others of the workspace.
+  # Only this computer; quick discovery; logs beside the others of the workspace.
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
   export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$FLEXBT_ROOT/tools/fastdds.xml}"
   if [ -w "$FLEXBT_ROOT" ]; then export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"; fi

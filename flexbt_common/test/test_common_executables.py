@@ -56,7 +56,9 @@ def test_a_signal_ends_a_process_that_is_being_loaded(
 
 
 def test_a_signal_that_is_ignored_stays_so(tmp_path: Path) -> None:
-    (tmp_path / 'slow.py').write_text('import signal\n\ndef main(): return int(signal.getsignal(2) != signal.SIG_IGN)\n')
+    (tmp_path / 'slow.py').write_text(
+        'import signal\n\ndef main(): return int(signal.getsignal(2) != signal.SIG_IGN)\n'
+    )
     done = subprocess.run(
         [sys.executable, '-c', START],
         cwd=tmp_path,

@@ -69,7 +69,7 @@ def start() -> subprocess.Popen[str]:
 def latest(killed: float) -> float:
     """When a death has to be noticed at the latest. A process that is new waits longer for the first assertion.
 
-    A machine that is busy may be late, but not as late as the participant's own lease of 3 s.
+    A machine that is busy may be late, but not as late as the participant's own lease.
     """
     return max(killed + LEASE_SECONDS, STARTED + START_SECONDS) + 1.5
 

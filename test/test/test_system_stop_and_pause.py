@@ -53,7 +53,7 @@ def rest_after(probe: Probe, moment: float) -> float:
 
 
 def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
-    """For so long that the middleware of the others has given it up, too (after 2 s, by the profile)."""
+    """For longer than others wait for it, and shorter than the lease of its participant."""
     stack.send_signal('bt_server', signal.SIGSTOP)
     try:
         stopped = probe.stop()

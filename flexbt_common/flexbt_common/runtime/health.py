@@ -34,8 +34,8 @@ HANG_SECONDS: Final = 1.0
 """A thread that has not answered for so long hangs: it is logged, with its stack, s."""
 
 OUT_OF_REACH_SECONDS: Final = 2.0
-"""A process of which nothing ran for so long may have been given up by the middleware of others (the lease of a
-participant in the profile of our launchers), and what was sent to it meanwhile, a cancel too, may be lost, s."""
+"""A process of which nothing ran for so long may have been given up by others, and by their middleware (after the lease
+of a participant); what was sent to it meanwhile, a cancel too, may be lost, s."""
 
 Ping = Callable[[Callable[[], None]], object]
 """Called on the clock's thread with ``answer``, which the thread that is watched has to call, soon. It must not block,

@@ -41,8 +41,8 @@ def hold_up(method: str, seconds: float) -> None:
 
 
 def _listen(fifo: Path) -> None:
-    with fifo.open('r+') as lines:  # so that it does not end with who writes
-        for line in lines:
+    while True:  # it ends with each who has written
+        for line in fifo.read_text().splitlines():
             method, seconds = line.split()
             hold_up(method, float(seconds))
 
