@@ -18,8 +18,8 @@ print('loading', flush=True)
 time.sleep(LOADING)
 
 def main():
-    print('runs', flush=True)
     try:
+        print('runs', flush=True)
         time.sleep(60.0)
     except KeyboardInterrupt:
         return 7

@@ -140,22 +140,3 @@ def test_the_server_of_a_paused_robot_is_killed(stack: Stack, probe: Probe) -> N
     probe.wait(lambda: probe.status.decisions, 'the decision about the failed tree')
     probe.wait_at_rest()
     assert probe.moved_stamp == where
-
-
-def test_a_state_that_is_left_while_its_server_hangs(stack: Stack, probe: Probe) -> None:
-    """The run goes on after some seconds, and says what it does not know; what was left moves nothing any more."""
-    stack.send_signal('bt_server', signal.SIGSTOP)
-    try:
-        left = uncontended_time()
-        probe.send(ExecutiveCommand.FORCE, path='/Drive', outcome='failed')
-        assert rest_after(probe, left) < REST_SECONDS
-        probe.wait(lambda: not any(state.path == '/Drive' for state in probe.status.active_states), 'the next state')
-        told = 'goal of bt_executor not confirmed canceled'
-        probe.wait(lambda: any(line.path == '/Drive' and told in line.text for line in probe.logs), 'what is not known')
-    finally:
-        where = probe.moved_stamp
-        stack.send_signal('bt_server', signal.SIGCONT)
-    probe.wait(lambda: probe.active_goals('bt_executor') == 0, 'the end of the tree that was left')
-    probe.wait_at_rest()
-    assert probe.moved_stamp == where, 'what was left moves again'
-    assert probe.status.state == ExecutiveStatus.RUNNING
