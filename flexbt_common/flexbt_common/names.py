@@ -117,9 +117,9 @@ def costmap_topics(costmap: str) -> tuple[str, str, str]:
     return f'{costmap}/costmap', f'{costmap}/costmap_raw', f'{costmap}/published_footprint'
 
 
-def costmap_services(costmap: str) -> tuple[str, str, str, str]:
-    """Of one of :data:`COSTMAPS`: those that clear it except round the robot, round it, and round a pose, and the one
-    that gives it. Those that clear it entirely have names of their own, since the trees name them.
+def costmap_services(costmap: str) -> tuple[str, str, str, str, str]:
+    """Of one of :data:`COSTMAPS`: those that clear it except round the robot, round it, and round a pose, the one that
+    gives it, and the one that gives a cost. Those that clear it entirely have names of their own, since the trees name them.
     """
     clear = f'{costmap}/clear'
     return (
@@ -127,6 +127,7 @@ def costmap_services(costmap: str) -> tuple[str, str, str, str]:
         f'{clear}_around_{costmap}',
         f'{clear}_around_pose_{costmap}',
         f'{costmap}/get_costmap',
+        f'{costmap}/get_cost_{costmap}',
     )
 
 

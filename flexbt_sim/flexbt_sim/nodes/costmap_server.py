@@ -22,6 +22,7 @@ from nav2_msgs.srv import (
     ClearCostmapAroundRobot,
     ClearCostmapExceptRegion,
     ClearEntireCostmap,
+    GetCost,
     GetCostmap,
 )
 from nav_msgs.msg import OccupancyGrid
@@ -37,7 +38,7 @@ from flexbt_common.transforms import TransformBuffer, rigid_of
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import Box, Costmap, LayeredCostmap, Observation
+from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observation
 from flexbt_sim.world import OccupancyMap, Pose, compose, wrap
 
 from .navigation_parameters import NavigationParameters
@@ -97,7 +98,7 @@ class CostmapServer:
                 node.create_publisher(CostmapMessage, raw, names.latched()),
                 node.create_publisher(PolygonStamped, footprint, 1),
             )
-            except_region, around_robot, around_pose, get = names.costmap_services(name)
+            except_region, around_robot, around_pose, get, get_cost = names.costmap_services(name)
             services = (
                 (ClearEntireCostmap, entirely, lambda _request, layers: layers.clear()),
                 (ClearCostmapExceptRegion, except_region, self._clear_except),
@@ -107,6 +108,7 @@ class CostmapServer:
             for service_type, service, clear in services:
                 node.create_service(service_type, service, partial(self._clear, name, clear))
             node.create_service(GetCostmap, get, partial(self._get, name))
+            node.create_service(GetCost, get_cost, partial(self._get_cost, name))
 
     # -- for the other servers ---------------------------------------------------------------------------------------
 
@@ -294,6 +296,28 @@ class CostmapServer:
         if name in self._kept:
             response.map = self._message(name)
         return response
+
+    def _get_cost(self, name: str, request: Any, response: Any) -> Any:
+        """As Nav2: -1 beside the costmap; the footprint has the greatest cost on its outline, and is lethal there."""
+        response.cost = -1.0
+        if name not in self._kept or not all(map(math.isfinite, (request.x, request.y, request.theta))):
+            return response
+        points = [(request.x, request.y)]
+        if request.use_footprint:
+            corners = self._footprint(Pose(request.x, request.y, request.theta)).polygon.points
+            points = [(corner.x, corner.y) for corner in corners]
+        costs = [self._cost(name, *point) for point in points]
+        beside = LETHAL if request.use_footprint else -1
+        response.cost = float(max(beside if cost is None else cost for cost in costs))
+        return response
+
+    def _cost(self, name: str, x: float, y: float) -> int | None:
+        box, _ = self._shown_part(name)
+        costmap = self._kept[name].layers.costmap
+        row, column = costmap.world.cell(x, y)
+        if not (box.bottom <= row < box.top and box.left <= column < box.right):
+            return None
+        return int(costmap.costs[row, column])
 
 
 def _distance(request: Any) -> float:
