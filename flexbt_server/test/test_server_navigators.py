@@ -307,6 +307,13 @@ def test_a_sub_tree_without_autoremap_gets_what_it_is_given(front: Front) -> Non
     ended(front.to(1.0, tree='Forgets'), GoalStatus.ABORTED, 'ComputePathToPose', 'goal')
 
 
+def test_a_planner_that_no_selector_has_selected(front: Front) -> None:
+    ids = 'planner_id="{selected_planner}"'  # main's navigate_to_pose_w_bounds_check.xml has no PlannerSelector
+    front.world.client.load_tree(f'<ComputePathToPose goal="{{goal}}" path="{{path}}" {ids}/>', 'Plan')
+    ended(front.to(1.0, tree='Plan'))
+    assert front.planner.goals[0].planner_id == ''
+
+
 def test_a_planner_that_answers_late(front: Front) -> None:
     front.planner.delay_accept = 0.05  # more than the 20 ms of Nav2
     ended(front.to(1.0))
@@ -349,6 +356,20 @@ def test_a_default_tree_that_cannot_be_loaded_is_told_at_the_start() -> None:
     with pytest.raises(ServerParameterError, match=r'default_nav_to_pose_bt_xml.*/no/such'), open_world(**wrong):
         pass
     with pytest.raises(ServerParameterError, match=r'navigators.*dock_robot'), open_world(navigators=['dock_robot']):
+        pass
+
+
+def test_trees_of_a_directory_go_by_their_ids(tmp_path: Path) -> None:
+    plan = '<ComputePathToPose goal="{goal}" path="{path}"/>'
+    (tmp_path / 'a.xml').write_text(document(plan, 'PlanOnly'))
+    (tmp_path / 'b.xml').write_text('<root/>')
+    with open_front(bt_search_directories=[str(tmp_path)], default_nav_to_pose_bt_xml='PlanOnly') as front:
+        ended(front.to(1.0))
+        ended(front.to(2.0, tree='PlanOnly'))
+        ended(front.to(3.0, tree=str(tmp_path / 'a.xml')))
+        assert (front.planned_to(), front.driven_to()) == ([1.0, 2.0, 3.0], [])
+    wrong = pytest.raises(ServerParameterError, match=r'bt_search_directories.*nowhere')
+    with wrong, open_world(bt_search_directories=['/nowhere']):
         pass
 
 

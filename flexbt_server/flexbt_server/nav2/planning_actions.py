@@ -51,7 +51,7 @@ class ComputePathToPose(ActionLeaf):
             goal=self.get_input('goal'),
             start=start or PoseStamped(),
             use_start=bool(self.get_input_or('use_start', start is not None)),
-            planner_id=str(self.get_input('planner_id')),
+            planner_id=str(self.get_input_or('planner_id', '')),
         )
         set_ports(self, goal, 'viapoints')
         return goal
@@ -85,7 +85,9 @@ class ComputePathThroughPoses(ActionLeaf):
     def make_goal(self) -> Any:
         start = self.get_input_or('start', None)
         goal = self.action_type.Goal(
-            start=start or PoseStamped(), use_start=start is not None, planner_id=str(self.get_input('planner_id'))
+            start=start or PoseStamped(),
+            use_start=start is not None,
+            planner_id=str(self.get_input_or('planner_id', '')),
         )
         set_poses(goal, 'goals', self.get_input('goals'))
         return goal

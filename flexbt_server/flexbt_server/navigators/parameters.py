@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_common import names
+from flexbt_common.cli import home_path
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_server.errors import ServerParameterError
 
@@ -27,6 +28,7 @@ class NavigatorParameters:
 
     navigators: tuple[str, ...]
     default_trees: dict[str, str]
+    search_directories: tuple[Path, ...]
     global_frame: str
     goal_key: str
     goals_key: str
@@ -36,9 +38,15 @@ class NavigatorParameters:
     waypoint_pause: float
 
     @property
-    def tree_files(self) -> tuple[Path, ...]:
-        """Default trees that are given by absolute paths: whoever sets parameters may use any file."""
-        return tuple(Path(tree) for tree in self.default_trees.values() if tree.startswith('/'))
+    def trusted(self) -> tuple[Path, ...]:
+        """Files and directories that the parameters name by absolute paths: whoever sets parameters may use any."""
+        trees = (Path(tree) for tree in self.default_trees.values() if tree.startswith('/'))
+        return (*trees, *self.search_directories)
+
+    @property
+    def found_files(self) -> list[Path]:
+        """The XML files of the search directories."""
+        return [file for directory in self.search_directories for file in sorted(directory.glob('*.xml'))]
 
 
 def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParameters:
@@ -61,6 +69,19 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
         )
         for name, parameter in DEFAULT_TREES.items()
     }
+    directories = tuple(
+        home_path(text)
+        for text in declare.texts(
+            'bt_search_directories',
+            (),
+            'directories whose XML files are loaded at the start; goals may name their trees by ID',
+        )
+    )
+    for directory in directories:
+        if not (directory.is_absolute() and directory.is_dir()):
+            raise ServerParameterError(
+                f"parameter 'bt_search_directories': {directory} is not the absolute path of a directory"
+            )
     enabled = declare.flag('wait_at_waypoint.enabled', True, 'whether follow_waypoints pauses at each waypoint')
     pause = declare.integer(
         'wait_at_waypoint.waypoint_pause_duration', 0, 0, 86_400_000, 'how long it pauses, ms of the clock of the node'
@@ -68,6 +89,7 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
     return NavigatorParameters(
         navigators=served,
         default_trees={name: tree for name, tree in trees.items() if name in served},
+        search_directories=directories,
         global_frame=declare.text(
             'global_frame',
             'map',

@@ -51,9 +51,12 @@ class BtServer:
         )
         if parameters.publish_statuses:
             acceleration().prepare(registry.node_classes)
-        allowed = (*parameters.allowed_directories, *parameters.navigators.tree_files)
+        allowed = (*parameters.allowed_directories, *parameters.navigators.trusted)
         store = TreeStore(registry, allowed, parameters.max_file_size, parameters.max_depth)
         self._preload(store, parameters.preload)
+        for file in parameters.navigators.found_files:
+            for reason in store.load([str(file)])[0].errors:
+                logger.error(f'not loaded: {reason}')
         self._check_default_trees(store, parameters.navigators)
         boards = Blackboards()
         links = ActionLinks(runtime)
