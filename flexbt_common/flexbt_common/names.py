@@ -119,7 +119,8 @@ def costmap_topics(costmap: str) -> tuple[str, str, str]:
 
 def costmap_services(costmap: str) -> tuple[str, str, str, str, str]:
     """Of one of :data:`COSTMAPS`: those that clear it except round the robot, round it, and round a pose, the one that
-    gives it, and the one that gives a cost. Those that clear it entirely have names of their own, since the trees name them.
+    gives it, and the one that gives a cost. Those that clear it entirely have names of their own, since the trees name
+    them.
     """
     clear = f'{costmap}/clear'
     return (
