@@ -26,8 +26,8 @@ class DistanceController(Decorator):
 
     ports = {
         'distance': input_port(DOUBLE, default='1.0', description='m'),
-        'global_frame': input_port(STRING, optional=True, description='not used: the host knows the frame'),
-        'robot_base_frame': input_port(STRING, optional=True, description='not used: the host knows the robot'),
+        'global_frame': input_port(STRING, optional=True, description="frame of the poses, if not the host's"),
+        'robot_base_frame': input_port(STRING, optional=True, description="frame of the robot, if not the host's"),
     }
 
     def __init__(self, config: NodeConfig) -> None:
