@@ -36,9 +36,9 @@ from .prefilled import PrefilledMessage, stamp_fields
 from .robot_topics import Commands, Message, RobotTopics
 from .time_services import TimeServices
 
-CLOCK_PERIOD: Final = 0.03
-"""Simulated time between two messages of /clock, s, or the steps that are nearest to it. It costs every node of the
-robot a wake-up, unless it comes together with the odometry, which has this period too by default."""
+CLOCK_PERIOD: Final = 0.05
+"""Greatest simulated time between two messages of /clock, s. A message costs every node of the robot a wake-up, unless
+it comes together with the odometry; so the clock has the period of that if it is shorter."""
 
 
 class Simulator:
@@ -62,8 +62,8 @@ class Simulator:
         """Time of the world, ns, at which that of the clock began."""
         self._steps = 0
         step = self.world.step_size
-        self._steps_per_clock = max(1, round(CLOCK_PERIOD / step))
         self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
+        self._steps_per_clock = min(self._steps_per_odom, max(1, round(CLOCK_PERIOD / step)))
         self._robots: dict[str, RobotTopics] = {}
         self._spawned: dict[str, str] = {}
         """What has come by service, and the namespace that was wanted."""
@@ -236,19 +236,21 @@ class Simulator:
 
     def _step(self, is_single: bool) -> bool:
         """Make a step, unless time stands still since it was begun; whether it was made."""
+        messages: list[Message] = []
         with self.lock:
             if self.pacer.is_paused != is_single:
                 return False
-            for topics in self._robots.values():
-                topics.robot.is_scanning = topics.listens_to_scans
+            if self._steps % self._steps_per_odom == 0:
+                for topics in self._robots.values():
+                    topics.robot.is_scanning = topics.listens_to_scans
             self.world.step()
             self._steps += 1
             moves = self._steps % self._steps_per_odom == 0
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
-            messages: list[Message] = []
             for topics in self._robots.values():
-                messages += topics.messages(self.world.time, stamp, moves=moves)
+                if moves or topics.has_news:
+                    messages += topics.messages(self.world.time, stamp, moves=moves)
         if messages or is_single or self._steps % self._steps_per_clock == 0:
             # First, so that no message is from the future.
             self._clock.publish(self._clock_bytes.filled(*stamp))

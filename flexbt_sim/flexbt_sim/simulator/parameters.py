@@ -16,8 +16,8 @@ from flexbt_sim.world import BatteryModel, Circle, DriveModel, LidarModel, Pose,
 
 SPEED_FACTOR = 'speed_factor'
 
-STEP = 0.01
-"""Simulated time of one step, s, where no world file says another."""
+STEP = 0.015
+"""Simulated time of one step, s, where no world file says another: two for a message of odometry."""
 
 ROBOT = 'robot'
 """Name of the robot where no world file names any."""

@@ -207,6 +207,16 @@ class RobotTopics:
         """Whether anybody does."""
         return self._scan is not None and self._scan.get_subscription_count() > 0
 
+    @property
+    def has_news(self) -> bool:
+        """Whether there is something to say between two messages of odometry: a scan, a contact, what is late."""
+        robot = self.robot
+        return (
+            (robot.scan is not None and robot.scan.time > self._scan_time)
+            or (self._bumper is not None and robot.in_contact != self._told_contact)
+            or bool(self._late)
+        )
+
     def messages(self, now: float, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
         """What is to be said at a time of the world, s, which is ``stamp`` by the clock that others have.
 
