@@ -20,7 +20,14 @@ from typing import Final
 DOCS: Final = Path(__file__).resolve().parents[1]
 REQUIREMENTS: Final = DOCS / 'requirements.txt'
 PACKAGES: Final = DOCS.parent / '.venv' / 'docs'
-GENERATED: Final = ('make_architecture.py', 'make_bt_nodes.py', 'make_commands.py', 'make_console.py', 'make_states.py')
+GENERATED: Final = (
+    'make_architecture.py',
+    'make_bt_nodes.py',
+    'make_commands.py',
+    'make_console.py',
+    'make_states.py',
+    'make_world_files.py',
+)
 """The programs that write pages from the code; tests compare what is committed with what they write."""
 
 OUTPUT: Final = DOCS.parent / 'out' / 'docs'

@@ -114,3 +114,10 @@ def test_commands_of_the_operator_link(tmp_path: Path) -> None:
     subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / 'make_commands.py', file], check=True)
     page = (ROOT / 'docs' / 'explanation' / 'operator_link.md').read_text(encoding='utf-8')
     assert page == file.read_text(encoding='utf-8'), 'run docs/tools/make_commands.py'
+
+
+def test_keys_of_world_files(tmp_path: Path) -> None:
+    file = tmp_path / 'page.md'
+    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / 'make_world_files.py', file], check=True)
+    page = (ROOT / 'docs' / 'reference' / 'world_files.md').read_text(encoding='utf-8')
+    assert page == file.read_text(encoding='utf-8'), 'run docs/tools/make_world_files.py'

@@ -35,6 +35,7 @@ from .occupancy_map import (
     load_map,
 )
 from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
+from .pictures import Frame, Trace, draw_world
 from .placement import check_place
 from .ray_casting import RayCaster, Sensor, outlines
 from .robot import Battery, Robot, Scan, compose, inverse
@@ -75,6 +76,7 @@ __all__ = [
     'EntityState',
     'Fault',
     'FaultModel',
+    'Frame',
     'Lidar',
     'LidarModel',
     'MapRobot',
@@ -99,6 +101,7 @@ __all__ = [
     'Snapshot',
     'Station',
     'StationModel',
+    'Trace',
     'WalkModel',
     'World',
     'WorldFile',
@@ -107,6 +110,7 @@ __all__ = [
     'box',
     'check_place',
     'compose',
+    'draw_world',
     'drive',
     'fault_parameters',
     'gap',

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures of a world, and moving ones of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+import numpy
+from PIL import Image, ImageDraw
+
+from flexbt_sim.errors import SimulationError
+
+from .geometry import Pose
+from .occupancy_map import UNKNOWN, OccupancyMap
+from .robot import Robot, Scan, compose
+from .scenery import Obstacle
+from .shapes import Circle, Point, Shape
+from .world import World
+
+PIXELS: Final = 900
+"""Longer side of a picture, unless it is told otherwise."""
+
+MAX_PIXELS: Final = 8000
+MAX_FRAMES: Final = 5000
+_FINE: Final = 2
+"""Pictures are drawn so many times as large, so that lines are smooth."""
+
+_ZONES: Final = {'no_go': (214, 69, 65), 'slow': (230, 168, 23), 'sensor_shadow': (120, 90, 170)}
+_ROBOTS: Final = ((0, 122, 135), (196, 78, 22), (85, 107, 47), (125, 60, 152), (30, 90, 180), (150, 40, 80))
+
+Colour = tuple[int, ...]
+
+Paths = Mapping[str, Sequence[Point]]
+"""Planned paths by the names of who has planned them."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What moves, at a simulated time, s: outlines and poses of bodies by their names, and scans with their origins."""
+
+    time: float
+    bodies: Mapping[str, tuple[Shape, Pose]]
+    scans: Mapping[str, tuple[Pose, Scan]]
+
+
+class Trace:
+    """What has happened in a world: :meth:`record` takes down how it is, as often as it is called."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self.frames = [frame_of(world)]
+
+    def record(self) -> None:
+        """How the world is now.
+
+        Raises:
+            SimulationError: there are MAX_FRAMES already.
+        """
+        if len(self.frames) >= MAX_FRAMES:
+            raise SimulationError(f'{MAX_FRAMES} frames are the most that a trace has; record less often')
+        self.frames.append(frame_of(self._world))
+
+    def driven(self, name: str, until: float = math.inf) -> list[Point]:
+        """Where a body was, up to a time, s."""
+        seen = (one.bodies[name][1] for one in self.frames if one.time <= until and name in one.bodies)
+        return [(pose.x, pose.y) for pose in seen]
+
+    def animate(
+        self, file: Path | str, *, speed: float = 10.0, pixels: int = 500, paths: Paths | None = None
+    ) -> None:  # fmt: skip
+        """Write a moving picture, GIF or PNG by the suffix of the file, ``speed`` times as fast as it was.
+
+        Raises:
+            SimulationError: the suffix or the size is none.
+        """
+        target = Path(file)
+        if target.suffix.lower() not in ('.gif', '.png'):
+            raise SimulationError(f'{file}: a moving picture is a .gif or a .png')
+        drawing = _Drawing(self._world, pixels)
+        pictures = [drawing.draw(frame, self, paths or {}) for frame in self.frames]
+        span = self.frames[-1].time - self.frames[0].time
+        shown = max(20, round(1000.0 * span / max(1, len(pictures) - 1) / speed))
+        if target.suffix.lower() == '.gif':
+            pictures = [picture.quantize(64, dither=Image.Dither.NONE) for picture in pictures]
+        pictures[0].save(target, save_all=True, append_images=pictures[1:], duration=shown, loop=0, optimize=True)
+
+
+def frame_of(world: World) -> Frame:
+    """How a world is now."""
+    bodies = {
+        name: (body.shape, body.pose)
+        for kind in (world.obstacles, world.doors, world.robots)
+        for name, body in kind.items()
+    }
+    scans = {
+        name: (compose(robot.pose, robot.model.lidar.pose), robot.scan)
+        for name, robot in world.robots.items()
+        if robot.scan is not None and robot.model.lidar is not None
+    }
+    return Frame(world.time, bodies, scans)
+
+
+def draw_world(
+    world: World, trace: Trace | None = None, *, paths: Paths | None = None, pixels: int = PIXELS
+) -> Image.Image:
+    """A picture of a world: map, zones, stations, places, obstacles, doors, robots with footprint, heading and scan.
+
+    With a trace, also where the robots have driven; ``paths`` are planned ones by names, dashed. ``pixels`` is the
+    longer side.
+
+    Raises:
+        SimulationError: so many pixels cannot be.
+    """
+    return _Drawing(world, pixels).draw(frame_of(world), trace, paths or {})
+
+
+class _Drawing:
+    """What stands still of a world, and the scale."""
+
+    def __init__(self, world: World, pixels: int) -> None:
+        if not 16 <= pixels <= MAX_PIXELS:
+            raise SimulationError(f'a picture of {pixels} pixels; give 16 to {MAX_PIXELS}')
+        self._world = world
+        points = list(_extent(world))
+        self._left, self._top = min(x for x, _ in points), max(y for _, y in points)
+        width, height = max(x for x, _ in points) - self._left, self._top - min(y for _, y in points)
+        self._scale = _FINE * pixels / max(width, height)
+        self._size = max(1, round(width * self._scale)), max(1, round(height * self._scale))
+        self._ground = self._draw_ground()
+
+    def _at(self, point: Point) -> Point:
+        return (point[0] - self._left) * self._scale, (self._top - point[1]) * self._scale
+
+    def _draw_ground(self) -> Image.Image:
+        picture = Image.new('RGB', self._size, (245, 245, 242))
+        world = self._world
+        if world.map is not None:
+            self._paste_map(picture, world.map)
+        for zone in world.zones.values():
+            layer = Image.new('RGBA', self._size, (0, 0, 0, 0))
+            colour = _ZONES[zone.model.kind]
+            self._shape(ImageDraw.Draw(layer), zone.model.area, zone.pose, (*colour, 60), (*colour, 200))
+            picture.paste(layer, (0, 0), layer)
+        pen = ImageDraw.Draw(picture)
+        for station in world.stations.values():
+            self._shape(pen, Circle(max(0.1, station.model.reach)), station.pose, (200, 232, 200), (40, 140, 60))
+            self._heading(pen, station.pose, 0.25, (40, 140, 60))
+        for name, place in world.places.items():
+            self._shape(pen, Circle(4.0 / self._scale), place, (90, 90, 90), (90, 90, 90))
+            x, y = self._at((place.x, place.y))
+            pen.text((x + 8, y - 22), name, fill=(90, 90, 90), font_size=20)
+        return picture
+
+    def _paste_map(self, picture: Image.Image, grid: OccupancyMap) -> None:
+        grey = numpy.where(grid.cells == UNKNOWN, 205, 255 - grid.cells.astype(int) * 2.2).astype(numpy.uint8)
+        cells = Image.fromarray(numpy.ascontiguousarray(grey[::-1]))
+        # From pixels of the picture to those of the map, which may be turned.
+        cos, sin = math.cos(grid.origin.yaw) / grid.resolution, math.sin(grid.origin.yaw) / grid.resolution
+        step, dx, dy = 1.0 / self._scale, self._left - grid.origin.x, self._top - grid.origin.y
+        right = (step * cos, -step * sin, dx * cos + dy * sin)
+        up = (step * sin, step * cos, grid.height - (dy * cos - dx * sin))
+        drawn = cells.convert('RGB').transform(
+            self._size, Image.Transform.AFFINE, (*right, *up), fillcolor=(245, 245, 242)
+        )
+        picture.paste(drawn)
+
+    def draw(self, frame: Frame, trace: Trace | None, paths: Paths) -> Image.Image:
+        picture = self._ground.copy()
+        pen = ImageDraw.Draw(picture)
+        colours = {name: _ROBOTS[i % len(_ROBOTS)] for i, name in enumerate(self._world.robots)}
+        for path in paths.values():
+            self._dashes(pen, [self._at(point) for point in path])
+        for name, colour in colours.items():
+            driven = trace.driven(name, frame.time) if trace is not None else []
+            if len(driven) > 1:
+                pen.line([self._at(point) for point in driven], fill=colour, width=3, joint='curve')
+        for name, (pose, scan) in frame.scans.items():
+            self._scan(pen, name, pose, scan)
+        for name, (shape, pose) in frame.bodies.items():
+            if name in colours:
+                self._shape(pen, shape, pose, (*colours[name],), (20, 20, 20))
+                self._heading(pen, pose, shape.radius, (255, 255, 255))
+                x, y = self._at((pose.x, pose.y + shape.radius))
+                pen.text((x, y - 4), name, fill=colours[name], font_size=20, anchor='mb')
+            elif isinstance(obstacle := self._world.entities.get(name), Obstacle):
+                self._shape(pen, shape, pose, (222, 150, 80) if obstacle.is_mobile else (150, 130, 110), (90, 70, 50))
+            else:
+                self._shape(pen, shape, pose, (70, 120, 200), (30, 60, 120))
+        pen.text((8, 4), f'{frame.time:.1f} s', fill=(90, 90, 90), font_size=22)
+        return picture.resize((max(1, self._size[0] // _FINE), max(1, self._size[1] // _FINE)), Image.Resampling.BOX)
+
+    def _shape(self, pen: ImageDraw.ImageDraw, shape: Shape, pose: Pose, fill: Colour, line: Colour) -> None:
+        if isinstance(shape, Circle):
+            (x, y), radius = self._at((pose.x, pose.y)), shape.radius * self._scale
+            pen.ellipse((x - radius, y - radius, x + radius, y + radius), fill=fill, outline=line, width=2)
+        else:
+            pen.polygon([self._at(point) for point in shape.points(pose)], fill=fill, outline=line, width=2)
+
+    def _heading(self, pen: ImageDraw.ImageDraw, pose: Pose, length: float, colour: Colour) -> None:
+        end = pose.x + 0.9 * length * math.cos(pose.yaw), pose.y + 0.9 * length * math.sin(pose.yaw)
+        pen.line([self._at((pose.x, pose.y)), self._at(end)], fill=colour, width=4)
+
+    def _scan(self, pen: ImageDraw.ImageDraw, name: str, pose: Pose, scan: Scan) -> None:
+        robot = self._world.robots.get(name)
+        if robot is None or robot.model.lidar is None:
+            return
+        model = robot.model.lidar
+        angles = pose.yaw + model.angle_min + numpy.arange(model.beams) * model.angle_increment
+        hits = numpy.isfinite(scan.ranges)
+        for angle, distance in zip(angles[hits].tolist(), scan.ranges[hits].tolist(), strict=True):
+            x, y = self._at((pose.x + distance * math.cos(angle), pose.y + distance * math.sin(angle)))
+            pen.rectangle((x - 2, y - 2, x + 1, y + 1), fill=(220, 40, 40))
+
+    def _dashes(self, pen: ImageDraw.ImageDraw, points: Sequence[Point]) -> None:
+        """A dashed line: 12 pixels drawn, 8 not, on round the corners."""
+        travelled = 0.0
+        for (x0, y0), (x1, y1) in pairwise(points):
+            length = math.hypot(x1 - x0, y1 - y0)
+            along = 0.0
+            while along < length:
+                left = 12.0 - travelled % 20.0 if travelled % 20.0 < 12.0 else 20.0 - travelled % 20.0
+                ahead = min(length, along + max(left, 0.01))
+                if travelled % 20.0 < 12.0:
+                    a, b = along / length, ahead / length
+                    ends = [(x0 + part * (x1 - x0), y0 + part * (y1 - y0)) for part in (a, b)]
+                    pen.line(ends, fill=(40, 150, 60), width=3)
+                travelled += ahead - along
+                along = ahead
+
+
+def _extent(world: World) -> Iterable[Point]:
+    """Points that have to be on a picture."""
+    if world.map is not None:
+        grid = world.map
+        for row in (-0.5, grid.height - 0.5):
+            for column in (-0.5, grid.width - 0.5):
+                yield grid.point(row, column)
+        return
+    yield from ((-1.0, -1.0), (1.0, 1.0))
+    for entity in world.entities.values():
+        margin = 1.0 + (entity.radius if isinstance(entity, Robot | Obstacle) else 0.0)
+        yield entity.pose.x - margin, entity.pose.y - margin
+        yield entity.pose.x + margin, entity.pose.y + margin

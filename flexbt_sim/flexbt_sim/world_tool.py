@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command ``world_tool``: checks world files, draws them, and runs them without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from .errors import SimulationError
+from .world import Trace, World, draw_world
+
+FRAMES = 200
+"""Most frames of a moving picture."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable ``world_tool``; 1 when something is wrong with the file or the request."""
+    options = _parser().parse_args(args)
+    try:
+        world = World.load(options.file, seed=options.seed)
+        report: str = options.command(world, options)
+    except (SimulationError, OSError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(report)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='world_tool', description=__doc__)
+    commands = parser.add_subparsers(required=True)
+    check = commands.add_parser('check', help='read a world file, and tell all that is wrong with it')
+    draw = commands.add_parser('draw', help='draw the world as it is at the start')
+    run = commands.add_parser('run', help='let time pass, and draw what happened')
+    for command, function in ((check, _check), (draw, _draw), (run, _run)):
+        command.set_defaults(command=function)
+        command.add_argument('file', type=Path, help='a world file')
+        command.add_argument('--seed', type=int, help='in place of that of the file')
+    for command in (draw, run):
+        command.add_argument('picture', type=Path, help='PNG; of a run also GIF, which moves')
+        command.add_argument('--pixels', type=int, default=900, help='longer side of the picture')
+    run.add_argument('--seconds', type=float, default=30.0, help='simulated time')
+    run.add_argument(
+        '--drive', action='append', default=[], metavar='ROBOT=LINEAR,ANGULAR', help='drive a robot: m/s, rad/s'
+    )
+    return parser
+
+
+def _check(world: World, options: argparse.Namespace) -> str:
+    kinds = ('robots', 'obstacles', 'doors', 'stations', 'zones', 'places', 'faults')
+    return f'{options.file}: ' + ', '.join(f'{len(getattr(world, kind))} {kind}' for kind in kinds)
+
+
+def _draw(world: World, options: argparse.Namespace) -> str:
+    draw_world(world, pixels=options.pixels).save(options.picture)
+    return f'{options.picture} is written'
+
+
+def _run(world: World, options: argparse.Namespace) -> str:
+    drives = dict(_drive(world, text) for text in options.drive)
+    if not 0.0 < options.seconds <= 86_400.0:
+        raise SimulationError(f'--seconds {options.seconds:g}: give more than 0, and at most a day')
+    trace = Trace(world)
+    steps = max(1, round(options.seconds / 0.1))
+    for number in range(steps):
+        for name, (linear, angular) in drives.items():
+            world.robots[name].command(linear, angular, world.time)
+        world.step(options.seconds / steps)
+        if (number + 1) * FRAMES // steps > number * FRAMES // steps:
+            trace.record()
+    if options.picture.suffix.lower() == '.gif':
+        trace.animate(options.picture, pixels=options.pixels)
+    else:
+        draw_world(world, trace, pixels=options.pixels).save(options.picture)
+    contacts = {name: robot.contacts for name, robot in world.robots.items() if robot.contacts}
+    return f'{options.picture} is written, after {world.time:g} s; contacts: {contacts or "none"}'
+
+
+def _drive(world: World, text: str) -> tuple[str, tuple[float, float]]:
+    name, _, speeds = text.partition('=')
+    words = speeds.split(',')
+    if name not in world.robots or len(words) != 2:
+        raise SimulationError(f'--drive {text}: give ROBOT=LINEAR,ANGULAR; robots: {", ".join(world.robots) or "none"}')
+    return name, (float(words[0]), float(words[1]))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
