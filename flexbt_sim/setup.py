@@ -29,8 +29,6 @@ setup(
         'console_scripts': [
             'simulator = flexbt_sim.executables:simulator',
             'navigation = flexbt_sim.executables:navigation',
-            'simulator = flexbt_sim.simulator.node:main',
-            'navigation = flexbt_sim.nodes.navigation_servers:main',
             'world_tool = flexbt_sim.world_tool:main',
         ],
     },
