@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from nav2_msgs.msg import Route, RouteNode
 from nav_msgs.msg import Path
 
+from flexbt_common.calls import GoalOutcome, GoalStatus
 from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
+from flexbt_server.leaves import error_code_of
 from flexbt_server.nav2 import pending
 from flexbt_server.node_types import node_registry
 from flexbt_testing.nodes.server_world import pose
@@ -305,3 +307,30 @@ def test_bounds_of_the_path_signs_of_bounds_do_not_count(aside: float, turned: f
     assert kind is not None
     known = kind.python_type(position_tracking_error=aside, heading_tracking_error=turned)
     assert ticked(leaf, tracking=known)[0] is (SUCCESS if within else FAILURE)
+
+
+@pytest.mark.parametrize('leaf', [
+    'TruncatePath input_path="{no}" output_path="{x}"', 'TruncatePathLocal input_path="{no}" output_path="{x}"',
+    'GetPoseFromPath path="{no}" pose="{x}"', 'RemovePassedGoals input_goals="{no}" output_goals="{x}"',
+    'AppendGoalPoseToGoals goal_pose="{no}" output_goals="{x}"', 'ArePosesNear ref_pose="{no}" target_pose="{no}"',
+    'GetNextFewGoals input_goals="{no}" num_goals="1" output_goals="{x}"', 'GoalReached goal="{no}"',
+    'ExtractRouteNodesAsGoals route="{no}" goals="{x}"',
+])  # fmt: skip
+def test_what_is_not_on_the_blackboard_is_a_failure_with_the_reason(leaf: str) -> None:
+    """Trees ask before anything was planned: that is no error."""
+    tree = Ticked(f'<{leaf}/>')
+    assert tree.tick() is FAILURE
+    assert tree.tree.failure is not None
+    assert '[no]' in tree.tree.failure.reason
+    assert 'never written' in tree.tree.failure.reason
+
+
+@pytest.mark.parametrize(('status', 'code'), [
+    (GoalStatus.REJECTED, 1), (GoalStatus.NO_SERVER, 2), (GoalStatus.TIMEOUT, 2), (GoalStatus.LOST, 200),
+])  # fmt: skip
+def test_goals_that_never_ran_have_the_codes_of_main_where_there_are_such(status: GoalStatus, code: int) -> None:
+    outcome = GoalOutcome(status, None, '')
+    of_main = SimpleNamespace(GOAL_REJECTED=1, SEND_GOAL_FAILURE=2, UNKNOWN=200)
+    assert error_code_of(of_main, outcome) == code
+    assert error_code_of(SimpleNamespace(UNKNOWN=200), outcome) == 200
+    assert error_code_of(SimpleNamespace(), outcome) == 0

@@ -62,7 +62,8 @@ def test_a_file_shows_its_branch(branch: Dialect, name: str) -> None:
 @pytest.mark.parametrize(('branch', 'name'), TREES)
 def test_it_runs_as_it_is(world: World, files: Path, branch: Dialect, name: str) -> None:
     number = 3 if name == THROUGH_POSES else 1
-    goal = world.client.execute(str(files / branch / name), goals=[pose(one + 1) for one in range(number)])
+    goals = [pose(one + 1) for one in range(number)]
+    goal = world.client.execute(str(files / branch / name), goals=goals, blackboard=f'{branch} {name}')
     if name == NEVER_END:
         follow = world.navigation.actions[names.FOLLOW_PATH]
         before = len(follow.goals)

@@ -3,9 +3,10 @@
 
 from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_type
 
-from .action_leaf import ACTION_PORTS, SERVER_PORTS, ActionLeaf
+from .action_leaf import ACTION_PORTS, SERVER_PORTS, ActionLeaf, error_code_of
 from .behavior_leaf import ExecuteBehavior
 from .leaf_services import LeafServices
+from .pose_leaf import PoseLeaf
 from .robot_frames import RobotFrames
 from .service_leaf import SERVICE_PORTS, ServiceLeaf
 from .topic_cache import TopicCache, TopicCaches
@@ -23,11 +24,13 @@ __all__ = [
     'ActionLeaf',
     'ExecuteBehavior',
     'LeafServices',
+    'PoseLeaf',
     'RobotFrames',
     'ServiceLeaf',
     'TopicCache',
     'TopicCaches',
     'TopicCondition',
     'TriggerServices',
+    'error_code_of',
     'message_type',
 ]

@@ -111,6 +111,22 @@ class _LeafGoal:
             self._leaf.wake()
 
 
+_CODES: Final = {
+    GoalStatus.REJECTED: 'GOAL_REJECTED',
+    GoalStatus.NO_SERVER: 'SEND_GOAL_FAILURE',
+    GoalStatus.TIMEOUT: 'SEND_GOAL_FAILURE',
+}
+"""Error codes of goals that never ran, as far as the type of the result has them (Nav2's have, in its branch main)."""
+
+
+def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
+    """The error code of a goal that did not succeed: of its result, or why there is none, or UNKNOWN; 0 without any."""
+    unknown = getattr(result_type, 'UNKNOWN', 0)
+    return int(
+        getattr(outcome.result, 'error_code', 0) or getattr(result_type, _CODES.get(outcome.status, ''), unknown)
+    )
+
+
 class ActionLeaf(StatefulAction):
     """Base of leaves that send a goal. A subclass says which action, and how ports and goal correspond.
 
@@ -292,7 +308,7 @@ class ActionLeaf(StatefulAction):
             self.set_output('error_msg', '')
             return self.on_success(outcome.result)
         self._cancel_all()
-        code = int(getattr(outcome.result, 'error_code', 0) or getattr(self.action_type.Result, 'UNKNOWN', 0))
+        code = error_code_of(self.action_type.Result, outcome)
         told = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
         reason = told or outcome.reason
         if outcome.status is GoalStatus.CANCELED:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from typing import Final
 
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.liveness import STARTED
@@ -13,6 +14,9 @@ from flexbt_common.runtime import NodeRuntime
 from .robot_frames import RobotFrames
 from .topic_cache import TopicCaches
 from .trigger_services import TriggerServices
+
+MOST_TOLD: Final = 1_000
+"""Things that people are told once: trees may have any names."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,6 @@ class LeafServices:
 
     def tell_once(self, message: str) -> None:
         """Warn people of something that a tree asks for and that cannot be, once in the life of the server."""
-        if message not in self._told:
+        if message not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(message)
             self.runtime.node.get_logger().warning(message)

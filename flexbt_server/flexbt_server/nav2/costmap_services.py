@@ -199,6 +199,8 @@ class _CostLeaf(ServiceLeaf):
         if not getattr(response, 'success', True):
             return self.fail(f'{self.service_name} has no costs of these poses')
         self._costs += response.costs if _ASKS_FOR_ALL else [response.cost]
+        if _ASKS_FOR_ALL and len(self._costs) != len(self._poses):
+            return self.fail(f'{self.service_name} gave {len(self._costs)} costs of {len(self._poses)} poses')
         if len(self._costs) < len(self._poses):
             try:
                 return self.ask(self._request())

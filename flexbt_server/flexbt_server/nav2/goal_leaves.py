@@ -11,17 +11,16 @@ from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
-from flexbt_server.leaves import POSE_STAMPED, POSES, LeafServices
+from flexbt_server.leaves import POSE_STAMPED, POSES, PoseLeaf
 from flexbt_server.trees import ROUTE, WAYPOINT_STATUSES
 
 from .path_tracking import position_of
 from .waypoint_statuses import COMPLETED, mark
 
 
-class RemovePassedGoals(SyncAction):
+class RemovePassedGoals(PoseLeaf, SyncAction):
     """Drops the first goals as long as the robot is within ``radius`` of them; never the last one.
 
     With ``input_waypoint_statuses`` those that are dropped are COMPLETED there; FAILURE when one is not among them.
@@ -41,15 +40,11 @@ class RemovePassedGoals(SyncAction):
         'output_waypoint_statuses': output_port(WAYPOINT_STATUSES, description='the same, with those passed; of main'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         goals = list(self.get_input('input_goals'))
         passed = 0
         if len(goals) > 1:
-            services: LeafServices = self.services
-            try:
-                robot = services.frames.robot_pose(goals[0].header.frame_id, self.get_input_or('robot_base_frame', ''))
-            except TransformError as error:
-                return self.fail(f'it is not known where the robot is: {error}')
+            robot = self.robot_pose(goals[0].header.frame_id)
             radius = float(self.get_input('radius'))
             here = position_of(robot)
             while passed < len(goals) - 1 and math.dist(here, position_of(goals[passed])) <= radius:
@@ -65,7 +60,7 @@ class RemovePassedGoals(SyncAction):
         return NodeStatus.SUCCESS
 
 
-class AppendGoalPoseToGoals(SyncAction):
+class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
     """Appends a pose to goals. Of the branch main of Nav2."""
 
     __slots__ = ()
@@ -76,12 +71,12 @@ class AppendGoalPoseToGoals(SyncAction):
         'output_goals': output_port(POSES, description='all of them'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         self.set_output('output_goals', [*self.get_input_or('input_goals', ()), self.get_input('goal_pose')])
         return NodeStatus.SUCCESS
 
 
-class GetNextFewGoals(SyncAction):
+class GetNextFewGoals(PoseLeaf, SyncAction):
     """Gives the first ``num_goals`` of goals. FAILURE when there is none. Of the branch main of Nav2."""
 
     __slots__ = ()
@@ -92,7 +87,7 @@ class GetNextFewGoals(SyncAction):
         'output_goals': output_port(POSES, description='the first of them'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         goals = self.get_input('input_goals')
         number: int = self.get_input('num_goals')
         if number < 0:
@@ -103,7 +98,7 @@ class GetNextFewGoals(SyncAction):
         return NodeStatus.SUCCESS
 
 
-class ExtractRouteNodesAsGoals(SyncAction):
+class ExtractRouteNodesAsGoals(PoseLeaf, SyncAction):
     """Gives the nodes of a route as goals, without a direction. FAILURE when it has none.
 
     Of the branch main of Nav2.
@@ -116,7 +111,7 @@ class ExtractRouteNodesAsGoals(SyncAction):
         'goals': output_port(POSES, description='its nodes'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         route: Any = self.get_input('route')
         if not route.nodes:
             return self.fail('the route has no nodes')

@@ -10,10 +10,9 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from std_msgs.msg import Header
 
-from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
-from flexbt_server.leaves import PATH, POSE_STAMPED, LeafServices
+from flexbt_server.leaves import PATH, POSE_STAMPED, PoseLeaf
 
 from .path_tracking import NearestPose, first_beyond, position_of
 
@@ -21,7 +20,7 @@ MIN_POSES = 2
 """A truncated path keeps this many poses."""
 
 
-class TruncatePath(SyncAction):
+class TruncatePath(PoseLeaf, SyncAction):
     """Takes the last ``distance`` metres off a path, and turns its new end toward the old one."""
 
     __slots__ = ()
@@ -32,7 +31,7 @@ class TruncatePath(SyncAction):
         'output_path': output_port(PATH, description='what is left'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         path: Any = self.get_input('input_path')
         poses = list(path.poses)
         if poses:
@@ -54,7 +53,7 @@ def _facing(pose: PoseStamped, target: PoseStamped) -> PoseStamped:
     return turned
 
 
-class TruncatePathLocal(SyncAction):
+class TruncatePathLocal(PoseLeaf, SyncAction):
     """Takes of a path what is around the robot, or around ``pose``.
 
     From the pose that is nearest, as far back and forward along the path as the ports say; a path without poses stays
@@ -84,16 +83,12 @@ class TruncatePathLocal(SyncAction):
         super().__init__(config)
         self._nearest = NearestPose()
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         path: Any = self.get_input('input_path')
         pose = self.get_input_or('pose', None)
         if pose is None:
-            services: LeafServices = self.services
             base = self.get_input_or('robot_base_frame', '') or self.get_input_or('robot_frame', '')
-            try:
-                pose = services.frames.robot_pose(path.header.frame_id, base)
-            except TransformError as error:
-                return self.fail(f'it is not known where the robot is: {error}')
+            pose = self.frames.robot_pose(path.header.frame_id, base)
         if path.poses:
             window = float(self.get_input('max_robot_pose_search_dist'))
             here = self._nearest.index(path, pose, window, float(self.get_input('angular_distance_weight')))
@@ -106,7 +101,7 @@ class TruncatePathLocal(SyncAction):
         return NodeStatus.SUCCESS
 
 
-class ConcatenatePaths(SyncAction):
+class ConcatenatePaths(PoseLeaf, SyncAction):
     """Puts two paths behind each other. FAILURE when neither has a pose.
 
     The header is that of the first that has one.
@@ -120,7 +115,7 @@ class ConcatenatePaths(SyncAction):
         'output_path': output_port(PATH, description='both'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         first, then = (self.get_input_or(port, Path()) for port in ('input_path1', 'input_path2'))
         poses = [*first.poses, *then.poses]
         if not poses:
@@ -130,7 +125,7 @@ class ConcatenatePaths(SyncAction):
         return NodeStatus.SUCCESS
 
 
-class GetPoseFromPath(SyncAction):
+class GetPoseFromPath(PoseLeaf, SyncAction):
     """Gives the pose of a path at ``index``. FAILURE when there is none."""
 
     __slots__ = ()
@@ -141,7 +136,7 @@ class GetPoseFromPath(SyncAction):
         'pose': output_port(POSE_STAMPED, description='the pose, in the frame of the path if it names none'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         path: Any = self.get_input('path')
         index: int = self.get_input('index')
         if not -len(path.poses) <= index < len(path.poses):

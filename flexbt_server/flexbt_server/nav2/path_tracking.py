@@ -64,13 +64,15 @@ class NearestPose:
         Of poses that are equally near it is the last. ``angular_weight`` makes 1 rad of another direction count as so
         many m.
         """
-        is_same = path is self._path or path == self._path
+        has_window = 0.0 <= window < math.inf
+        # Only a window needs to know whether another object is the same path: to compare many poses takes long.
+        is_same = path is self._path or (has_window and path == self._path)
         if not is_same:
             self.points = points_of(path)
-        if not is_same or not 0.0 <= window < math.inf:
+        if not (is_same and has_window):
             self._begin = 0
         self._path = path
-        end = first_beyond(self.points, self._begin, window) if 0.0 <= window < math.inf else len(self.points)
+        end = first_beyond(self.points, self._begin, window) if has_window else len(self.points)
         here, yaw = position_of(pose), yaw_of(pose)
 
         def distance(index: int) -> float:

@@ -9,10 +9,9 @@ from typing import Any, Final
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
-from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, STRING
-from flexbt_server.leaves import PATH, POSE_STAMPED, LeafServices
+from flexbt_server.leaves import PATH, POSE_STAMPED, PoseLeaf
 from flexbt_server.trees import TRACKING_FEEDBACK
 
 from .path_tracking import NearestPose, length_of, position_of
@@ -21,7 +20,7 @@ _GLOBAL: Final = input_port(STRING, optional=True, description="frame of the pos
 _BASE: Final = input_port(STRING, optional=True, description="frame of the robot, if not the server's")
 
 
-class GetCurrentPose(SyncAction):
+class GetCurrentPose(PoseLeaf, SyncAction):
     """Gives the pose of the robot. FAILURE while it is not known."""
 
     __slots__ = ()
@@ -32,19 +31,12 @@ class GetCurrentPose(SyncAction):
         'current_pose': output_port(POSE_STAMPED, description='where the robot is'),
     }
 
-    def tick(self) -> NodeStatus:
-        services: LeafServices = self.services
-        try:
-            pose = services.frames.robot_pose(
-                self.get_input_or('global_frame', ''), self.get_input_or('robot_base_frame', '')
-            )
-        except TransformError as error:
-            return self.fail(f'it is not known where the robot is: {error}')
-        self.set_output('current_pose', pose)
+    def evaluate(self) -> NodeStatus:
+        self.set_output('current_pose', self.robot_pose())
         return NodeStatus.SUCCESS
 
 
-class ArePosesNear(Condition):
+class ArePosesNear(PoseLeaf, Condition):
     """SUCCESS when two poses are within ``tolerance``; those in different frames are compared in ``global_frame``."""
 
     __slots__ = ()
@@ -56,22 +48,18 @@ class ArePosesNear(Condition):
         'tolerance': input_port(DOUBLE, default='0.5', description='m'),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         poses = [self.get_input('ref_pose'), self.get_input('target_pose')]
         if poses[0].header.frame_id != poses[1].header.frame_id:
-            services: LeafServices = self.services
-            frame = self.get_input_or('global_frame', '') or services.frames.global_frame
-            try:
-                poses = [services.frames.pose_in(pose, frame) for pose in poses]
-            except TransformError as error:
-                return self.fail(str(error))
+            frame = self.get_input_or('global_frame', '') or self.frames.global_frame
+            poses = [self.frames.pose_in(pose, frame) for pose in poses]
         distance = math.dist(*map(position_of, poses))
         if distance <= self.get_input('tolerance'):
             return NodeStatus.SUCCESS
         return self.fail(f'the poses are {distance:.2f} m apart')
 
 
-class GoalReached(Condition):
+class GoalReached(PoseLeaf, Condition):
     """SUCCESS when the robot is within the server's parameter ``goal_reached_tol`` of ``goal``."""
 
     __slots__ = ()
@@ -82,20 +70,15 @@ class GoalReached(Condition):
         'robot_base_frame': _BASE,
     }
 
-    def tick(self) -> NodeStatus:
-        services: LeafServices = self.services
+    def evaluate(self) -> NodeStatus:
         goal = self.get_input('goal')
-        try:
-            robot = services.frames.robot_pose(goal.header.frame_id, self.get_input_or('robot_base_frame', ''))
-        except TransformError as error:
-            return self.fail(f'it is not known where the robot is: {error}')
-        distance = math.dist(position_of(goal), position_of(robot))
-        if distance <= services.goal_reached_tol:
+        distance = math.dist(position_of(goal), position_of(self.robot_pose(goal.header.frame_id)))
+        if distance <= self.services.goal_reached_tol:
             return NodeStatus.SUCCESS
         return self.fail(f'the robot is {distance:.2f} m away')
 
 
-class DistanceTraveled(Condition):
+class DistanceTraveled(PoseLeaf, Condition):
     """SUCCESS whenever the robot has moved on by ``distance``; the first tick after IDLE only begins to count.
 
     The distance is that of the straight line. Below nodes that set it to IDLE, such as a ReactiveSequence with a child
@@ -114,17 +97,10 @@ class DistanceTraveled(Condition):
         super().__init__(config)
         self._start: tuple[float, float] | None = None
 
-    def tick(self) -> NodeStatus:
-        services: LeafServices = self.services
+    def evaluate(self) -> NodeStatus:
         if self.status is NodeStatus.IDLE:
             self._start = None
-        try:
-            pose = services.frames.robot_pose(
-                self.get_input_or('global_frame', ''), self.get_input_or('robot_base_frame', '')
-            )
-        except TransformError as error:
-            return self.fail(f'it is not known where the robot is: {error}')
-        here = position_of(pose)
+        here = position_of(self.robot_pose())
         if self._start is None:
             self._start = here
             return self.fail('the robot has not moved yet')
@@ -135,7 +111,7 @@ class DistanceTraveled(Condition):
         return NodeStatus.SUCCESS
 
 
-class IsGoalNearby(Condition):
+class IsGoalNearby(PoseLeaf, Condition):
     """SUCCESS when less than ``proximity_threshold`` of the path is left. Of the branch main of Nav2.
 
     What is left counts from the pose of the path that is nearest to the robot. FAILURE for a path without poses, and
@@ -159,15 +135,11 @@ class IsGoalNearby(Condition):
         super().__init__(config)
         self._nearest = NearestPose()
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         path: Any = self.get_input_or('path', None)
         if path is None or not path.poses:
             return self.fail('the path is empty')
-        frames = self.services.frames
-        try:
-            pose = frames.robot_pose(path.header.frame_id, self.get_input_or('robot_base_frame', ''))
-        except TransformError as error:
-            return self.fail(f'it is not known where the robot is: {error}')
+        pose = self.robot_pose(path.header.frame_id)
         nearest = self._nearest.index(path, pose, float(self.get_input('max_robot_pose_search_dist')))
         left = length_of(self._nearest.points[nearest:])
         if left < self.get_input('proximity_threshold'):
@@ -175,7 +147,7 @@ class IsGoalNearby(Condition):
         return self.fail(f'{left:.2f} m of the path are left')
 
 
-class IsWithinPathTrackingBounds(Condition):
+class IsWithinPathTrackingBounds(PoseLeaf, Condition):
     """SUCCESS as long as the robot is on its path within these bounds, and while nothing is known of it.
 
     Of the branch main of Nav2. The signs of the bounds do not count.
@@ -192,7 +164,7 @@ class IsWithinPathTrackingBounds(Condition):
         ),
     }
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         told: Any = self.get_input_or('tracking_feedback', None)
         if told is None:
             return NodeStatus.SUCCESS
@@ -204,7 +176,7 @@ class IsWithinPathTrackingBounds(Condition):
         return self.fail(f'the robot is {abs(aside):.2f} m to the {side} of the path, and turned by {turned:.2f} rad')
 
 
-class TransformAvailable(Condition):
+class TransformAvailable(PoseLeaf, Condition):
     """SUCCESS when a transform between two frames is known, and for ever after it was."""
 
     __slots__ = ('_found',)
@@ -218,16 +190,12 @@ class TransformAvailable(Condition):
         super().__init__(config)
         self._found = False
 
-    def tick(self) -> NodeStatus:
+    def evaluate(self) -> NodeStatus:
         child, parent = self.get_input('child'), self.get_input('parent')
         if not (child and parent):
             raise ValueError(f'ports [child] and [parent] have to name frames, not {child!r} and {parent!r}')
         if not self._found:
-            services: LeafServices = self.services
-            try:
-                services.frames.pose_in(PoseStamped(header=Header(frame_id=parent)), child)
-            except TransformError as error:
-                return self.fail(str(error))
+            self.frames.pose_in(PoseStamped(header=Header(frame_id=parent)), child)
             self._found = True
         return NodeStatus.SUCCESS
 
