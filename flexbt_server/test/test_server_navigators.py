@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import contextlib
+import random
+import threading
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -447,6 +449,55 @@ def test_the_lifecycle_of_bt_navigator(driving: Front) -> None:
     assert manager.change('activate')
     driving.navigation.hold.clear()
     ended(driving.to(3.0))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_whatever_clients_do_one_navigator_drives_and_every_goal_ends(front: Front, seed: int) -> None:
+    """A random walk: at no time two trees, at the end nothing that is left."""
+    chance = random.Random(seed)
+    drive = '<ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/>'
+    front.world.client.load_tree(f'<Sequence>{drive}</Sequence>', 'Other')
+    front.follow.delay_cancel = 0.02
+    manager = LifecycleClient(front.world.client.runtime, names.BT_NAVIGATOR)
+    running = front.world.server.goals.running
+    goals: list[SentGoal] = []
+    for step in range(120):
+        (front.navigation.hold.add if chance.random() < 0.7 else front.navigation.hold.discard)(names.FOLLOW_PATH)
+        match chance.randrange(12):
+            case 0 | 1 | 2:
+                goals.append(front.to(1.0 + step))
+            case 3:
+                goals.append(front.to(1.0 + step, tree='Other'))
+            case 4:
+                goals.append(front.through(1.0, 2.0 + step))
+            case 5:
+                goals.append(front.waypoints(1.0, 2.0 + step, number_of_loops=chance.randrange(3)))
+            case 6:
+                goals.append(front.to(1.0, tree='Nowhere', frame=chance.choice(['map', 'nowhere'])))
+            case 7:
+                front.click(1.0 + step)
+            case 8 | 9 if goals:
+                chance.choice(goals[-3:]).call.cancel(DEADLINE)
+            case 10 if chance.random() < 0.3:
+                assert manager.change('deactivate') and manager.change('activate')
+            case _:
+                for number in front.follow.running:
+                    front.follow.end(number, chance.choice(['succeed', 'succeed', 'abort']))
+        threading.Event().wait(chance.choice([0.0, 0.0, 0.005, 0.03]))
+        assert len(running.all()) <= 1
+    assert manager.change('deactivate') and manager.change('activate')
+    for goal in goals:
+        goal.call.cancel(DEADLINE)
+    for goal in goals:
+        assert goal.wait().status in (
+            GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.REJECTED
+        )  # fmt: skip
+    navigators = front.world.server.navigators
+    wait_until(lambda: not running.all() and not front.world.server.goals._goals, 'the end of the runs')
+    wait_until(lambda: not front.follow.running, 'the robot at rest')
+    assert not navigators._at_work and not navigators._waiting
+    front.navigation.hold.clear()
+    ended(front.to(0.5))
 
 
 def test_waypoints(front: Front) -> None:
