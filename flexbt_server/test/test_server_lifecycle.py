@@ -188,12 +188,14 @@ def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> N
 
 def test_twenty_rounds_with_running_trees_leave_nothing_behind() -> None:
     chance = random.Random(3)
-    with managed() as world:
+    navigators = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]
+    with managed(navigators=navigators) as world:
         before = world.entities()
         threads: set[int] = set()
         for round in range(20):
             world.change('configure', 'activate')
             world.client.load_tree(f'<Sequence><Delay delay_msec="{chance.randrange(3)}">{WAITING}</Delay></Sequence>')
+            assert LifecycleClient(world.client.runtime, names.BT_NAVIGATOR).state() == 'active'
             runs = [world.client.execute(blackboard=str(index)) for index in range(chance.randrange(4))]
             for run in runs:
                 assert run.accepted.wait(60.0)
