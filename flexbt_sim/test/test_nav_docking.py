@@ -148,8 +148,10 @@ def test_docking_is_canceled_and_taken_over_at_any_time(world: Probe) -> None:
         assert goal.wait().status is GoalStatus.CANCELED
         world.wait_at_rest()
     older = dock(world)
+    world.wait(lambda: older.feedback, 'the robot on its way')
     newer = dock(world)
     aborted(older, Result.NONE)
+    world.wait(lambda: newer.feedback, 'the robot on its way again')
     turn = world.send(names.SPIN, target_yaw=0.5)
     aborted(newer, Result.NONE)
     assert turn.wait().status is GoalStatus.SUCCEEDED

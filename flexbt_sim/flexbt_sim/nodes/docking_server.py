@@ -23,7 +23,7 @@ from flexbt_common.values import duration_message, shown
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, StagingMotion, UndockMotion, load_docks
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import GridPlanner, PathFollower
+from flexbt_sim.navigation import STOP, Costmap, GridPlanner, PathFollower, Velocity
 from flexbt_sim.world import Pose, wrap
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
@@ -59,7 +59,6 @@ class DockingServer:
         self._is_charging = False
         self._seen: tuple[float, Pose] | None = None
         self._docked: tuple[DockType, Pose] | None = None
-        self._docking: DockGoal | None = None
         node = runtime.node
         node.create_subscription(BatteryState, names.BATTERY_STATE, self._on_battery, 1)
         if docking.uses_detection:
@@ -71,18 +70,8 @@ class DockingServer:
             (DockRobot, names.DOCK_ROBOT, self._dock),
             (UndockRobot, names.UNDOCK_ROBOT, self._undock),
         ):
-            server = GoalServer(runtime, action_type, name, serve, self._cancel, partial(_refused, action_type))
+            server = GoalServer(runtime, action_type, name, serve, arbiter.cancel, partial(_refused, action_type))
             runtime.on_close(lambda server=server: runtime.call(server.close))  # type: ignore[misc]
-
-    @property
-    def busy(self) -> bool:
-        """Whether a robot is to be docked."""
-        return self._docking is not None and self._docking.goal.active
-
-    def end_all(self, end: GoalEnd) -> None:
-        """End a goal that does not drive yet, too."""
-        if self._docking is not None:
-            self._docking.end(end)
 
     def show(self, dock: Pose, staging: Pose) -> None:
         """Publish both, for display."""
@@ -153,9 +142,7 @@ class DockingServer:
     # -- goals -------------------------------------------------------------------------------------------------------
 
     def _dock(self, goal: ServedGoal) -> None:
-        self.end_all(GoalEnd(message='a newer goal has taken over'))
-        self._docking = DockGoal(self, goal)
-        self._docking.begin()
+        DockGoal(self, goal).begin()
 
     def docked(self, kind: DockType, pose: Pose) -> None:
         """The robot is on a dock."""
@@ -199,57 +186,67 @@ class DockingServer:
             return
         self.arbiter.start(RunningMotion(goal, motion, lambda _motion: UndockRobot.Feedback(), on_end))
 
-    def _cancel(self, goal: ServedGoal) -> None:
-        self.arbiter.cancel(goal)
-        if self._docking is not None and self._docking.goal is goal:
-            self._docking.end(CANCELED)
-
 
 class DockGoal:
-    """A goal of dock_robot on its way: where the dock is, a path to its staging pose, then the motion."""
+    """A goal of dock_robot: a motion that keeps the robot at rest until the way to the dock is known, then docks."""
 
     def __init__(self, server: DockingServer, goal: ServedGoal) -> None:
-        self.goal = goal
         self._server = server
+        self._goal = goal
         self._motion: DockMotion | None = None
         self._began = server.runtime.clock.now()
         self._pose = Pose(0.0, 0.0, 0.0)
 
     def begin(self) -> None:
-        """Find the dock, then go on when the robot is known."""
-        server, request = self._server, self.goal.request
+        """Take the robot from whatever drives it, and find the dock."""
+        server, request = self._server, self._goal.request
         try:
             dock, self._kind = server.dock(request)
             message = stamped(dock.pose, dock.frame, server.runtime.clock.stamp())
         except Exception as error:
             self._fail(error)
             return
+        server.arbiter.start(RunningMotion(self._goal, self, lambda _motion: self._feedback(), self._on_end))
         messages = [message if request.use_dock_id else request.dock_pose]
         frame = server.parameters.map_frame
         poses_in_map(server.runtime, messages, frame, 'DOCK_NOT_VALID', self._on_place, self._fail)
 
-    def end(self, end: GoalEnd, seconds: float = 0.0) -> None:
-        """End the goal, once."""
-        if not self.goal.active:
-            return
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`flexbt_sim.navigation.Motion`."""
+        return STOP if self._motion is None else self._motion.step(pose, now)
+
+    def update(self, costmap: Costmap) -> None:
+        """See :class:`flexbt_sim.navigation.Motion`."""
+        if self._motion is not None:
+            self._motion.update(costmap)
+
+    def _on_end(self, end: GoalEnd, seconds: float = 0.0) -> None:
         if end.succeeded:
             self._server.docked(self._kind, self._pose)
         retries = self._motion.retries if self._motion is not None else 0
-        finish(self.goal, DockRobot.Result(success=end.succeeded, num_retries=retries), end)
+        finish(self._goal, DockRobot.Result(success=end.succeeded, num_retries=retries), end)
+
+    def _end(self, end: GoalEnd) -> None:
+        """End the goal, which the arbiter does as long as it has it."""
+        running = self._server.arbiter.running
+        if running is not None and running.goal is self._goal:
+            self._server.arbiter.end(end)
+        elif self._goal.active:
+            self._on_end(end)
 
     def _fail(self, error: Exception) -> None:
-        self.end(end_by(self._server.runtime, error, 'a goal of dock_robot'))
+        self._end(end_by(self._server.runtime, error, 'a goal of dock_robot'))
 
     def _on_place(self, poses: list[Pose]) -> None:
         self._pose = poses[0]
         self._server.arbiter.robot.when_known(self._on_robot)
 
     def _on_robot(self) -> None:
-        if not self.goal.active:
+        if not self._goal.active:
             return
         try:
             if self._kind.charges and self._server.is_docked(self._pose):
-                self.end(SUCCEEDED)
+                self._end(SUCCEEDED)
             else:
                 self._stage()
         except Exception as error:
@@ -262,23 +259,22 @@ class DockGoal:
         staging = limits.staging_pose(self._pose)
         server.show(self._pose, staging)
         away = math.hypot(robot.pose.distance(staging), wrap(staging.yaw - robot.pose.yaw))
-        if not self.goal.request.navigate_to_staging_pose or away < limits.prestaging_tolerance:
+        if not self._goal.request.navigate_to_staging_pose or away < limits.prestaging_tolerance:
             self._drive(None)
             return
-        self.goal.publish_feedback(self._feedback(DockState.NAV_TO_STAGING_POSE))
         planner = GridPlanner(robot.costmaps.shared, 0.0)
         start = robot.pose
-        server.computation.run(self.goal, lambda: planner.plan(start, staging), self._on_path, self._on_no_path)
+        server.computation.run(self._goal, lambda: planner.plan(start, staging), self._on_path, self._on_no_path)
 
     def _on_no_path(self, end: GoalEnd) -> None:
-        self.end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))
+        self._end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))
 
     def _on_path(self, path: list[Pose]) -> None:
-        if not self.goal.active:
+        if not self._goal.active:
             return
         try:
             follower = PathFollower(path, self._server.arbiter.robot.costmaps.local, self._server.parameters.follower)
-            self._drive(StagingMotion(follower, limited(self.goal.request.max_staging_time)))
+            self._drive(StagingMotion(follower, limited(self._goal.request.max_staging_time)))
         except Exception as error:
             self._fail(error)
 
@@ -292,10 +288,11 @@ class DockGoal:
             charges=self._kind.charges,
             staging=staging,
         )
-        feedback = lambda motion: self._feedback(motion.state, motion.retries)  # noqa: E731
-        server.arbiter.start(RunningMotion(self.goal, self._motion, feedback, self.end))
 
-    def _feedback(self, state: DockState, retries: int = 0) -> DockRobot.Feedback:
+    def _feedback(self) -> DockRobot.Feedback:
+        state, retries = DockState.NAV_TO_STAGING_POSE, 0
+        if self._motion is not None:
+            state, retries = self._motion.state, self._motion.retries
         spent = max(0.0, self._server.runtime.clock.now() - self._began)
         return DockRobot.Feedback(state=state.value, docking_time=duration_message(spent), num_retries=retries)
 

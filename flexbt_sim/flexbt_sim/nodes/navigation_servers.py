@@ -112,7 +112,7 @@ class Navigation:
         SmootherServer(runtime, self._parameters, self._robot)
         TeleopServer(runtime, self._parameters, self._arbiter)
         self._routes = RouteServer(runtime, self._parameters, self._robot)
-        self._docking = DockingServer(runtime, self._parameters, self._arbiter)
+        DockingServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
         self._speed_limit = math.inf
         runtime.node.create_subscription(SpeedLimit, names.SPEED_LIMIT, self._limit_speed, 10)
@@ -210,14 +210,12 @@ class Navigation:
             self._runtime.call(lambda: None)
 
     def _end_all(self, reason: str, code: str = 'UNKNOWN') -> None:
-        servers = (self._waits, self._routes, self._docking)
-        if self._arbiter.running is not None or any(server.busy for server in servers):
+        if self._arbiter.running is not None or self._waits.busy or self._routes.busy:
             self._runtime.node.get_logger().error(f'every goal is ended: {reason}')
         end = GoalEnd(code=code, message=reason)
         self._arbiter.end(end)
         self._waits.end_all(end)
         self._routes.end_all(end)
-        self._docking.end_all(end)
 
 
 def main(args: list[str] | None = None) -> int:
