@@ -216,6 +216,40 @@ def with_another_goal_while_it_spins(world: World, tree: str) -> Any:
     return second.result
 
 
+@pytest.mark.parametrize(('recovery', 'failures'), [(names.SPIN, 4), (names.WAIT, 6), (names.BACKUP, 8)])
+def test_the_goal_changes_during_a_recovery_which_ends_before_the_robot_drives_there(
+    world: World, recovery: str, failures: int
+) -> None:
+    """GoalUpdated does not end a recovery, as in Nav2 (its issue 6082)."""
+    world.navigation.fail[names.FOLLOW_PATH] = (failures, NO_VALID_CONTROL)
+    world.navigation.hold.add(recovery)
+    server, follow = world.navigation.actions[recovery], world.navigation.actions[names.FOLLOW_PATH]
+    world.client.load(xml=DEFAULT_TREE)
+    world.client.execute('MainTree', goals=[pose(1)])
+    wait_until(lambda: server.running, 'the recovery')
+    second = world.client.execute('MainTree', goals=[pose(2)])
+    wait_until(lambda: second.feedback, 'the run to be taken over')
+    assert (server.running, len(follow.goals)) == ([0], failures)
+    server.end(0)
+    assert second.result.code == Result.SUCCESS
+    assert server.statuses == {0: 'succeed'}
+    assert follow.goals[-1].path.poses[-1] == pose(2)
+
+
+def test_who_cancels_the_controller_stops_the_robot_and_no_recovery_drives_on(world: World) -> None:
+    """Nav2 takes it for a success; here it is none, but no code asks for a recovery."""
+    world.navigation.hold.add(names.FOLLOW_PATH)
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    world.client.load(xml=DEFAULT_TREE)
+    goal = world.client.execute('MainTree', goals=[pose(1)])
+    wait_until(lambda: follow.running, 'the robot to drive')
+    world.client.load_tree('<CancelControl/>', 'Joystick')
+    assert world.client.execute('Joystick', blackboard='other').result.code == Result.SUCCESS
+    assert (goal.result.code, goal.result.error_code) == (Result.FAILURE, 0)
+    assert follow.statuses == {0: 'canceled'}
+    assert sum(counts(world).values()) == 2
+
+
 def test_a_goal_outside_the_map_fails_without_recovery(world: World) -> None:
     world.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (ALWAYS, ComputePathToPose.Result.GOAL_OUTSIDE_MAP)
     world.client.load(xml=DEFAULT_TREE)

@@ -120,11 +120,14 @@ _CODES: Final = {
 
 
 def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
-    """The error code of a goal that did not succeed: of its result, or why there is none, or UNKNOWN; 0 without any."""
-    unknown = getattr(result_type, 'UNKNOWN', 0)
-    return int(
-        getattr(outcome.result, 'error_code', 0) or getattr(result_type, _CODES.get(outcome.status, ''), unknown)
-    )
+    """The error code of a goal that did not succeed: of its result, or why there is none, or UNKNOWN; 0 without any.
+
+    That of a goal that was canceled is 0, as in Nav2: no recovery helps there.
+    """
+    told = int(getattr(outcome.result, 'error_code', 0))
+    if told or outcome.status is GoalStatus.CANCELED:
+        return told
+    return int(getattr(result_type, _CODES.get(outcome.status, ''), getattr(result_type, 'UNKNOWN', 0)))
 
 
 class ActionLeaf(StatefulAction):
