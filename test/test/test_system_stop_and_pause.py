@@ -8,6 +8,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from geometry_msgs.msg import PoseStamped
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
@@ -44,6 +45,13 @@ def probe(system: tuple[Stack, Probe]) -> Iterator[Probe]:
     if probe.status.state != ExecutiveStatus.IDLE:
         probe.stop()
         probe.wait_state(ExecutiveStatus.IDLE)
+
+
+def distance(one: PoseStamped | None, other: PoseStamped | None) -> float:
+    """Between two poses of the robot, m."""
+    assert one is not None and other is not None
+    a, b = one.pose.position, other.pose.position
+    return math.dist((a.x, a.y), (b.x, b.y))
 
 
 def rest_after(probe: Probe, moment: float) -> float:
@@ -140,3 +148,23 @@ def test_the_server_of_a_paused_robot_is_killed(stack: Stack, probe: Probe) -> N
     probe.wait(lambda: probe.status.decisions, 'the decision about the failed tree')
     probe.wait_at_rest()
     assert probe.moved_stamp == where
+
+
+def test_a_state_that_is_left_while_its_server_hangs(stack: Stack, probe: Probe) -> None:
+    """The run goes on after some seconds, and says what it does not know; what was left moves nothing any more."""
+    stack.send_signal('bt_server', signal.SIGSTOP)
+    try:
+        left = uncontended_time()
+        probe.send(ExecutiveCommand.FORCE, path='/Drive', outcome='failed')
+        assert rest_after(probe, left) < REST_SECONDS
+        probe.wait(lambda: not any(state.path == '/Drive' for state in probe.status.active_states), 'the next state')
+        told = 'goal of bt_executor not confirmed canceled'
+        probe.wait(lambda: any(line.path == '/Drive' and told in line.text for line in probe.logs), 'what is not known')
+    finally:
+        there = probe.pose
+        stack.send_signal('bt_server', signal.SIGCONT)
+    probe.wait(lambda: probe.active_goals('bt_executor') == 0, 'the end of the tree that was left')
+    probe.wait_at_rest()
+    # Navigation has let the motion go on for the tenth of a second in which the tree hears that it was canceled.
+    assert distance(there, probe.pose) < 0.05, 'what was left moves again'
+    assert probe.status.state == ExecutiveStatus.RUNNING
