@@ -6,12 +6,14 @@ from __future__ import annotations
 import math
 
 import numpy
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, rooms, worlds
 
+from flexbt_sim.errors import SimulationError
 from flexbt_sim.navigation import INSCRIBED, LETHAL, Costmap, Inflation
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.world import Circle, OccupancyMap, Polygon, Pose, box, gap
 
 inflations = st.builds(
     Inflation, robot_radius=st.floats(0.05, 0.5), radius=st.floats(0.0, 2.0), scaling=st.floats(0.1, 20.0)
@@ -79,3 +81,31 @@ def test_unknown_cells_are_free() -> None:
     costmap = Costmap(drawn('..??..'), Inflation())
     assert costmap.costs.tolist() == [[0] * 6]
     assert not costmap.in_collision(Pose(0.12, 0.02, 0.0))
+
+
+FOOTPRINTS = (box(0.5, 0.3), Polygon(((0.4, 0.0), (-0.2, 0.25), (-0.1, 0.0), (-0.2, -0.25))), box(1.2, 0.1))
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.data(), worlds(size=20, resolutions=(0.05, 0.1)), st.sampled_from(FOOTPRINTS))
+def test_a_polygon_collides_with_the_cells_that_it_overlaps(
+    data: st.DataObject, world: OccupancyMap, footprint: Polygon
+) -> None:
+    costmap = Costmap(world, Inflation.of(footprint, radius=0.3))
+    cell = box(world.resolution, world.resolution)
+    for pose in data.draw(st.lists(places(world, beside=-0.01), min_size=6, max_size=6)):
+        centres = [Pose(*world.point(*place), world.origin.yaw) for place in numpy.argwhere(world.obstacles).tolist()]
+        least = min((gap(footprint, pose, cell, centre) for centre in centres), default=math.inf)
+        if least < -1e-6:
+            assert costmap.in_collision(pose)
+        elif least > 0.21 * world.resolution:
+            assert not costmap.in_collision(pose)
+
+
+def test_a_footprint_has_its_centre_inside() -> None:
+    assert Inflation.of(Circle(0.3)) == Inflation(0.3)
+    inflation = Inflation.of(box(0.5, 0.3))
+    assert inflation.robot_radius == pytest.approx(0.15)
+    assert inflation.outer_radius == pytest.approx(math.hypot(0.25, 0.15))
+    with pytest.raises(SimulationError, match='centre'):
+        Inflation.of(Polygon(((1.0, 1.0), (2.0, 1.0), (2.0, 2.0))))

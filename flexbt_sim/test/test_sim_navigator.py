@@ -159,3 +159,16 @@ def test_a_closed_passage_ends_with_the_code_of_the_planner_after_all_recoveries
     trip = Navigator(world, 'robot').navigate(Pose(3.0, 0.5, 0.0))
     assert trip.code in ('NO_VALID_PATH', 'PATIENCE_EXCEEDED')
     assert (trip.recoveries, trip.contacts) == (6, 0)
+
+
+def test_a_robot_that_is_no_circle_gets_through_a_door_and_touches_nothing() -> None:
+    """It is 0.6 m long, and the door is 0.7 m wide."""
+
+    def wall(cells: NDArray[numpy.int8]) -> None:
+        cells[:, 60:63] = 100
+        cells[45:59, 60:63] = 0
+
+    for start in (Pose(0.0, 0.5, 1.5), Pose(0.5, -1.2, 3.0)):
+        world = World(walled(100, 120, 0.05, wall))
+        world.add('robot', RobotModel(footprint=box(0.6, 0.4), lidar=LidarModel(beams=180)), start)
+        check_reached(world, Navigator(world, 'robot').navigate(Pose(3.5, 1.0, 1.0)))

@@ -12,7 +12,8 @@ from typing import Final
 import numpy
 from numpy.typing import NDArray
 
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.errors import SimulationError
+from flexbt_sim.world import Circle, OccupancyMap, Pose, Shape, gap
 
 from .acceleration import loops
 from .kernels import Bools, Costs, Squares
@@ -28,11 +29,33 @@ class Inflation:
 
     ``robot_radius`` in m: within it of an obstacle the robot's centre is in collision. ``radius`` in m: how far costs
     reach; ``scaling`` in 1/m: how fast they fall off, as exp(-scaling * distance beyond the robot's radius).
+    ``corners`` are those of a robot that is no circle, m from its centre; then its radius is the inscribed one.
     """
 
     robot_radius: float = 0.22
     radius: float = 0.70
     scaling: float = 3.0
+    corners: tuple[tuple[float, float], ...] = ()
+
+    @classmethod
+    def of(cls, footprint: Shape, radius: float = 0.70, scaling: float = 3.0) -> Inflation:
+        """For the footprint of a robot.
+
+        Raises:
+            SimulationError: its centre is not inside of it.
+        """
+        if isinstance(footprint, Circle):
+            return cls(footprint.radius, radius, scaling)
+        here, point = Pose(0.0, 0.0, 0.0), Circle(0.001)
+        inscribed = -gap(footprint, here, point, here) - point.radius
+        if inscribed <= 0.0:
+            raise SimulationError('the footprint of the robot has to be round its centre: its frame is outside of it')
+        return cls(inscribed, radius, scaling, footprint.corners)
+
+    @cached_property
+    def outer_radius(self) -> float:
+        """Of the circle round the centre that has all of the robot, m."""
+        return max((math.hypot(x, y) for x, y in self.corners), default=self.robot_radius)
 
 
 Position = tuple[float, float]
@@ -73,7 +96,7 @@ class Costmap:
         self.world = world
         self.inflation = inflation
         self.obstacles: Bools = world.obstacles if obstacles is None else obstacles
-        reach = math.ceil(max(inflation.radius, inflation.robot_radius) / world.resolution) + 1
+        reach = math.ceil(max(inflation.radius, inflation.outer_radius) / world.resolution) + 1
         self._reach = min(reach, max(self.obstacles.shape))
         self._squares, self.costs = self._inflated(Box(0, world.height, 0, world.width))
 
@@ -115,10 +138,42 @@ class Costmap:
 
     def in_collision(self, pose: Pose) -> bool:
         """Whether the robot would overlap an obstacle there, or its centre be outside of the map."""
+        return not self.world.contains(*self.world.cell(pose.x, pose.y)) or self.overlap(pose) > 0.0
+
+    def overlap(self, pose: Pose) -> float:
+        """How much the robot would overlap obstacles there: 0 if it does not; otherwise the depth, m, to compare with.
+
+        For a circle exactly. For a polygon it is the depth of its inscribed circle and the area of the cells that it
+        touches, square m; some that it misses by up to a fifth of a cell count, too.
+        """
+        radius = self.inflation.robot_radius
+        if self.is_free(pose.x, pose.y, self.inflation.outer_radius):
+            return 0.0
+        depth = max(0.0, radius - self.clearance(pose.x, pose.y, radius))
+        return depth + self._touched(pose) * self.world.resolution**2 if self.inflation.corners else depth
+
+    def _touched(self, pose: Pose) -> int:
+        """How many obstacle cells the polygon touches."""
         world = self.world
-        return not (
-            world.contains(*world.cell(pose.x, pose.y)) and self.is_free(pose.x, pose.y, self.inflation.robot_radius)
-        )
+        row, column = world.grid_position(pose.x, pose.y)
+        reach = self.inflation.outer_radius / world.resolution + 1.0
+        bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
+        near = self.obstacles[bottom : max(0, math.ceil(row + reach)), left : max(0, math.ceil(column + reach))]
+        rows, columns = numpy.nonzero(near)
+        # The centres of the cells as the robot sees them, m.
+        turn = complex(0.0, world.origin.yaw - pose.yaw)
+        offset = (columns + (left + 0.5 - column)) + 1j * (rows + (bottom + 0.5 - row))
+        cells = offset * (world.resolution * numpy.exp(turn))
+        corners = numpy.array([complex(x, y) for x, y in self.inflation.corners])
+        inside = numpy.zeros(len(cells), bool)
+        touched = numpy.zeros(len(cells), bool)
+        for a, b in zip(corners, numpy.roll(corners, -1), strict=True):
+            share = numpy.clip(((cells - a) * (b - a).conjugate()).real / abs(b - a) ** 2, 0.0, 1.0)
+            touched |= numpy.abs(cells - a - share * (b - a)) < world.resolution * math.sqrt(0.5)
+            if a.imag != b.imag:
+                crossing = a.real + (cells.imag - a.imag) / (b.imag - a.imag) * (b.real - a.real)
+                inside ^= ((a.imag > cells.imag) != (b.imag > cells.imag)) & (cells.real < crossing)
+        return int(numpy.count_nonzero(touched | inside))
 
     def is_free(self, x: float, y: float, radius: float) -> bool:
         """Whether a circle of a radius, m, round a point overlaps no obstacle; on the map exactly."""

@@ -60,19 +60,22 @@ class TurnLimits:
 def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -> bool:
     """Whether driving on like this for some time ends in an obstacle, or beside the map.
 
-    Moving away from one that the robot overlaps already is no collision, and neither is turning on the spot.
+    Moving away from one that the robot overlaps already is no collision, and neither is a circle's turn on the spot.
     """
-    if velocity.linear == 0.0:
+    inflation = costmap.inflation
+    if velocity.linear == 0.0 and not inflation.corners:
         return False
-    world, radius = costmap.world, costmap.inflation.robot_radius
-    steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(abs(velocity.linear) * seconds / world.resolution))
-    here = pose
+    world = costmap.world
+    way = (
+        abs(velocity.linear) + abs(velocity.angular) * (inflation.outer_radius if inflation.corners else 0.0)
+    ) * seconds
+    steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(way / world.resolution))
+    overlap: float | None = None
     for step in range(1, steps + 1):
         ahead = drive(pose, *velocity, seconds * step / steps)
-        if costmap.in_collision(ahead) and not (
-            world.contains(*world.cell(ahead.x, ahead.y))
-            and costmap.clearance(ahead.x, ahead.y, radius) > costmap.clearance(here.x, here.y, radius)
-        ):
+        if not world.contains(*world.cell(ahead.x, ahead.y)):
             return True
-        here = ahead
+        before, overlap = overlap, costmap.overlap(ahead)
+        if overlap > 0.0 and overlap >= (costmap.overlap(pose) if before is None else before):
+            return True
     return False

@@ -80,7 +80,7 @@ class Navigator:
         self._world = world
         self._robot = world.robots[robot]
         self._limits = limits or FollowerLimits()
-        costmap = known if isinstance(known, Costmap) else Costmap(known, Inflation())
+        costmap = known if isinstance(known, Costmap) else Costmap(known, Inflation.of(self._robot.model.footprint))
         self._global = LayeredCostmap(costmap)
         self._local = LayeredCostmap(costmap, window=LOCAL_SIZE)
         self._observed = {LOCAL_PERIOD: -math.inf, GLOBAL_PERIOD: -math.inf}

@@ -133,7 +133,11 @@ class PathFollower:
         if self._at_goal:
             self.speed = 0.0
             angle = wrap(self._goal.yaw - pose.yaw)
-            return None if abs(angle) <= limits.yaw_tolerance else self._turn_by(angle)
+            if abs(angle) <= limits.yaw_tolerance:
+                return None
+            turn = self._turn_by(angle)
+            seconds = min(limits.collision_time, abs(angle / turn.angular))
+            return self._wait_for_way(now) if collides(self._costmap, pose, turn, seconds) else turn
         velocity = self._pursue(pose)
         if velocity is None:
             velocity = self._wait_for_way(now)
@@ -215,8 +219,11 @@ class PathFollower:
         return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))
 
     def _is_blocked(self, pose: Pose, carrot: Pose, velocity: Velocity) -> bool:
-        """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn the way after it counts."""
+        """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn so does the way after it."""
         if velocity.linear == 0.0:
+            turn = abs(pose.bearing(carrot.x, carrot.y) / velocity.angular)
+            if collides(self._costmap, pose, velocity, min(self._limits.collision_time, turn)):
+                return True
             pose = Pose(pose.x, pose.y, math.atan2(carrot.y - pose.y, carrot.x - pose.x))
             velocity = Velocity(self._limits.speed, 0.0)
         seconds = min(self._limits.collision_time, pose.distance(carrot) / velocity.linear)

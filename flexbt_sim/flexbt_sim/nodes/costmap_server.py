@@ -39,7 +39,7 @@ from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observation
-from flexbt_sim.world import OccupancyMap, Pose, compose, wrap
+from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
 from .navigation_parameters import NavigationParameters
 from .request_checks import bounded, pose_in_map
@@ -261,11 +261,12 @@ class CostmapServer:
         return message
 
     def _footprint(self, pose: Pose) -> PolygonStamped:
-        """The circle as Nav2 shows it: a polygon of 16 corners."""
-        radius = self._parameters.inflation.robot_radius
+        """A circle as Nav2 shows it: a polygon of 16 corners."""
+        inflation = self._parameters.inflation
+        circle = [drive(Pose(0.0, 0.0, math.tau * n / 16.0), inflation.robot_radius, 0.0, 1.0)[:2] for n in range(16)]
         corners = [
-            Point32(x=pose.x + radius * math.cos(angle), y=pose.y + radius * math.sin(angle))
-            for angle in (math.tau * corner / 16.0 for corner in range(16))
+            Point32(x=corner.x, y=corner.y)
+            for corner in (compose(pose, Pose(x, y, 0.0)) for x, y in inflation.corners or circle)
         ]
         return PolygonStamped(header=self._header(), polygon=Polygon(points=corners))
 

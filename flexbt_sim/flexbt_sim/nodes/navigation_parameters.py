@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 from rclpy.node import Node
 
 from flexbt_common import names
+from flexbt_common.errors import UnfitParameterError
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
+from flexbt_sim.errors import SimulationError
 from flexbt_sim.navigation import FollowerLimits, Inflation
+from flexbt_sim.world import Circle, Polygon
 
 from .docking_parameters import DockingParameters, declare_docking_parameters
 from .route_parameters import RouteParameters, declare_route_parameters
@@ -76,12 +80,11 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             10.0,
             'how far from a goal that cannot be reached a path may end, m; 0: nowhere else',
         ),
-        inflation=Inflation(
-            robot_radius=declare.real('robot_radius', inflation.robot_radius, 0.01, 2.0, 'radius of the robot, m'),
-            radius=declare.real(
-                'inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'
-            ),
-            scaling=declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
+        inflation=_inflation(
+            declare.text('footprint', '', 'corners of a robot that is no circle, m: [[x, y], ...]'),
+            declare.real('robot_radius', inflation.robot_radius, 0.01, 2.0, 'radius of the robot, m'),
+            declare.real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),
+            declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
         ),
         follower=FollowerLimits(
             speed=declare.real(
@@ -115,3 +118,12 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         routes=declare_route_parameters(declare),
         docking=declare_docking_parameters(declare),
     )
+
+
+def _inflation(corners: str, radius: float, *fall: float) -> Inflation:
+    """For the footprint of the parameters ``footprint`` and ``robot_radius``. Raises UnfitParameterError."""
+    try:
+        polygon = tuple((float(x), float(y)) for x, y in json.loads(corners)) if corners else ()
+        return Inflation.of(Polygon(polygon) if polygon else Circle(radius), *fall)
+    except (ValueError, TypeError, SimulationError) as error:
+        raise UnfitParameterError('footprint', f'{corners}: {error}; give [[x, y], ...] in m') from None
