@@ -16,12 +16,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_sim.world import FAULTS, MODELS, Circle, DoorModel, ObstacleModel, Polygon, Pose, StationModel, ZoneModel
-from flexbt_sim.world.faults import FaultTiming
-from flexbt_sim.world.floor_plan import FloorPlan
-from flexbt_sim.world.models import RobotModel
-from flexbt_sim.world.shapes import MAX_CORNERS, Shape
-from flexbt_sim.world.specification import Key, Specification, keys_of, types_of, written
-from flexbt_sim.world.world_file import SECTIONS, WorldModel
+from flexbt_sim.world.descriptions import (
+    SECTIONS,
+    FaultTiming,
+    FloorPlan,
+    Key,
+    RobotModel,
+    Specification,
+    WorldModel,
+    keys_of,
+    types_of,
+    written,
+)
+from flexbt_sim.world.plane import MAX_CORNERS, Shape
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'world_files.md'
 HEAD: Final = """\

@@ -36,9 +36,8 @@ from flexbt_sim.world import (
     box,
     drive,
     gap,
-    loops,
 )
-from flexbt_sim.world.space import polygon_gap
+from flexbt_sim.world.plane import loops, polygon_gap
 
 ROUNDING = 1e-6
 footprints: st.SearchStrategy[Shape] = st.sampled_from(

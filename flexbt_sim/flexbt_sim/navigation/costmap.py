@@ -59,7 +59,7 @@ class Inflation:
 
 
 Position = tuple[float, float]
-"""Row and column of a point, in cells; see :meth:`flexbt_sim.world.occupancy_map.OccupancyMap.grid_position`."""
+"""Row and column of a point, in cells; see :meth:`flexbt_sim.world.OccupancyMap.grid_position`."""
 
 
 @dataclass(frozen=True)

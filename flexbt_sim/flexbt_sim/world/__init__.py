@@ -4,46 +4,61 @@
 ``World.load(file)`` reads a world file, ``step`` lets time pass.
 """
 
-from .bodies import Body, generator
-from .faults import FAULTS, Fault, FaultModel, MessagesDropped, MessagesLate, fault_parameters
-from .geometry import FARTHEST, Pose, drive, wrap
-from .lidar import Lidar
-from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
-from .models import (
+from .descriptions import (
+    FAULTS,
     MODELS,
+    NAME,
     BatteryModel,
     DoorModel,
     DriveModel,
+    Fault,
+    FaultModel,
     LidarModel,
+    MessagesDropped,
+    MessagesLate,
     ObstacleModel,
     OdometryModel,
     RobotModel,
     RouteModel,
     StationModel,
     WalkModel,
+    WorldFile,
     ZoneModel,
+    fault_parameters,
 )
-from .occupancy_map import (
+from .lidar import Lidar
+from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
+from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
+from .pictures import Frame, Trace, draw_world
+from .placement import check_place
+from .plane import (
     FAR,
+    FARTHEST,
     FREE,
     MAX_CELLS,
     MAX_RESOLUTION,
     MIN_RESOLUTION,
     OCCUPIED,
     UNKNOWN,
+    Body,
+    Circle,
     OccupancyMap,
+    Polygon,
+    Pose,
+    RayCaster,
+    Sensor,
+    Shape,
+    box,
+    drive,
+    gap,
+    generator,
     load_map,
+    outlines,
+    wrap,
 )
-from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
-from .pictures import Frame, Trace, draw_world
-from .placement import check_place
-from .ray_casting import RayCaster, Sensor, outlines
 from .robot import Battery, Robot, Scan, compose, inverse
 from .scenery import Door, Entity, Obstacle, Station, Zone
-from .shapes import Circle, Polygon, Shape, box, gap
-from .specification import NAME
 from .world import EntityModel, EntityState, Snapshot, World
-from .world_file import WorldFile
 
 __all__ = [
     'ANSWER_SECONDS',

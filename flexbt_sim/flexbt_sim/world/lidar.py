@@ -9,9 +9,8 @@ from typing import Final
 import numpy
 from numpy.typing import NDArray
 
-from .geometry import Pose
-from .models import LidarModel
-from .occupancy_map import OccupancyMap
+from .descriptions import LidarModel
+from .plane import OccupancyMap, Pose
 
 _BEYOND: Final = 1e-6
 """By how much, in cells, a beam goes into the next cell to be in it."""

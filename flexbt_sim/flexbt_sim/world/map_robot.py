@@ -7,8 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from .geometry import Pose, drive
-from .occupancy_map import OccupancyMap
+from .plane import OccupancyMap, Pose, drive
 
 TICK: Final = 0.01
 """Longest time, s, for which speeds are taken as constant."""

@@ -15,11 +15,9 @@ from PIL import Image, ImageDraw
 
 from flexbt_sim.errors import SimulationError
 
-from .geometry import Pose
-from .occupancy_map import UNKNOWN, OccupancyMap
+from .plane import UNKNOWN, Circle, OccupancyMap, Point, Pose, Shape
 from .robot import Robot, Scan, compose
 from .scenery import Obstacle
-from .shapes import Circle, Point, Shape
 from .world import World
 
 PIXELS: Final = 900

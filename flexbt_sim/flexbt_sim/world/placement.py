@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from flexbt_sim.errors import SimulationError
 
-from .geometry import FARTHEST, Pose
-from .occupancy_map import OccupancyMap
+from .plane import FARTHEST, OccupancyMap, Pose
 
 
 def check_place(world: OccupancyMap, pose: Pose, radius: float) -> None:

@@ -10,11 +10,18 @@ from typing import Any, Final, NamedTuple
 import numpy
 from numpy.typing import NDArray
 
-from .bodies import Body, Normals, Surroundings, generator
-from .faults import BatteryLow, LidarBlinded, LidarFrozen, LocalizationLost, StuckWheel
-from .geometry import Pose, drive, wrap
-from .models import BatteryModel, OdometryModel, RobotModel
-from .specification import Specification
+from .descriptions import (
+    BatteryLow,
+    BatteryModel,
+    LidarBlinded,
+    LidarFrozen,
+    LocalizationLost,
+    OdometryModel,
+    RobotModel,
+    Specification,
+    StuckWheel,
+)
+from .plane import Body, Normals, Pose, Surroundings, drive, generator, wrap
 
 CONVERGENCE: Final = (1.0, 0.8)
 """Within this, m and rad, of where the robot is, an initial pose makes its localization right again."""

@@ -7,10 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from .bodies import Body, Surroundings, generator
-from .geometry import Pose
-from .models import DoorModel, ObstacleModel, RouteModel, StationModel, WalkModel, ZoneModel
-from .shapes import Polygon, contains
+from .descriptions import DoorModel, ObstacleModel, RouteModel, StationModel, WalkModel, ZoneModel
+from .plane import Body, Polygon, Pose, Surroundings, contains, generator
 
 EDGE: Final = 0.01
 """What is seen of a door that is open, m."""

@@ -13,17 +13,23 @@ from typing import Any, Final, TypeVar
 
 from flexbt_sim.errors import SimulationError
 
-from .bodies import Body
-from .faults import Fault, FaultModel, fault_parameters
-from .geometry import Pose
-from .models import STEP, DoorModel, ObstacleModel, RobotModel, StationModel, ZoneModel
-from .occupancy_map import OccupancyMap
-from .ray_casting import RayCaster, Sensor, outlines
+from .descriptions import (
+    NAME,
+    STEP,
+    DoorModel,
+    Fault,
+    FaultModel,
+    ObstacleModel,
+    RobotModel,
+    StationModel,
+    WorldFile,
+    ZoneModel,
+    fault_parameters,
+    hint,
+)
+from .plane import Body, OccupancyMap, Pose, RayCaster, Sensor, Space, outlines
 from .robot import Robot, compose
 from .scenery import Door, Entity, Obstacle, Station, Zone
-from .space import Space
-from .specification import NAME, hint
-from .world_file import WorldFile
 
 MAX_ENTITIES: Final = 10_000
 

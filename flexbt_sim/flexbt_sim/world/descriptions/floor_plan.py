@@ -12,9 +12,8 @@ from typing import ClassVar, Final
 import numpy
 from numpy.typing import NDArray
 
-from .geometry import Pose
-from .occupancy_map import FREE, MAX_CELLS, OCCUPIED, OccupancyMap
-from .shapes import Point
+from flexbt_sim.world.plane import FREE, MAX_CELLS, OCCUPIED, OccupancyMap, Point, Pose
+
 from .specification import Specification, key
 
 MAX_PARTS: Final = 5000

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.world.plane import Pose
 
-from .geometry import Pose
 from .specification import Problem, Specification, hint, key, names, read
 
 

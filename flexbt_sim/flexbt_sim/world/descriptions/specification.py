@@ -19,9 +19,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeVar
 
 from flexbt_sim.errors import SimulationError
-
-from .geometry import FARTHEST, Pose
-from .shapes import MAX_CORNERS, Circle, Polygon, Shape, box
+from flexbt_sim.world.plane import FARTHEST, MAX_CORNERS, Circle, Polygon, Pose, Shape, box
 
 NAME: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,62}')
 """Names of entities: a robot's is its ROS namespace."""

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from .geometry import Pose
-from .shapes import Circle, Point, Polygon, Shape
+from flexbt_sim.world.plane import Circle, Point, Polygon, Pose, Shape
+
 from .specification import Specification, key
 
 ORIGIN: Final = Pose(0.0, 0.0, 0.0)

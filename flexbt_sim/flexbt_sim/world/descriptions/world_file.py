@@ -12,12 +12,11 @@ import yaml
 
 from flexbt_core.values import YamlError, compose_yaml, construct_yaml
 from flexbt_sim.errors import MapError, SimulationError, WorldError
+from flexbt_sim.world.plane import OccupancyMap, Pose, load_map
 
 from .faults import FAULTS, FaultTiming
 from .floor_plan import FloorPlan
-from .geometry import Pose
 from .models import MODELS, STEP, DoorModel, ObstacleModel, RobotModel, StationModel, ZoneModel
-from .occupancy_map import OccupancyMap, load_map
 from .specification import NAME, Problem, Specification, convert, hint, key, keys_of, names, read, shown
 from .specification import Path as Where
 
