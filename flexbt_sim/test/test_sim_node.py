@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from nav2_msgs.action import ComputePathToPose
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -19,13 +20,14 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
+from flexbt_common.calls import GoalServer, GoalStatus, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformBuffer, rigid_of
 from flexbt_sim.nodes import map_of, pose_of, seconds_of
 from flexbt_sim.simulator import Simulator, built_in_map
 from flexbt_sim.world import DriveModel, load_map
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 LIMITS = DriveModel()
 RADIUS = 0.22
@@ -257,3 +259,22 @@ def test_as_fast_as_possible_a_driver_keeps_up_all_the_same(simulator: Probe) ->
         min(simulator.speeds([seen for seen in simulator.sightings if start.time <= seen.time <= start.time + 10.0]))
         > 0.2
     )
+
+
+def test_as_fast_as_possible_the_world_waits_for_whoever_computes_and_for_nobody_else(simulator: Probe) -> None:
+    """A plan that takes a second of wall time takes one of simulated time, or a little more, not fifty."""
+    planning: list[ServedGoal] = []
+    runtime = simulator.runtime
+    server = runtime.call(lambda: GoalServer(runtime, ComputePathToPose, names.COMPUTE_PATH_TO_POSE, planning.append))
+    try:
+        simulator.set_speed_factor(0.0)
+        goal = simulator.plan(OFFICE)
+        simulator.wait(lambda: planning, 'the goal')
+        wait_until(lambda: rate(simulator) < 2.0, 'a world that waits')
+        assert max(rate(simulator) for _ in range(3)) < 2.0
+        runtime.call(lambda: planning[0].succeed(ComputePathToPose.Result()))
+        assert goal.wait().status is GoalStatus.SUCCEEDED
+        wait_until(lambda: rate(simulator) > 10.0, 'a world that waits for nobody')
+    finally:
+        simulator.set_speed_factor(5.0)
+        runtime.call(server.close)

@@ -15,6 +15,7 @@ import threading
 import traceback
 from typing import Any, Final
 
+import numpy
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidHandle
@@ -26,8 +27,9 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
-from flexbt_sim.world import Entity, Pacer, Pose, Robot
+from flexbt_sim.world import Entity, OccupancyMap, Pacer, Pose, Robot, RobotModel, World
 
+from .computations import Computations
 from .entity_services import EntityServices
 from .fault_service import FaultService
 from .map_server import MapServer
@@ -70,10 +72,21 @@ class Simulator:
         self._map_servers: dict[str, MapServer] = {}
         self._token = LivelinessToken(runtime)
         runtime.call(self._connect)
+        self._can_scan = False
+        threading.Thread(target=self._compile, name='compile', daemon=True).start()
         self._thread = threading.Thread(target=self._run, name='world', daemon=True)
         runtime.on_close(self._close)
         self._thread.start()
         runtime.node.get_logger().info(f'{self.parameters.source}: {self._described()}')
+
+    def _compile(self) -> None:
+        """Have what numba compiles compiled, or read from its cache: seconds for which the world would stand still."""
+        world = World(OccupancyMap(numpy.zeros((20, 20), numpy.int8), 0.1, Pose(0.0, 0.0, 0.0)))
+        robot = world.add('robot', RobotModel(), Pose(1.0, 1.0, 0.0))
+        robot.command(0.1, 0.1, 0.0)
+        for _ in range(3):
+            world.step()
+        self._can_scan = True
 
     def _described(self) -> str:
         world = self.world
@@ -87,6 +100,7 @@ class Simulator:
         clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._clock = node.create_publisher(Clock, names.CLOCK, clock_qos)
         self._clock_bytes = PrefilledMessage(Clock(), *stamp_fields('clock'))
+        self._computations = Computations(self.runtime, self.pacer)
         for robot in self.world.robots.values():
             self._connect_robot(robot, self.parameters.namespace_of(robot.name))
         EntityServices(self)
@@ -104,6 +118,7 @@ class Simulator:
         self._map_servers[robot.name] = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
         self._token.add_name(self._stands_in_for(namespace))
         self._robots = self._robots | {robot.name: topics}  # anew: the thread of the world goes through the old one
+        self._watch_computations()
 
     def _disconnect_robot(self, name: str) -> None:
         """Take back the topics of a robot that has gone."""
@@ -115,10 +130,16 @@ class Simulator:
             self._token.remove_name(self._stands_in_for(topics.namespace))
         self._map_servers.pop(name).close()
         topics.close()
+        self._watch_computations()
 
     def _stands_in_for(self, namespace: str) -> str:
         """The simulator in the namespace of a robot, whose nodes look for it there."""
         return f'{self.runtime.node.get_namespace().rstrip("/")}/{namespace}{self.runtime.name}'
+
+    def _watch_computations(self) -> None:
+        """As fast as possible means to wait for those who compute; at another speed nobody is waited for."""
+        namespaces = {topics.namespace for topics in self._robots.values()} if self.pacer.factor == 0.0 else set()
+        self._computations.watch(namespaces)
 
     # -- for the services --------------------------------------------------------------------------------------------
 
@@ -216,6 +237,7 @@ class Simulator:
         for change in changes:
             if change.name == SPEED_FACTOR:
                 self.pacer.factor = float(change.value)
+                self.runtime.post(self._watch_computations)
         return SetParametersResult(successful=True)
 
     # -- on the thread of the world ----------------------------------------------------------------------------------
@@ -242,7 +264,7 @@ class Simulator:
                 return False
             if self._steps % self._steps_per_odom == 0:
                 for topics in self._robots.values():
-                    topics.robot.is_scanning = topics.listens_to_scans
+                    topics.robot.is_scanning = self._can_scan and topics.listens_to_scans
             self.world.step()
             self._steps += 1
             moves = self._steps % self._steps_per_odom == 0
