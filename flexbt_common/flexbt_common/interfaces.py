@@ -154,7 +154,12 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(BT_SERVER, ONBOARD_EXECUTIVE),
     ),
     *_services(
-        names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP, names.IS_PATH_VALID, by=(NAVIGATION,), to=(BT_SERVER,)
+        names.CLEAR_GLOBAL_COSTMAP,
+        names.CLEAR_LOCAL_COSTMAP,
+        names.IS_PATH_VALID,
+        names.TOGGLE_COLLISION_MONITOR,
+        by=(NAVIGATION,),
+        to=(BT_SERVER,),
     ),
     *_services(
         *(service for costmap in names.COSTMAPS for service in names.costmap_services(costmap)),
@@ -180,7 +185,6 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(BT_SERVER,),
     ),
     *_services(
-        'collision_monitor/toggle',
         'reinitialize_global_localization',
         to=(BT_SERVER,),
     ),
@@ -188,7 +192,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
     *_topics(names.PLAN_SMOOTHED, names.ROUTE_GRAPH, by=(NAVIGATION,)),
     *_topics(names.SPEED_LIMIT, by=(NAVIGATION,), to=(NAVIGATION,)),
-    *_topics(names.DOCK_POSE, names.STAGING_POSE, by=(NAVIGATION,)),
+    *_topics(names.DOCK_POSE, names.STAGING_POSE, names.COLLISION_MONITOR_STATE, by=(NAVIGATION,)),
     *_topics(names.DETECTED_DOCK_POSE, to=(NAVIGATION,)),
     *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, names.RELOAD_DOCKS, by=(NAVIGATION,)),
     # The robot

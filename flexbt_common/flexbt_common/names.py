@@ -108,6 +108,8 @@ FOLLOW_OBJECT: Final = 'follow_object'
 CLEAR_GLOBAL_COSTMAP: Final = 'global_costmap/clear_entirely_global_costmap'
 CLEAR_LOCAL_COSTMAP: Final = 'local_costmap/clear_entirely_local_costmap'
 COSTMAPS: Final = ('global_costmap', 'local_costmap')
+TOGGLE_COLLISION_MONITOR: Final = 'collision_monitor/toggle'
+COLLISION_MONITOR_STATE: Final = 'collision_monitor_state'
 IS_PATH_VALID: Final = 'is_path_valid'
 PLAN: Final = 'plan'
 

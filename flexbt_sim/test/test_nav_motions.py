@@ -12,6 +12,8 @@ import pytest
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
 from nav2_msgs.action import BackUp, DriveOnHeading, FollowPath, Spin
+from nav2_msgs.msg import CollisionMonitorState
+from nav2_msgs.srv import Toggle
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
@@ -168,6 +170,34 @@ def test_no_motion_is_driven_into_a_wall(world: Probe) -> None:
         world.place(place)
         aborted(drive(world, action, distance, speed), code)
         assert world.wait_at_rest().x > 0.15 + 0.22
+
+
+def test_the_collision_monitor_slows_a_motion_down_before_a_wall_while_it_is_on(world: Probe) -> None:
+    states: list[int] = []
+    node = world.runtime.node
+    subscription = world.runtime.call(
+        lambda: node.create_subscription(
+            CollisionMonitorState, names.COLLISION_MONITOR_STATE, lambda state: states.append(state.action_type), 9
+        )
+    )
+
+    def toggle(*, enable: bool) -> None:
+        assert world.ask(Toggle, names.TOGGLE_COLLISION_MONITOR, Toggle.Request(enable=enable)).success
+
+    def slowest() -> float:
+        """Of the commands while the robot drives to where it is 3 cm from a wall."""
+        world.place((0.9, 4.45, math.pi))
+        begun = len(world.commands)
+        assert drive(world, names.DRIVE_ON_HEADING, 0.45).wait().status is not GoalStatus.CANCELED
+        return min(linear for linear, _ in world.commands[begun:] if linear)
+
+    toggle(enable=True)
+    assert 0.0 < slowest() < 0.19
+    world.wait(lambda: states and states[0] == CollisionMonitorState.APPROACH, 'what the monitor does')
+    toggle(enable=False)
+    assert slowest() == pytest.approx(0.2)
+    world.wait(lambda: states[-1] == CollisionMonitorState.DO_NOTHING, 'the end of it')
+    world.runtime.call(lambda: node.destroy_subscription(subscription))
 
 
 @pytest.mark.parametrize('action', [names.SPIN, names.BACKUP, names.DRIVE_ON_HEADING])

@@ -2,6 +2,7 @@
 """Planning and control. Pure."""
 
 from .behaviors import AssistedTeleop, DriveMotion, SpinMotion
+from .collision_monitor import slowed
 from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
 from .layers import LayeredCostmap, Observation, ObstacleRanges
 from .motions import LOOK_AHEAD, STOP, Motion, TurnLimits, Velocity, collides
@@ -42,5 +43,6 @@ __all__ = [
     'Velocity',
     'collides',
     'prepare',
+    'slowed',
     'smooth_path',
 ]

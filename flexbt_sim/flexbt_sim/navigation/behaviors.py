@@ -7,13 +7,13 @@ Checks, speeds and error codes are those of Nav2; what differs is said in docs/r
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Callable
 from typing import Final
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose, drive, wrap
 
+from .collision_monitor import slowed
 from .costmap import Costmap
 from .motions import LOOK_AHEAD, LOOK_AHEAD_STEP, STOP, TurnLimits, Velocity, collides
 
@@ -140,15 +140,7 @@ class AssistedTeleop:
         command = self._command()
         if command == STOP:
             return STOP
-        steps = round(TELEOP_PROJECTION / LOOK_AHEAD_STEP)
-        # Who collides within some time does so within any longer one.
-        free = bisect_left(
-            range(1, steps),
-            True,
-            key=lambda step: collides(self._costmap, pose, command, step * LOOK_AHEAD_STEP),
-        )
-        scale = (free + 1) / steps if free else 0.0
-        return Velocity(command.linear * scale, command.angular * scale)
+        return slowed(self._costmap, pose, command, TELEOP_PROJECTION)
 
     def update(self, costmap: Costmap) -> None:
         self._costmap = costmap

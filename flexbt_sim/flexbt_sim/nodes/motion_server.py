@@ -15,7 +15,7 @@ from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_core.clock import Timer
-from flexbt_sim.navigation import STOP, Motion, PathFollower
+from flexbt_sim.navigation import STOP, Motion, PathFollower, Velocity
 from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
@@ -57,6 +57,7 @@ class MotionArbiter:
         self.robot = robot
         self._watch: Timer | None = None
         self.running: RunningMotion | None = None
+        self.monitor: Callable[[Pose, Velocity], Velocity] = lambda _pose, command: command
         self._is_held = False
         robot.on_pose.append(self._on_pose)
         robot.on_map = self._on_map
@@ -94,7 +95,7 @@ class MotionArbiter:
         if velocity is None:
             self.end(SUCCEEDED)
             return
-        self.robot.drive(velocity)
+        self.robot.drive(self.monitor(pose, velocity))
         if running.poses % FEEDBACK_EVERY == 1:
             running.goal.publish_feedback(running.feedback(running.motion))
 

@@ -42,6 +42,8 @@ class NavigationParameters:
     cmd_vel_topic: str
     stamped_cmd_vel: bool
     pose_timeout: float
+    collision_monitor: bool
+    time_before_collision: float
     routes: RouteParameters
     docking: DockingParameters
 
@@ -114,6 +116,12 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         pose_timeout=declare.real(
             'pose_timeout', 1.0, 0.1, 60.0, "time of the node's clock without a pose after which motions fail, s"
+        ),
+        collision_monitor=declare.flag(
+            'collision_monitor', False, 'whether commands are slowed down before collisions, as the service toggles it'
+        ),
+        time_before_collision=declare.real(
+            'time_before_collision', 1.2, 0.1, 10.0, 'how far ahead the collision monitor looks, s'
         ),
         routes=declare_route_parameters(declare),
         docking=declare_docking_parameters(declare),

@@ -27,6 +27,7 @@ from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare
 
 from .action_results import GoalEnd
+from .collision_monitor import CollisionMonitor
 from .docking_server import DockingServer
 from .motion_server import MotionArbiter, MotionServer
 from .navigation_parameters import declare_navigation_parameters
@@ -112,6 +113,7 @@ class Navigation:
         SmootherServer(runtime, self._parameters, self._robot)
         TeleopServer(runtime, self._parameters, self._arbiter)
         self._routes = RouteServer(runtime, self._parameters, self._robot)
+        CollisionMonitor(runtime, self._parameters, self._arbiter)
         DockingServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
         self._speed_limit = math.inf

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nav2's collision monitor, between the motions and the robot, and the service that switches it on and off."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from nav2_msgs.msg import CollisionMonitorState
+from nav2_msgs.srv import Toggle
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_sim.navigation import Velocity, slowed
+from flexbt_sim.world import Pose
+
+from .motion_server import MotionArbiter
+from .navigation_parameters import NavigationParameters
+
+POLYGON: Final = 'FootprintApproach'
+"""The polygon of Nav2's bringup that slows down, which is the footprint."""
+
+
+class CollisionMonitor:
+    """On the executor thread. Its state is published when it changes."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, arbiter: MotionArbiter) -> None:
+        self._parameters = parameters
+        self._robot = arbiter.robot
+        self._is_on = parameters.collision_monitor
+        self._acts = False
+        self._states = runtime.node.create_publisher(CollisionMonitorState, names.COLLISION_MONITOR_STATE, 1)
+        runtime.node.create_service(Toggle, names.TOGGLE_COLLISION_MONITOR, self._toggle)
+        arbiter.monitor = self._checked
+
+    def _checked(self, pose: Pose, command: Velocity) -> Velocity:
+        if not self._is_on:
+            return command
+        safe = slowed(self._robot.costmaps.local, pose, command, self._parameters.time_before_collision)
+        self._tell(acts=safe != command)
+        return safe
+
+    def _tell(self, *, acts: bool) -> None:
+        if acts != self._acts:
+            self._acts = acts
+            action = CollisionMonitorState.APPROACH if acts else CollisionMonitorState.DO_NOTHING
+            self._states.publish(CollisionMonitorState(action_type=action, polygon_name=POLYGON if acts else ''))
+
+    def _toggle(self, request: Any, response: Any) -> Any:
+        self._is_on = request.enable
+        if not self._is_on:
+            self._tell(acts=False)
+        response.success = True
+        response.message = f'the collision monitor is {"on" if self._is_on else "off"}'
+        return response
