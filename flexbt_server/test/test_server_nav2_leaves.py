@@ -348,7 +348,9 @@ def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[An
 
 
 def test_the_pose_of_the_robot_in_any_frame(world: World) -> None:
-    publisher(world, PoseStamped, names.POSE)(pose(3.0, 1.0))
+    here = pose(3.0, 1.0)
+    here.header.stamp.sec = 7
+    publisher(world, PoseStamped, names.POSE)(here)
     runtime = world.client.runtime
     broadcaster = runtime.call(lambda: runtime.node.create_publisher(TFMessage, names.TF_STATIC, names.latched()))
     camera = TransformStamped()
@@ -357,9 +359,9 @@ def test_the_pose_of_the_robot_in_any_frame(world: World) -> None:
     runtime.call(lambda: broadcaster.publish(TFMessage(transforms=[camera])))
     wait_until(lambda: leaves(world, '<TransformAvailable parent="hall" child="map"/>'), 'the transform')
     run(world, '<GetCurrentPose current_pose="{here}"/>')
-    assert entry(world, 'here') == pose(3.0, 1.0)
+    assert entry(world, 'here') == here
     run(world, '<GetCurrentPose global_frame="hall" current_pose="{here}"/>')
-    assert entry(world, 'here').pose.position.x == 13.0
+    assert (entry(world, 'here').pose.position.x, entry(world, 'here').header.stamp.sec) == (13.0, 7)
     run(world, '<ArePosesNear ref_pose="{a}" target_pose="{b}" tolerance="0.1"/>', a=pose(1), b=pose(11, 0, 'hall'))
     run(world, '<GoalReached goal="{a}"/>', a=pose(3.2, 1.0))
     assert not leaves(world, '<GoalReached goal="{a}"/>', a=pose(3.3, 1.0))

@@ -177,6 +177,26 @@ def test_counts_of_the_default_tree(case: str, branch: Dialect) -> None:
         assert [seen[name] for name in order] == expected[DIALECTS.index(branch)]
 
 
+@pytest.mark.parametrize('branch', DIALECTS)
+def test_a_path_is_planned_once_a_second_of_simulated_time_at_any_speed(branch: Dialect) -> None:
+    """Nav2's RateController goes by the machine: at 20 times real time it plans every 20 s."""
+    id, tree = TREES[branch]
+    with open_world(use_sim_time=True) as world:
+        set_clock(world, 100)
+        world.client.load(xml=tree)
+        world.navigation.hold.add(names.FOLLOW_PATH)
+        goal = world.client.execute(id, goals=[pose(2)])
+        for second in range(1, 6):
+            wait_until(
+                lambda second=second: world.navigation.count(names.FOLLOW_PATH) == second,  # type: ignore[misc]
+                f'the path of {second} s',
+            )
+            set_clock(world, 100 + second)
+        wait_until(lambda: world.navigation.count(names.COMPUTE_PATH_TO_POSE) == 6, 'the last path')
+        goal.call.cancel(DEADLINE)
+        assert goal.result.code == Result.CANCELED
+
+
 STOCK = 'navigate_to_pose_w_replanning_and_recovery.xml'
 
 

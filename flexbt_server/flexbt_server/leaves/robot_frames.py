@@ -73,4 +73,5 @@ class RobotFrames:
         self._timeout = TRANSFORM_TOLERANCE
         if isinstance(answer, TransformError):
             raise answer
+        answer.header.stamp = pose.header.stamp
         return answer
