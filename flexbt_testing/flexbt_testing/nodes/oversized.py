@@ -22,12 +22,17 @@ MOST_ELEMENTS: Final = 25_000
 _ARRAY_CODES: Final = {
     'uint8': 'B',
     'int8': 'b',
-    'octet': 'B',
     'uint16': 'H',
+    'int16': 'h',
     'int32': 'i',
     'uint32': 'I',
+    'int64': 'q',
+    'uint64': 'Q',
+    'float': 'f',
     'double': 'd',
 }
+_OTHER_ELEMENTS: Final[dict[str, Any]] = {'boolean': True, 'octet': b'x'}
+"""Of types whose sequences are no arrays in Python."""
 
 
 def oversized(message_type: type[Any], most: int = TOO_MUCH) -> Iterator[tuple[str, Any]]:
@@ -47,8 +52,10 @@ def _values(slot: Any, most: int) -> Iterator[tuple[str, Any]]:
     elif isinstance(slot, AbstractSequence) and not isinstance(slot, BoundedSequence):
         element = slot.value_type
         if isinstance(element, BasicType):
-            code = _ARRAY_CODES[element.typename]
-            yield '', array(code, bytes(most))
+            if element.typename in _OTHER_ELEMENTS:
+                yield '', [_OTHER_ELEMENTS[element.typename]] * most
+            else:
+                yield '', array(_ARRAY_CODES[element.typename], bytes(most))
             return
         if isinstance(element, AbstractString):
             yield '', ['x' * 95] * (most // 100)
