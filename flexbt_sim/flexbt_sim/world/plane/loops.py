@@ -88,7 +88,7 @@ def cast(
                 across = cos * uy - sin * ux
                 if across != 0.0:
                     length, part = (x0 * uy - y0 * ux) / across, (x0 * sin - y0 * cos) / across
-                    if length >= 0.0 and 0.0 <= part <= 1.0:
+                    if length >= 0.0 and -1e-9 <= part <= 1.0 + 1e-9:  # none slips between two sides
                         ranges[beam] = min(ranges[beam], length)
     for beam in range(beams):
         if ranges[beam] > range_max:

@@ -21,6 +21,9 @@ from .shapes import Circle
 _BEYOND: Final = 1e-6
 """By how much, in cells, a beam goes into the next cell to be in it."""
 
+_ROUNDING: Final = 1e-9
+"""Part of a side by which it is longer, so that no beam slips between two sides."""
+
 _HALF_DIAGONAL: Final = 0.71
 """Of a cell, rounded up."""
 
@@ -160,5 +163,5 @@ def _cast_on_bodies(sensor: Sensor, cos: Floats, sin: Floats, bodies: Outlines, 
         with numpy.errstate(divide='ignore', invalid='ignore'):
             distance = (wx * uy - wy * ux) / across
             part = (wx * sin - wy * cos) / across
-        meets = (distance >= 0.0) & (part >= 0.0) & (part <= 1.0)
+        meets = (distance >= 0.0) & (part >= -_ROUNDING) & (part <= 1.0 + _ROUNDING)
         ranges[meets] = numpy.minimum(ranges[meets], distance[meets])
