@@ -32,8 +32,9 @@ from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until
 
-MEMORY = 600
-"""MB of a process at most; at rest it has some 100."""
+MEMORY = 900
+"""MB of a process at most. At rest it has some 100, navigation with its compiler 250; the middleware keeps room for the
+largest message that each service and topic has had, and navigation has fifty of them."""
 
 SERVERS = (names.NAVIGATION, names.BT_SERVER, names.ONBOARD_EXECUTIVE)
 CUTS_OFF = frozenset(
