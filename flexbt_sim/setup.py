@@ -17,6 +17,8 @@ setup(
             'share/' + package_name + '/maps',
             sorted(str(file) for file in Path('maps').iterdir() if file.suffix in ('.yaml', '.png')),
         ),
+        ('share/' + package_name + '/rviz', ['rviz/robot.rviz']),
+        ('share/' + package_name + '/foxglove', ['foxglove/robot.json']),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test looks for it

@@ -34,6 +34,7 @@ from simulation_interfaces.srv import (
     StepSimulation,
 )
 from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
@@ -58,6 +59,8 @@ obstacles:
   crate: {pose: [8, 5, 0], shape: [0.4, 0.4]}
 stations:
   dock: {pose: [1, 1, 0]}
+doors:
+  gate: {from: [6, 0.1], to: [6, 1.1], opening_time: 0.2}
 places:
   exit: [9, 1, 1.57]
 """
@@ -176,7 +179,7 @@ def test_entities_are_found_by_name_category_tag_and_place(bench: Bench) -> None
         assert response.result.result == Result.RESULT_OK, response.result.error_message
         return set(response.entities)
 
-    assert found() == {'alpha', 'beta', 'crate', 'dock'}
+    assert found() == {'alpha', 'beta', 'crate', 'dock', 'gate'}
     assert found(filter='.*a') == {'alpha', 'beta'}
     robots = EntityCategory(category=EntityCategory.CATEGORY_ROBOT)
     assert found(categories=[robots]) == {'alpha', 'beta'}
@@ -326,7 +329,7 @@ def test_a_reset_takes_back_what_its_scope_says(bench: Bench) -> None:
     assert bench.spawn('robots: {late: {pose: [5, 5, 0]}}').result.result == Result.RESULT_OK
     assert bench.ask(DeleteEntity, 'delete_entity', entity='alpha').result.result == Result.RESULT_OK
     assert reset(scopes.SCOPE_DEFAULT) == Result.RESULT_OK
-    assert set(bench.ask(GetEntities, 'get_entities').entities) == {'alpha', 'beta', 'crate', 'dock'}
+    assert set(bench.ask(GetEntities, 'get_entities').entities) == {'alpha', 'beta', 'crate', 'dock', 'gate'}
     heard = bench.listen(PoseStamped, '/alpha/pose')
     wait_until(lambda: heard)
     assert reset(64) == Result.RESULT_FEATURE_UNSUPPORTED
@@ -367,6 +370,22 @@ def test_faults_come_and_go(bench: Bench) -> None:
     ):
         answer = fault(**fields)
         assert not answer.success and says in answer.message, answer.message
+
+
+def test_a_door_is_opened_and_jams_and_a_spawned_one_has_a_service(bench: Bench) -> None:
+    doors = bench.simulator.world.doors
+    assert bench.ask(SetBool, 'doors/gate', data=True).success
+    wait_until(lambda: doors['gate'].opening == 1.0)
+    assert bench.ask(SetFault, 'set_fault', entity='gate', fault='door_jammed').success
+    answer = bench.ask(SetBool, 'doors/gate', data=False)
+    assert not answer.success and 'jammed' in answer.message
+    assert bench.ask(SetFault, 'set_fault', entity='gate', clear=True).success
+    wait_until(lambda: doors['gate'].opening == 0.0)
+    assert bench.spawn('doors: {hatch: {from: [4, 0.1], to: [4, 1.1]}}').result.result == Result.RESULT_OK
+    assert bench.ask(SetBool, 'doors/hatch', data=True).success
+    assert bench.ask(DeleteEntity, 'delete_entity', entity='hatch').result.result == Result.RESULT_OK
+    served = bench.runtime.node.get_service_names_and_types_by_node
+    wait_until(lambda: not any('hatch' in name for name, _ in served('simulator', '/')))
 
 
 def test_an_initial_pose_tells_the_localization_and_moves_nothing(bench: Bench) -> None:

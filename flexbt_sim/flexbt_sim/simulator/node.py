@@ -30,6 +30,7 @@ from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_sim.world import Entity, OccupancyMap, Pacer, Pose, Robot, RobotModel, World
 
 from .computations import Computations
+from .door_services import DoorServices
 from .entity_services import EntityServices
 from .fault_service import FaultService
 from .map_server import MapServer
@@ -103,6 +104,8 @@ class Simulator:
         self._computations = Computations(self.runtime, self.pacer)
         for robot in self.world.robots.values():
             self._connect_robot(robot, self.parameters.namespace_of(robot.name))
+        self._doors = DoorServices(self)
+        self._doors.update()
         EntityServices(self)
         TimeServices(self)
         FaultService(self)
@@ -153,6 +156,7 @@ class Simulator:
         self._spawned[entity.name] = namespace
         if isinstance(entity, Robot):
             self._connect_robot(entity, f'{namespace.strip("/") or entity.name}/')
+        self._doors.update()
 
     def is_free_namespace(self, namespace: str) -> bool:
         """Whether no robot is there."""
@@ -165,6 +169,7 @@ class Simulator:
         with self.lock:
             self.world.remove(entity.name)
         self._spawned.pop(entity.name, None)
+        self._doors.update()
 
     def remove_spawned(self) -> None:
         """Take away all that has come by service."""
@@ -207,6 +212,7 @@ class Simulator:
         for robot in world.robots.values():
             if robot.name not in self._robots:
                 self._connect_robot(robot, self.parameters.namespace_of(robot.name))
+        self._doors.update()
 
     # -- on the executor thread --------------------------------------------------------------------------------------
 
