@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from itertools import pairwise
 from typing import Any
 
@@ -26,7 +27,8 @@ both = settings(deadline=None, max_examples=60)
 
 @pytest.fixture(autouse=True)
 def compiled() -> None:
-    pytest.importorskip('numba')
+    if loops().search is arrays.search:
+        pytest.skip('nothing is compiled: FLEXBT_ACCELERATION=0, or no numba')
 
 
 @both
@@ -124,3 +126,29 @@ def test_a_search_ends_when_it_is_stopped() -> None:
         GridPlanner(Costmap(OccupancyMap(costs.astype(numpy.int8), 0.05, Pose(0.0, 0.0, 0.0)), INFLATION)).plan(
             Pose(1.0, 1.0, 0.0), Pose(9.0, 9.0, 0.0), stop
         )
+
+
+def test_a_search_leaves_the_interpreter_to_others() -> None:
+    """Who holds it cannot be stopped: this thread would not run before the search is complete.
+
+    A search that holds it is what kept robots from their goals on large maps: nothing drove them meanwhile.
+    """
+    size = 2000
+    costs = numpy.full((size, size), 100, numpy.uint8)  # where A* has to look everywhere
+    costs[0] = costs[-1] = costs[:, 0] = costs[:, -1] = LETHAL
+
+    def stopped() -> bool:
+        begins, stop, reached = threading.Event(), StopFlag(), []
+
+        def work() -> None:
+            begins.set()
+            reached.append(loops().search(costs, WEIGHTS, size + 1, size * (size - 1) - 2, stop.cell)[-size - 2])
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        begins.wait()
+        stop.set()
+        thread.join()
+        return bool(reached[0] < 0)
+
+    assert any(stopped() for _ in range(20))

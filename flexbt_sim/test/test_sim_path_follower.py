@@ -91,6 +91,17 @@ def test_a_path_that_crosses_itself_and_passes_its_own_end_is_driven_to_its_end(
         assert min(math.dist(pose[:2], corner) for pose in done.poses) < 0.3
 
 
+def test_a_path_that_was_planned_long_ago_is_joined_where_the_robot_is_by_now() -> None:
+    """Even one step towards its beginning would be a turn on the spot."""
+    before = follower(line((1.0, 1.0), (7.0, 1.0)))
+    before.speed = FOLLOWER.speed
+    later = PathFollower(line((1.0, 1.0), (7.0, 1.0)), Costmap(OPEN, Inflation()), FOLLOWER, before)
+    velocity = later.step(Pose(4.5, 1.05, 0.0), 0.0)
+    assert velocity is not None
+    assert velocity.linear == FOLLOWER.speed
+    assert later.distance_to_goal == pytest.approx(2.5, abs=0.1)
+
+
 def test_poses_that_are_repeated_do_no_harm() -> None:
     path = [pose for pose in line((1.0, 1.0), (2.0, 1.0)) for _ in range(3)]
     assert_arrived(run(OPEN, path[0], follower(path)), path[-1])
