@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world import OccupancyMap, Pose, check_place
+from flexbt_sim.world import Circle, OccupancyMap, Pose, RobotModel, World
 
 
 @settings(deadline=None)
@@ -22,7 +22,7 @@ def test_a_place_is_accepted_where_the_robot_fits_on_the_map(
     pose = data.draw(places(world, beside=3.0))
     fits = world.contains(*world.cell(*pose[:2])) and room(world, *pose[:2]) >= radius
     try:
-        check_place(world, pose, radius)
+        World(world).add('alpha', RobotModel(footprint=Circle(radius), lidar=None), pose)
     except SimulationError as error:
         assert not fits
         assert f'({pose.x:g}, {pose.y:g}' in str(error)
@@ -36,11 +36,11 @@ def test_a_place_is_accepted_where_the_robot_fits_on_the_map(
         (Pose(math.nan, 1.0, 0.0), 'finite'),
         (Pose(1.0, 1.0, math.inf), 'finite'),
         (Pose(5.0, 1.0, 0.0), 'outside of the map of 2 x 1.5 m with its corner at (0, 0)'),
-        (Pose(0.15, 1.0, 0.0), '0.10 m from an obstacle, and the robot has a radius of 0.22 m'),
+        (Pose(0.15, 1.0, 0.0), "0.10 m from an obstacle, and 'alpha' has a radius of 0.22 m"),
     ],
 )
 def test_the_reason_is_said(pose: Pose, said: str) -> None:
     world = drawn(*['#' + '.' * 39] * 30)
     with pytest.raises(SimulationError) as raised:
-        check_place(world, pose, 0.22)
+        World(world).add('alpha', RobotModel(), pose)
     assert said in str(raised.value)

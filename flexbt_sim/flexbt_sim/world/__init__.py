@@ -30,7 +30,6 @@ from .lidar import Lidar
 from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
 from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
 from .pictures import Frame, Trace, draw_world
-from .placement import check_place
 from .plane import (
     FAR,
     FARTHEST,
@@ -123,7 +122,6 @@ __all__ = [
     'Zone',
     'ZoneModel',
     'box',
-    'check_place',
     'compose',
     'draw_world',
     'drive',

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from flexbt_sim.errors import SimulationError
 
@@ -27,14 +27,13 @@ from .descriptions import (
     fault_parameters,
     hint,
 )
-from .plane import Body, OccupancyMap, Pose, RayCaster, Sensor, Space, outlines
+from .plane import Body, OccupancyMap, Pose, RayCaster, Sensor, Space, check_pose, outlines
 from .robot import Robot, compose
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
 MAX_ENTITIES: Final = 10_000
 
 EntityModel = RobotModel | ObstacleModel | DoorModel | StationModel | ZoneModel
-E = TypeVar('E')
 
 
 @dataclass(frozen=True)
@@ -194,6 +193,7 @@ class World:
         if isinstance(model, RobotModel):
             if pose is None:
                 raise SimulationError(f"robot '{name}': its pose is missing")
+            check_pose(pose)
             return Robot(name, model, pose, self.seed)
         if isinstance(model, DoorModel):
             return Door(name, model)
@@ -239,12 +239,11 @@ class World:
         entity = self._entity(name)
         if isinstance(entity, Door):
             raise SimulationError(f"'{name}' is a door, which stays where it is")
+        check_pose(pose)
         if isinstance(entity, Robot | Obstacle):
             self._check(entity, pose)
             entity.place(pose)
             self._space.changed()
-        elif not pose.is_place:
-            raise SimulationError(f"'{name}' cannot be at {tuple(pose)}")
         elif isinstance(entity, Station | Zone):
             entity.model = dataclasses.replace(entity.model, pose=pose)
 

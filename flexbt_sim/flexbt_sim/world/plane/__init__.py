@@ -17,7 +17,7 @@ from .occupancy_map import (
 )
 from .ray_casting import RayCaster, Sensor, outlines
 from .shapes import MAX_CORNERS, Circle, Point, Polygon, Shape, box, contains, gap
-from .space import Space, polygon_gap
+from .space import Space, check_pose, polygon_gap
 
 __all__ = [
     'FAR',
@@ -42,6 +42,7 @@ __all__ = [
     'Space',
     'Surroundings',
     'box',
+    'check_pose',
     'contains',
     'drive',
     'gap',

@@ -216,9 +216,7 @@ class Space:
         Raises:
             SimulationError: it does not; the message says why.
         """
-        place = f'({pose.x:g}, {pose.y:g}, {pose.yaw:g})'
-        if not pose.is_place:
-            raise SimulationError(f'{place} is no pose; give finite numbers, of at most {FARTHEST:g}: m, m, rad')
+        place = check_pose(pose)
         for other in others:
             if other is not body and gap(body.shape, pose, other.shape, other.pose) < 0.0:
                 raise SimulationError(f"'{body.name}' at {place} would overlap '{other.name}'")
@@ -246,6 +244,18 @@ class Space:
         bottom, left = max(0, row - reach), max(0, column - reach)
         cells = numpy.argwhere(world.obstacles[bottom : row + reach + 1, left : column + reach + 1])
         return any(contains(body.shape, pose, *world.point(bottom + r, left + c)) for r, c in cells.tolist())
+
+
+def check_pose(pose: Pose) -> str:
+    """The pose as text.
+
+    Raises:
+        SimulationError: it is none.
+    """
+    place = f'({pose.x:g}, {pose.y:g}, {pose.yaw:g})'
+    if not pose.is_place:
+        raise SimulationError(f'{place} is no pose; give finite numbers, of at most {FARTHEST:g}: m, m, rad')
+    return place
 
 
 def polygon_gap(obstacles: NDArray[numpy.bool_], corners: NDArray[numpy.float64]) -> float:
