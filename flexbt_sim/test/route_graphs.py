@@ -35,8 +35,7 @@ def write(file: Path, features: Iterable[Mapping[str, Any]]) -> Path:
 def graph(places: Mapping[int, tuple[float, float]], *ways: tuple[int, int]) -> RouteGraph:
     """Nodes at places, and edges between them, whose ids begin with 100."""
     nodes = {id: RouteNode(id, *place) for id, place in places.items()}
-    edges = {id: RouteEdge(id, nodes[start], nodes[end]) for id, (start, end) in enumerate(ways, 100)}
-    return RouteGraph(nodes, edges)
+    return RouteGraph(nodes, [RouteEdge(id, nodes[start], nodes[end]) for id, (start, end) in enumerate(ways, 100)])
 
 
 @st.composite

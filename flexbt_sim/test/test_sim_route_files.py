@@ -41,11 +41,18 @@ def test_nodes_and_edges_are_read_with_all_that_they_carry(tmp_path: Path) -> No
     assert graph.nodes[0].metadata == {'region': {'x_values': [1.0, 2.0]}}
     (halt,) = graph.nodes[0].operations
     assert (halt.name, halt.type, halt.trigger, halt.metadata) == ('halt', *door.values()) or halt.trigger == 'NODE'
-    seven, eight = graph.edges[7], graph.edges[8]
+    seven, eight, _ = graph.edges
     assert (seven.start, seven.end, seven.cost, seven.overridable) == (graph.nodes[1], graph.nodes[0], 3.5, False)
     assert (eight.cost, eight.overridable, eight.metadata) == (0.0, True, {'speed_limit': 0.85})
     assert [operation.name for operation in eight.operations] == ['open']
     assert [each.id for each in graph.leaving(graph.nodes[0])] == [8, 9]
+
+
+def test_edges_may_have_the_same_id(tmp_path: Path) -> None:
+    """As in a sample of Nav2, where each way and the one back have one."""
+    graph = load_graph(write(tmp_path / 'g', [*NODES, edge(5, 0, 1), edge(5, 1, 0)]))
+    assert [(each.id, each.start.id) for each in graph.edges] == [(5, 0), (5, 1)]
+    assert [each.end.id for each in graph.leaving(graph.nodes[1])] == [0]
 
 
 def test_a_graph_in_several_frames_is_moved_to_one(tmp_path: Path) -> None:
@@ -73,7 +80,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     'nowhere': ([node(1, math.nan, 0.0)], 'geometry.coordinates: expected x and y'),
     'too far': ([node(1, 1e9, 0.0)], 'geometry.coordinates: expected x and y'),
     'frame': ([node(1, 0.0, 0.0, frame='')], 'properties.frame'),
-    'twice': ([node(1, 0.0, 0.0), node(1, 1.0, 0.0)], 'features[1].properties.id: 1 is the id of another one'),
+    'twice': ([node(1, 0.0, 0.0), node(1, 1.0, 0.0)], 'features[1].properties.id: 1 is the id of another node'),
     'no start': ([*NODES, edge(0, 5, 1)], 'features[2].properties.startid: there is no node 5'),
     'no end': ([*NODES, feature('LineString', [], id=0, startid=0)], 'properties.endid'),
     'cost': ([*NODES, edge(0, 0, 1, cost='dear')], "properties.cost: expected a number, got 'dear'"),

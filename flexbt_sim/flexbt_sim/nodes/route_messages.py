@@ -34,11 +34,11 @@ def graph_markers(graph: RouteGraph, frame: str, stamp: Time) -> MarkerArray:
     nodes.points = [_point(node.point) for node in graph.nodes.values()]
     edges = Marker(ns='route_graph_edges', type=Marker.LINE_LIST, scale=Vector3(x=0.05))
     edges.color = ColorRGBA(g=1.0, a=0.5)  # half, so that a way in both directions stands out
-    edges.points = [_point(end.point) for edge in graph.edges.values() for end in (edge.start, edge.end)]
+    edges.points = [_point(end.point) for edge in graph.edges for end in (edge.start, edge.end)]
     texts = []
     for number, node in enumerate(graph.nodes.values()):
         texts.append(_text('route_graph_node_ids', number, node.id, (node.x + 0.07, node.y), ColorRGBA(r=1.0, a=1.0)))
-    for number, edge in enumerate(graph.edges.values()):
+    for number, edge in enumerate(graph.edges):
         x, y = (edge.start.x + edge.end.x) / 2.0, (edge.start.y + edge.end.y) / 2.0
         y += 0.05 if edge.start.id > edge.end.id else -0.05  # apart, when there is one back
         texts.append(_text('route_graph_edge_ids', number, edge.id, (x + 0.07, y), ColorRGBA(g=1.0, a=1.0)))

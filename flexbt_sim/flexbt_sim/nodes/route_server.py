@@ -161,7 +161,7 @@ class RouteServer:
         if graph is None:
             raise NavigationError('NO_VALID_GRAPH', 'there is no graph')
         named = {*request.closed_edges, *request.opened_edges, *(edge.edgeid for edge in request.adjust_edges)}
-        if unknown := sorted(int(id) for id in named - graph.edges.keys()):
+        if unknown := sorted(int(id) for id in named - {edge.id for edge in graph.edges}):
             raise NavigationError('NO_VALID_GRAPH', f'the graph has no edges {unknown[:10]}')
         for edge in request.adjust_edges:
             if not (math.isfinite(edge.cost) and abs(edge.cost) <= HIGHEST_COST):

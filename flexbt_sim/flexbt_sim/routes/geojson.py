@@ -34,16 +34,14 @@ def load_graph(file: Path) -> RouteGraph:
         GraphError: the file cannot be read, or it is no graph.
     """
     nodes: dict[int, RouteNode] = {}
-    edges: dict[int, RouteEdge] = {}
     features = list(_features(file))
     for feature, kind, properties in features:
         if kind == 'Point':
             node = _node(feature, properties)
-            _add(nodes, node.id, node, feature)
-    for feature, kind, properties in features:
-        if kind in EDGE_GEOMETRIES:
-            edge = _edge(feature, properties, nodes)
-            _add(edges, edge.id, edge, feature)
+            if node.id in nodes:
+                raise feature.error('properties.id', f'{node.id} is the id of another node, too')
+            nodes[node.id] = node
+    edges = [_edge(feature, properties, nodes) for feature, kind, properties in features if kind in EDGE_GEOMETRIES]
     if not nodes or not edges:
         missing = 'nodes: features with a Point' if not nodes else 'edges: features with a LineString'
         raise GraphError(file, '', f'there are no {missing}')
@@ -159,12 +157,6 @@ def _id(feature: _Feature, properties: Mapping[str, Any], name: str) -> int:
     if not (isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= HIGHEST_ID):
         raise feature.unfit(f'properties.{name}', f'a whole number of 0 to {HIGHEST_ID}', value)
     return value
-
-
-def _add(table: dict[int, Any], key: int, value: object, feature: _Feature) -> None:
-    if key in table:
-        raise feature.error('properties.id', f'{key} is the id of another one, too')
-    table[key] = value
 
 
 def _is_number(value: object) -> bool:

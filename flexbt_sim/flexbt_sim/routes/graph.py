@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
@@ -70,13 +70,13 @@ class RouteEdge:
 
 
 class RouteGraph:
-    """Nodes and edges by their ids. It has at least one node."""
+    """Nodes by their ids, at least one, and edges. Edges may share an id: what is said of it is said of all of them."""
 
-    def __init__(self, nodes: Mapping[int, RouteNode], edges: Mapping[int, RouteEdge]) -> None:
+    def __init__(self, nodes: Mapping[int, RouteNode], edges: Iterable[RouteEdge]) -> None:
         self.nodes = nodes
-        self.edges = edges
+        self.edges = tuple(edges)
         self._leaving: dict[int, list[RouteEdge]] = {id: [] for id in nodes}
-        for edge in edges.values():
+        for edge in self.edges:
             self._leaving[edge.start.id].append(edge)
 
     def leaving(self, node: RouteNode) -> list[RouteEdge]:
@@ -104,7 +104,7 @@ class RouteGraph:
         nodes = {id: place(node) for id, node in self.nodes.items()}
         return RouteGraph(
             nodes,
-            {id: replace(edge, start=nodes[edge.start.id], end=nodes[edge.end.id]) for id, edge in self.edges.items()},
+            [replace(edge, start=nodes[edge.start.id], end=nodes[edge.end.id]) for edge in self.edges],
         )
 
 
