@@ -23,6 +23,7 @@ from nav2_msgs.action import (
 from nav2_msgs.msg import Route, RouteNode
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
 from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
@@ -406,3 +407,38 @@ def test_the_robot_stands_or_bumps_into_something(world: World) -> None:
     assert leaves(world, stopped)
     drive(12, 0.0)
     wait_until(lambda: not leaves(world, '<IsStuck/>'), 'the robot to be free')
+
+
+@pytest.mark.parametrize(('canceling', 'leaf', 'server'), [
+    ('CancelControl', 'FollowPath path="{path}"', names.FOLLOW_PATH),
+    ('CancelSpin', 'Spin', names.SPIN),
+    ('CancelBackUp', 'BackUp', names.BACKUP),
+    ('CancelWait', 'Wait', names.WAIT),
+    ('CancelDriveOnHeading', 'DriveOnHeading', names.DRIVE_ON_HEADING),
+    ('CancelAssistedTeleop', 'AssistedTeleop is_recovery="true"', names.ASSISTED_TELEOP),
+    ('CancelComputeAndTrackRoute', 'ComputeAndTrackRoute start_id="1" goal_id="2"', names.COMPUTE_AND_TRACK_ROUTE),
+    ('CancelFollowObject', 'FollowObject', names.FOLLOW_OBJECT),
+])  # fmt: skip
+def test_what_another_tree_has_asked_for_is_canceled(world: World, canceling: str, leaf: str, server: str) -> None:
+    world.navigation.actions[server].answer = lambda number, sent: None
+    world.client.load_tree(f'<{leaf}/>', 'Held')
+    held = world.client.execute('Held', inputs={'path': path_of((0, 0), (1, 0))}, blackboard=f'held {canceling}')
+    wait_until(lambda: world.navigation.actions[server].running, 'the goal')
+    run(world, f'<{canceling}/>')
+    assert (held.result.code, held.result.error_code) == (Result.FAILURE, 0)
+    assert world.navigation.actions[server].statuses == {0: 'canceled'}
+
+
+@pytest.mark.parametrize(
+    'kind', ['controller', 'planner', 'smoother', 'goal_checker', 'progress_checker', 'path_handler']
+)
+def test_a_plugin_is_selected_by_a_latched_topic_and_before_by_the_default(world: World, kind: str) -> None:
+    node = f'{kind.title().replace("_", "")}Selector'
+    leaf = f'<{node} default_{kind}="usual" topic_name="my_{kind}" selected_{kind}="{{{kind}}}"/>'
+    assert not leaves(world, f'<{node} topic_name="my_{kind}" selected_{kind}="{{{kind}}}"/>')
+    run(world, leaf)
+    assert entry(world, kind) == 'usual'
+    runtime = world.client.runtime
+    made = runtime.call(lambda: runtime.node.create_publisher(String, f'my_{kind}', names.latched()))
+    runtime.call(lambda: made.publish(String(data='other')))
+    wait_until(lambda: leaves(world, leaf) and entry(world, kind) == 'other', 'the selection')
