@@ -18,27 +18,7 @@ from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachi
 from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.node import ExecutiveParameters, open_executive
 from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
-
-
-class Ask(EventState):
-    """Wants to be left."""
-
-    def __init__(self) -> None:
-        super().__init__(outcomes=['again', 'out'], desired_rate=None)
-
-    def execute(self, userdata: UserData) -> str:
-        return 'again'
-
-
-class Add(EventState):
-    """Counts."""
-
-    def __init__(self) -> None:
-        super().__init__(outcomes=['done'], io_keys=['count'], desired_rate=None)
-
-    def execute(self, userdata: UserData) -> str:
-        userdata['count'] += 1
-        return 'done'
+from flexbt_testing.state_machines import Add, Ask
 
 
 class Tell(EventState):

@@ -18,38 +18,18 @@ from typing import Any
 import pytest
 
 from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+from flexbt_core.state_machine import Autonomy, OperatableStateMachine
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard import durability
 from flexbt_onboard.durability import JournalState, Line, RunJournal, read_journal
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.state_machines import Add, Ask
 
 C = ExecutiveCommand
 STEPS = int(os.environ.get('FLEXBT_STEPS', '80'))
 SEED = int(os.environ.get('FLEXBT_SEED', '1'))
 NAME = '/onboard_executive'
-
-
-class Ask(EventState):
-    """Wants to be left."""
-
-    def __init__(self) -> None:
-        super().__init__(outcomes=['again', 'out'], desired_rate=None)
-
-    def execute(self, userdata: UserData) -> str:
-        return 'again'
-
-
-class Add(EventState):
-    """Counts."""
-
-    def __init__(self) -> None:
-        super().__init__(outcomes=['done'], io_keys=['count'], desired_rate=None)
-
-    def execute(self, userdata: UserData) -> str:
-        userdata['count'] += 1
-        return 'done'
 
 
 def counting() -> OperatableStateMachine:

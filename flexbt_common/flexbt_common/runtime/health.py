@@ -24,7 +24,7 @@ from typing import Final
 from flexbt_core.clock import Clock
 
 PERIOD: Final = 0.15
-"""From one question to the next, s of wall time."""
+"""From one ping to the next, s of wall time."""
 
 LATE_SECONDS: Final = 0.3
 """A thread that has not answered for so long is late, s. With :data:`PERIOD` that is less than the lease of the

@@ -2,7 +2,7 @@
 """Which callback of which state holds up a run.
 
 The callbacks of all states are called on the thread of the run, which can do nothing else until they return. The engine
-says which it calls, and that is looked at from outside now and then.
+says which it calls, and that is checked from outside now and then.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class CallbackWatch:
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._is_watching = False
-            self._look_at(None)
+            self._observe(None)
             if self._timer is not None:
                 self._timer.cancel()
 
@@ -78,19 +78,19 @@ class CallbackWatch:
     def held(self) -> HeldUp | None:
         """The callback that takes longer than the limit now. From any thread."""
         with self._lock:
-            self._look_at(self._calling() if self._is_watching else None)
+            self._observe(self._calling() if self._is_watching else None)
             held = self._present()
         return held if held is not None and held.seconds >= LIMIT else None
 
     def _arm(self) -> None:
-        self._timer = self._steady.call_at(self._steady.now() + _PERIOD, self._look)
+        self._timer = self._steady.call_at(self._steady.now() + _PERIOD, self._check)
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         with self._lock:
             if not self._is_watching:
                 return
             self._arm()
-            self._look_at(self._calling())
+            self._observe(self._calling())
             held = self._present()
             if held is None or held.seconds < LIMIT:
                 return
@@ -100,7 +100,7 @@ class CallbackWatch:
                 self._is_shown = True
                 self._held_up(held)
 
-    def _look_at(self, calling: Calling | None) -> None:
+    def _observe(self, calling: Calling | None) -> None:
         if calling is self._seen:
             return
         before = self._present()

@@ -74,7 +74,7 @@ class StopWatch:
         """A run was told to stop."""
         self._run = run
         self._since = self._runtime.steady.now()
-        self._look_in(MOTION_SECONDS, run)
+        self._check_in(MOTION_SECONDS, run)
 
     def ended(self) -> None:
         """The run has ended. The robot is kept at rest until the goals of the run have ended, or the next one
@@ -90,11 +90,11 @@ class StopWatch:
             self._timer = None
         self._robot.release()
 
-    def _look_in(self, seconds: float, run: BehaviorRun) -> None:
+    def _check_in(self, seconds: float, run: BehaviorRun) -> None:
         steady = self._runtime.steady
-        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(lambda: self._look(run)))
+        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(lambda: self._check(run)))
 
-    def _look(self, run: BehaviorRun) -> None:
+    def _check(self, run: BehaviorRun) -> None:
         if run is not self._run:
             return
         if run.has_ended and not run.has_goals:
@@ -105,4 +105,4 @@ class StopWatch:
         if seconds >= self.timeout:
             run.give_up(f'given up {self.timeout:g} s after the stop')
         run.show_not_stopped(seconds)
-        self._look_in(_PERIOD, run)
+        self._check_in(_PERIOD, run)
