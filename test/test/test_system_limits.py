@@ -119,10 +119,12 @@ def test_goals_with_too_much_in_a_field_are_refused_by_its_name(runtime: NodeRun
         action_type = _class_of(type_name)
         for path, goal in oversized(action_type.Goal):
             sent = SentGoal(links.link(action_type, action), goal, DEADLINE)
-            text = getattr(sent.result, 'message', '') or sent.result.error_msg
             assert sent.wait().status is GoalStatus.ABORTED, path
-            assert f'{path} has' in text and 'at most' in text, (path, text)
-            assert len(text) < 1000
+            texts = [getattr(sent.result, name) for name in ('message', 'error_msg') if hasattr(sent.result, name)]
+            if texts:  # not every result of Nav2 has room for one
+                text = ''.join(texts)
+                assert f'{path} has' in text and 'at most' in text, (path, text)
+                assert len(text) < 1000
 
 
 @pytest.mark.parametrize('server', (names.SIMULATOR, *SERVERS))
