@@ -10,7 +10,18 @@ import numpy
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, Pose
+from flexbt_sim.world import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    LidarModel,
+    OccupancyMap,
+    Pose,
+    RayCaster,
+    Robot,
+    RobotModel,
+    outlines,
+)
 
 RESOLUTION = 0.05
 
@@ -80,3 +91,18 @@ def rooms(world: OccupancyMap, points: NDArray[numpy.float64]) -> NDArray[numpy.
 def room(world: OccupancyMap, x: float, y: float) -> float:
     """Of one point."""
     return float(rooms(world, numpy.array([[x, y]]))[0])
+
+
+class Scanner:
+    """A lidar without a robot, which is anywhere."""
+
+    def __init__(self, world: OccupancyMap, model: LidarModel, seed: int = 0) -> None:
+        self._rays = RayCaster(world)
+        self._robot = Robot('lidar', RobotModel(lidar=model), Pose(0.0, 0.0, 0.0), seed)
+
+    def scan(self, pose: Pose) -> NDArray[numpy.float32]:
+        """What it sees at a pose."""
+        self._robot.pose = pose
+        self._robot.see(0.0, self._rays.cast([self._robot.sensor(-1)], outlines([]))[0])
+        assert self._robot.scan is not None
+        return self._robot.scan.ranges

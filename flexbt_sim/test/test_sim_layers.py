@@ -9,11 +9,11 @@ import numpy
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_maps import drawn, worlds
+from sim_maps import Scanner, drawn, worlds
 
 from flexbt_sim.navigation import Costmap, Inflation, LayeredCostmap, Observation, arrays
 from flexbt_sim.navigation.acceleration import loops
-from flexbt_sim.world import OCCUPIED, Lidar, LidarModel, OccupancyMap, Pose
+from flexbt_sim.world import OCCUPIED, LidarModel, OccupancyMap, Pose
 
 INFLATION = Inflation(robot_radius=0.2, radius=0.5)
 MODEL = LidarModel(beams=360, range_max=3.5, noise=0.0)
@@ -32,7 +32,7 @@ def with_block(world: OccupancyMap, x: float, y: float, size: float = 0.3) -> Oc
 def seen(world: OccupancyMap, robot: Pose, model: LidarModel = MODEL, seed: int = 0) -> Observation:
     """What a lidar on the robot sees."""
     angles = numpy.arange(model.beams, dtype=numpy.float64) * model.angle_increment
-    return Observation(robot, angles, Lidar(world, model, seed).scan(robot).astype(numpy.float64), model.range_max)
+    return Observation(robot, angles, Scanner(world, model, seed).scan(robot).astype(numpy.float64), model.range_max)
 
 
 def layered(world: OccupancyMap = EMPTY, window: float = math.inf) -> LayeredCostmap:

@@ -9,9 +9,9 @@ import numpy
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_maps import drawn, places, worlds
+from sim_maps import Scanner, drawn, places, worlds
 
-from flexbt_sim.world import Lidar, LidarModel, OccupancyMap, Pose
+from flexbt_sim.world import LidarModel, OccupancyMap, Pose
 
 BOX = drawn('#' * 62, *['#' + '.' * 60 + '#'] * 60, '#' * 62)
 """3 m by 3 m within walls of 5 cm."""
@@ -41,7 +41,7 @@ def test_ranges_are_those_of_a_ray_caster(
 ) -> None:
     model = LidarModel(beams, range_min, range_max, noise=0.0)
     pose = data.draw(places(world, beside=10.0))
-    scan = Lidar(world, model, seed=0).scan(pose)
+    scan = Scanner(world, model, seed=0).scan(pose)
     assert scan.shape == (beams,)
     for beam, measured in enumerate(scan):
         # One that just touches a corner may see it or not.
@@ -57,12 +57,12 @@ def test_ranges_are_those_of_a_ray_caster(
 
 
 def test_beams_start_ahead_and_turn_to_the_left() -> None:
-    scan = Lidar(BOX, LidarModel(beams=4, noise=0.0), seed=0).scan(Pose(0.55, 1.25, math.pi / 2))
+    scan = Scanner(BOX, LidarModel(beams=4, noise=0.0), seed=0).scan(Pose(0.55, 1.25, math.pi / 2))
     assert scan == pytest.approx([1.8, 0.5, 1.2, 2.5], abs=1e-4)
 
 
 def test_too_near_is_minus_infinity_and_too_far_infinity() -> None:
-    scan = Lidar(BOX, LidarModel(beams=4, range_min=0.2, range_max=2.5, noise=0.0), seed=0).scan(Pose(0.2, 1.0, 0.0))
+    scan = Scanner(BOX, LidarModel(beams=4, range_min=0.2, range_max=2.5, noise=0.0), seed=0).scan(Pose(0.2, 1.0, 0.0))
     assert scan[0] == math.inf
     assert scan[2] == -math.inf
     assert numpy.isfinite(scan[[1, 3]]).all()
@@ -72,13 +72,13 @@ def test_noise_has_its_deviation_no_bias_and_depends_on_the_seed_only() -> None:
     model = LidarModel(noise=0.02)
 
     def scans(seed: int) -> list[list[float]]:
-        lidar = Lidar(BOX, model, seed)
+        lidar = Scanner(BOX, model, seed)
         return [lidar.scan(CENTRE).tolist() for _ in range(20)]
 
     assert scans(1) == scans(1)
     assert scans(1) != scans(2)
     assert scans(1)[0] != scans(1)[1]
-    exact = Lidar(BOX, LidarModel(noise=0.0), 0).scan(CENTRE)
+    exact = Scanner(BOX, LidarModel(noise=0.0), 0).scan(CENTRE)
     errors = numpy.array(scans(1)) - exact
     assert abs(float(errors.mean())) < 4.0 * 0.02 / math.sqrt(errors.size)
     assert float(errors.std()) == pytest.approx(0.02, rel=0.05)
@@ -86,7 +86,7 @@ def test_noise_has_its_deviation_no_bias_and_depends_on_the_seed_only() -> None:
 
 def test_noise_does_not_depend_on_what_was_seen() -> None:
     elsewhere = Pose(0.5, 2.5, 1.0)
-    one, other = (Lidar(BOX, LidarModel(), seed=5) for _ in range(2))
+    one, other = (Scanner(BOX, LidarModel(), seed=5) for _ in range(2))
     one.scan(CENTRE)
     other.scan(elsewhere)
     assert one.scan(CENTRE).tolist() == other.scan(CENTRE).tolist()

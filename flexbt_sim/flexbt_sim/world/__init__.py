@@ -26,7 +26,6 @@ from .descriptions import (
     ZoneModel,
     fault_parameters,
 )
-from .lidar import Lidar
 from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
 from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
 from .pictures import Frame, Trace, draw_world
@@ -91,7 +90,6 @@ __all__ = [
     'Fault',
     'FaultModel',
     'Frame',
-    'Lidar',
     'LidarModel',
     'MapRobot',
     'MessagesDropped',

@@ -21,7 +21,7 @@ from .descriptions import (
     Specification,
     StuckWheel,
 )
-from .plane import Body, Normals, Pose, Surroundings, drive, generator, wrap
+from .plane import Body, Normals, Pose, Sensor, Surroundings, drive, generator, wrap
 
 CONVERGENCE: Final = (1.0, 0.8)
 """Within this, m and rad, of where the robot is, an initial pose makes its localization right again."""
@@ -181,6 +181,13 @@ class Robot(Body):
         """A fault ends. What was lost is found again."""
         if isinstance(self.faults.pop(fault, None), LocalizationLost):
             self._error = Pose(0.0, 0.0, 0.0)
+
+    def sensor(self, number: int) -> Sensor:
+        """Its lidar, where it is now, for a ray caster; ``number`` is that of the robot, which it does not see."""
+        model = self.model.lidar
+        assert model is not None
+        pose = compose(self.pose, model.pose)
+        return Sensor(pose, model.angle_min, model.angle_increment, model.beams, model.range_max, number)
 
     def see(self, time: float, ranges: NDArray[numpy.floating[Any]]) -> None:
         """Take a scan at a time, s: the exact distance along each beam, m, infinite where there is nothing."""

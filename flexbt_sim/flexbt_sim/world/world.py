@@ -27,8 +27,8 @@ from .descriptions import (
     fault_parameters,
     hint,
 )
-from .plane import Body, OccupancyMap, Pose, RayCaster, Sensor, Space, check_pose, outlines
-from .robot import Robot, compose
+from .plane import Body, OccupancyMap, Pose, RayCaster, Space, check_pose, outlines
+from .robot import Robot
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
 MAX_ENTITIES: Final = 10_000
@@ -405,14 +405,7 @@ class World:
         if not due:
             return
         numbers = {body.name: number for number, body in enumerate(self._movers)}
-        sensors = []
-        for robot in due:
-            lidar = robot.model.lidar
-            assert lidar is not None
-            pose = compose(robot.pose, lidar.pose)
-            sensors.append(
-                Sensor(pose, lidar.angle_min, lidar.angle_increment, lidar.beams, lidar.range_max, numbers[robot.name])
-            )
+        sensors = [robot.sensor(numbers[robot.name]) for robot in due]
         for robot, ranges in zip(due, self._rays.cast(sensors, outlines(self._movers)), strict=True):
             robot.see(now, ranges)
 
