@@ -335,6 +335,23 @@ def test_a_reset_takes_back_what_its_scope_says(bench: Bench) -> None:
     assert reset(64) == Result.RESULT_FEATURE_UNSUPPORTED
 
 
+def test_a_reset_reads_the_file_again(bench: Bench) -> None:
+    file = bench.simulator.parameters.source
+    scans = bench.listen(LaserScan, '/alpha/scan')
+    wait_until(lambda: scans and len(scans[-1].ranges) == 360)
+    try:
+        file.write_text(f'step: 0.05\n{WORLD.replace("bumper: true", "bumper: true, lidar: {beams: 90}")}')
+        assert bench.ask(ResetSimulation, 'reset_simulation').result.result == Result.RESULT_OK
+        wait_until(lambda: len(scans[-1].ranges) == 90)
+        file.write_text('robots: [')
+        answer = bench.ask(ResetSimulation, 'reset_simulation').result
+        assert answer.result == Result.RESULT_OPERATION_FAILED and ':1:' in answer.error_message
+        count = len(scans)
+        wait_until(lambda: len(scans) > count)  # it goes on as it was
+    finally:
+        file.write_text(WORLD)
+
+
 def test_features_are_told(bench: Bench) -> None:
     features = bench.ask(GetSimulatorFeatures, 'get_simulator_features').features
     assert len(features.features) == 21 and features.spawn_formats == ['yaml']

@@ -64,9 +64,7 @@ class Simulator:
         self._began = 0
         """Time of the world, ns, at which that of the clock began."""
         self._steps = 0
-        step = self.world.step_size
-        self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
-        self._steps_per_clock = min(self._steps_per_odom, max(1, round(CLOCK_PERIOD / step)))
+        self._set_periods()
         self._robots: dict[str, RobotTopics] = {}
         self._spawned: dict[str, str] = {}
         """What has come by service, and the namespace that was wanted."""
@@ -79,6 +77,11 @@ class Simulator:
         runtime.on_close(self._close)
         self._thread.start()
         runtime.node.get_logger().info(f'{self.parameters.source}: {self._described()}')
+
+    def _set_periods(self) -> None:
+        step = self.world.step_size
+        self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
+        self._steps_per_clock = min(self._steps_per_odom, max(1, round(CLOCK_PERIOD / step)))
 
     def _compile(self) -> None:
         """Have what numba compiles compiled, or read from its cache: seconds for which the world would stand still."""
@@ -200,11 +203,13 @@ class Simulator:
             SimulationError: the world cannot be made any more.
         """
         world = self.parameters.make_world()
-        for name in list(self._robots):
-            if name in self._spawned or name not in world.robots:
+        for name, topics in list(self._robots.items()):
+            robot = world.robots.get(name)
+            if name in self._spawned or robot is None or robot.model != topics.robot.model:  # the file was changed
                 self._disconnect_robot(name)
         with self.lock:
             self.world, self._began, self._steps = world, 0, 0
+            self._set_periods()
             self._spawned.clear()
             for name, topics in self._robots.items():
                 topics.restart(world.robots[name])
