@@ -5,17 +5,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import pytest
 from nav2_msgs.action import FollowPath
+from nav2_msgs.msg import SpeedLimit
 from nav_msgs.msg import Path
 
+from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import RobotLimits, load_map
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
+from flexbt_testing.waiting import wait_until
 
 Result = FollowPath.Result
 LIMITS = RobotLimits()
@@ -75,6 +79,31 @@ def test_new_paths_are_gone_over_to_without_slowing_down(world: Probe) -> None:
         assert 'newer' in result.error_msg
     goals[-1].call.cancel()
     assert goals[-1].wait().status is GoalStatus.CANCELED
+
+
+def test_a_limit_of_the_speed_holds_until_it_is_taken_back(world: Probe) -> None:
+    """In percent or in m/s; 0 for none; for the path that is followed just now, too."""
+    world.place(DOCK)
+    node = world.runtime.node
+    limits = world.runtime.call(lambda: node.create_publisher(SpeedLimit, names.SPEED_LIMIT, 1))
+    wait_until(limits.get_subscription_count)
+    goal = world.follow(line(DOCK, EAST))
+    world.wait_driving(0.25)
+
+    def drives_at(speed: float) -> bool:
+        return bool(world.commands[-1][0] == pytest.approx(speed))
+
+    for limit, speed in (
+        (SpeedLimit(percentage=True, speed_limit=50.0), 0.13),
+        (SpeedLimit(speed_limit=0.2), 0.2),
+        (SpeedLimit(speed_limit=math.nan), 0.2),
+        (SpeedLimit(), 0.26),
+    ):
+        limits.publish(limit)
+        wait_until(partial(drives_at, speed))
+    goal.call.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    world.runtime.call(lambda: node.destroy_publisher(limits))
 
 
 def test_a_canceled_robot_is_at_rest_in_time(world: Probe) -> None:
