@@ -21,7 +21,8 @@ STEP: Final = 0.02
 @dataclass(frozen=True)
 class LidarModel(Specification):
     """A planar lidar. Its beams are evenly spaced, counter-clockwise: from straight ahead all round, or over a field of
-    view that lies evenly to both sides of straight ahead."""
+    view that lies evenly to both sides of straight ahead. Bodies are solid: in another one, or on its outline, all
+    ranges are 0."""
 
     title: ClassVar[str] = 'lidar'
 

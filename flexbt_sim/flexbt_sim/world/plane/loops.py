@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The inner loops over beams and cells, written so that numba can compile them.
 
-Each has an equivalent of whole-array operations, for where there is no numba: in :mod:`.ray_casting`, :mod:`.space` and
-:mod:`.occupancy_map`.
+Each but :func:`covers` has an equivalent of whole-array operations, for where there is no numba: in
+:mod:`.ray_casting`, :mod:`.space` and :mod:`.occupancy_map`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def cast(
 
     ``free`` has for each cell of the map how far a beam may go from anywhere in it, in cells, and less than -0.5 for an
     obstacle; ``row`` and ``column`` is where the sensor is on it, and ``turned`` the heading of the map. ``heading`` is
-    that of the first beam; see :class:`.ray_casting.Outlines` for the others.
+    that of the first beam; see :class:`.ray_casting.Outlines` for the others. The sensor is in no body: :func:`covers`.
     """
     height, width = free.shape
     beams = ranges.shape[0]
@@ -54,7 +54,7 @@ def cast(
         distance = math.hypot(dx, dy)
         if circles[k, 3] == owner or distance - radius > range_max:
             continue
-        half = math.pi if distance <= radius else math.asin(radius / distance)
+        half = math.asin(radius / distance)
         middle = math.atan2(dy, dx) - heading
         middle -= math.tau * math.floor(middle / math.tau)
         for turn in range(-1, 2):
@@ -67,8 +67,8 @@ def cast(
                 along = dx * math.cos(angle) + dy * math.sin(angle)
                 beside = dx * math.sin(angle) - dy * math.cos(angle)
                 chord = radius * radius - beside * beside
-                if chord >= 0.0 and along + math.sqrt(chord) >= 0.0:
-                    ranges[beam] = min(ranges[beam], max(along - math.sqrt(chord), 0.0))
+                if chord >= 0.0 and along > 0.0:
+                    ranges[beam] = min(ranges[beam], along - math.sqrt(chord))
     for k in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[k, 0] - x, segments[k, 1] - y, segments[k, 2] - x, segments[k, 3] - y
         ux, uy = x1 - x0, y1 - y0
@@ -93,6 +93,37 @@ def cast(
     for beam in range(beams):
         if ranges[beam] > range_max:
             ranges[beam] = math.inf
+
+
+def covers(x: float, y: float, owner: int, circles: Any, segments: Any) -> bool:
+    """Whether a point is in a body, or on its outline: no more than 1e-6 m off it. ``owner`` is left out.
+
+    It has no equivalent, so that both ways to cast beams have one answer; products and sums alone are, compiled or not,
+    the same to the last bit. Nearer to a corner, the direction of a side is all rounding.
+    """
+    for k in range(circles.shape[0]):
+        dx, dy, reach = circles[k, 0] - x, circles[k, 1] - y, circles[k, 2] + 1e-6
+        if circles[k, 3] != owner and dx * dx + dy * dy <= reach * reach:
+            return True
+    count = segments.shape[0]
+    inside = False
+    for k in range(count):
+        body = segments[k, 4]
+        if body == owner:
+            continue
+        x0, y0, x1, y1 = segments[k, 0] - x, segments[k, 1] - y, segments[k, 2] - x, segments[k, 3] - y
+        ux, uy = x1 - x0, y1 - y0
+        nearest = min(1.0, max(0.0, -(x0 * ux + y0 * uy) / (ux * ux + uy * uy)))
+        off_x, off_y = x0 + nearest * ux, y0 + nearest * uy
+        if off_x * off_x + off_y * off_y <= 1e-12:
+            return True
+        if (y0 > 0.0) != (y1 > 0.0) and x0 - y0 / uy * ux > 0.0:
+            inside = not inside
+        if k + 1 == count or segments[k + 1, 4] != body:  # its last side
+            if inside:
+                return True
+            inside = False
+    return False
 
 
 def clearance(obstacles: Any, row: float, column: float, reach: float) -> float:

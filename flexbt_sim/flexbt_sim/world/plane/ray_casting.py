@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far beams get on a map with bodies on it."""
+"""How far beams get on a map with bodies on it.
+
+What is met is solid, as it is to robots. From within a body, or on its outline, every beam gets 0 m far. A cell of the
+map is met by the beams that go into it: from its edge, not by those that lead away.
+"""
 
 from __future__ import annotations
 
@@ -88,6 +92,8 @@ class RayCaster:
         )
 
     def _one(self, cast: Callable[..., None], sensor: Sensor, bodies: Outlines) -> Floats:
+        if _starts_in_one(sensor, bodies):
+            return numpy.zeros(sensor.beams)
         (x, y, yaw), world = sensor.pose, self._world
         row, column = (-2.0, -2.0) if world is None else world.grid_position(x, y)
         turned, resolution = (0.0, 1.0) if world is None else (world.origin.yaw, world.resolution)
@@ -106,6 +112,9 @@ class RayCaster:
         else:
             found = self._cast_on_map(self._world, sensors, angles)
         for sensor, heading, ranges in zip(sensors, angles, found, strict=True):
+            if _starts_in_one(sensor, bodies):
+                ranges.fill(0.0)
+                continue
             _cast_on_bodies(sensor, numpy.cos(heading), numpy.sin(heading), bodies, ranges)
             ranges[ranges > sensor.range_max] = math.inf
         return found
@@ -143,8 +152,13 @@ def _march(world: OccupancyMap, starts: Floats, directions: Floats, limits: Floa
     return ranges
 
 
+def _starts_in_one(sensor: Sensor, bodies: Outlines) -> bool:
+    covers = compiled(loops.covers) or loops.covers
+    return bool(covers(sensor.pose.x, sensor.pose.y, sensor.owner, bodies.circles, bodies.segments))
+
+
 def _cast_on_bodies(sensor: Sensor, cos: Floats, sin: Floats, bodies: Outlines, ranges: Floats) -> None:
-    """Shorten ranges to those at which beams meet bodies. A beam that starts in a circle meets it at once."""
+    """Shorten ranges to those at which beams meet bodies, none of which the sensor is in."""
     x, y = sensor.pose.x, sensor.pose.y
     circles = bodies.circles[bodies.circles[:, 3] != sensor.owner]
     dx, dy, radius = circles[:, 0] - x, circles[:, 1] - y, circles[:, 2]
@@ -152,10 +166,8 @@ def _cast_on_bodies(sensor: Sensor, cos: Floats, sin: Floats, bodies: Outlines, 
         along = dx[i] * cos + dy[i] * sin
         beside = dx[i] * sin - dy[i] * cos
         chord = radius[i] ** 2 - beside**2
-        enters = along - numpy.sqrt(numpy.maximum(chord, 0.0))
-        leaves = along + numpy.sqrt(numpy.maximum(chord, 0.0))
-        meets = (chord >= 0.0) & (leaves >= 0.0)
-        ranges[meets] = numpy.minimum(ranges[meets], numpy.maximum(enters[meets], 0.0))
+        meets = (chord >= 0.0) & (along > 0.0)
+        ranges[meets] = numpy.minimum(ranges[meets], along[meets] - numpy.sqrt(chord[meets]))
     segments = bodies.segments[bodies.segments[:, 4] != sensor.owner]
     for x0, y0, x1, y1, _ in segments:
         ux, uy, wx, wy = x1 - x0, y1 - y0, x0 - x, y0 - y
