@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import queue
 import select
@@ -23,9 +24,11 @@ from flexbt_common.liveness import (
     STARTED,
     LivelinessToken,
     LivelinessWatch,
+    liveliness,
 )
+from flexbt_common.liveness.liveliness import REPEAT_SECONDS
 from flexbt_common.runtime import Hang, NodeRuntime
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 DEADLINE = 60.0
 PROGRAM = """
@@ -383,3 +386,25 @@ def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
             LivelinessToken(here)
         monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profiles / 'radio_robot.xml'))
         LivelinessToken(here)
+
+
+def test_a_node_whose_assertions_are_not_told_is_alive_by_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The middleware loses such events on a busy machine."""
+    monkeypatch.setattr(liveliness._SeenToken, '_liveliness_changed', lambda token, event: None)
+    monkeypatch.setattr(liveliness, 'STARTED', time.monotonic() - START_SECONDS)
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+        told: queue.Queue[tuple[str, bool]] = queue.Queue()
+        LivelinessWatch(
+            runtime,
+            'living',
+            on_change=lambda alive: told.put(('alive', alive)),
+            on_late=lambda late: told.put(('late', late)),
+        )
+        with start() as process:
+            assert told.get(timeout=DEADLINE) == ('alive', True)
+            before = uncontended_time()
+            with contextlib.suppress(queue.Empty):
+                late = told.get(timeout=3.0 * REPEAT_SECONDS)
+                assert uncontended_time() - before > REPEAT_SECONDS + LEASE_SECONDS, late
+            process.kill()
+            wait_until(lambda: ('alive', False) in told.queue, 'its end')

@@ -53,6 +53,10 @@ from .process_identity import ProcessIdentity
 LEASE_SECONDS: Final = 0.5
 """A watcher notices after this time that the token is not asserted any more."""
 
+REPEAT_SECONDS: Final = 1.0
+"""A token also says its status as often as this, s: where the middleware has not told of an assertion, there is no
+silence all the same. (Fast DDS loses some of these events on a busy machine: measured.)"""
+
 PEER_TIMEOUT: Final = 5.0
 """After this time a node that is late is taken for gone, s of wall time; unless the watcher sets another one."""
 
@@ -142,6 +146,7 @@ class _HeldToken:
         self._ready = {'': False}  # by part
         self._problem = ''
         self._publishers: dict[str, Any] = {}
+        self._said_at = -math.inf
         self.add_name(self._node.get_fully_qualified_name())
         runtime.health.on_late(self._tell_late)
         runtime.health.on_beat(self._assert)
@@ -170,6 +175,7 @@ class _HeldToken:
             self._publish()
 
     def _publish(self, has_ended: bool = False) -> None:
+        self._said_at = time.monotonic()
         for name, publisher in self._publishers.items():
             with contextlib.suppress(InvalidHandle):  # the node is gone
                 publisher.publish(self._status(name, has_ended))
@@ -191,6 +197,9 @@ class _HeldToken:
 
     def _assert(self) -> None:
         with self._lock:
+            if time.monotonic() - self._said_at >= REPEAT_SECONDS:
+                self._publish()
+                return
             for publisher in self._publishers.values():
                 with contextlib.suppress(InvalidHandle):
                     publisher.assert_liveliness()
@@ -372,6 +381,8 @@ class _SeenToken:
         now = self._runtime.steady.now()
         if not self.alive and not self._is_asserted:
             self._silent_since = max(now, STARTED + START_SECONDS - LEASE_SECONDS)
+        if not status.message and not self._is_asserted:
+            self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
         if status.message and not self.problem:
             self._silent_since = now - LEASE_SECONDS
         self.alive, self._identity = True, identity
