@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.time import Time
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
@@ -87,6 +88,11 @@ class Subscriber:
     @property
     def messages(self) -> list[TreeStatus]:
         return self._objects(TreeStatus)
+
+    @property
+    def count(self) -> int:
+        """Messages with statuses that have come."""
+        return len(self._received[TreeStatus])
 
     def of(self, run_id: str) -> list[TreeStatus]:
         return [message for message in self.messages if message.run_id == run_id]
@@ -320,10 +326,70 @@ def test_marks_can_be_sent_while_another_thread_ticks_the_tree(server: NodeRunti
     thread.start()
     while not done.is_set():
         watched.run._flush()
+        # A subscriber that is more behind than the middleware keeps would lose messages.
+        wait_until(lambda: watched.run._sequence < subscriber.count + MESSAGES_KEPT // 2, 'the subscriber')
     thread.join()
     watched.end()
     subscriber.await_end('run')
     check_whole(subscriber.of('run'), watched.heard, len(watched.tree.nodes))
+
+
+def test_a_round_that_ends_while_its_first_marks_are_sent_is_stamped_in_order(
+    server: NodeRuntime, monitor: NodeRuntime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread that sends is stopped for a moment between the marks it takes and its look at the clock."""
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    watched = Watched(stream, 'run', '<Sequence><AlwaysSuccess/><AlwaysSuccess/></Sequence>')
+    now, taken = stream.now, threading.Event()
+
+    def late() -> Time:
+        if not taken.is_set():
+            taken.set()
+            wait_until(lambda: any(mark < 0 for mark in watched.run.log), 'the end of the round')
+        return now()
+
+    def send(*_: object) -> None:
+        if not sender.ident:
+            sender.start()
+            assert taken.wait(DEADLINE)
+
+    monkeypatch.setattr(stream, 'now', late)
+    sender = threading.Thread(target=watched.run._flush)
+    log, hear = watched.tree.observers
+    watched.tree.observe(log, hear, send, after_round=watched.run.ticked)
+    watched.tree.tick_exactly_once()
+    sender.join()
+    watched.end()
+    subscriber.await_end('run')
+    check_whole(subscriber.of('run'), watched.heard, len(watched.tree.nodes))
+
+
+def test_stamps_are_in_order_while_the_clock_stands_still_and_follow_it_when_it_is_set_back(
+    server: NodeRuntime, monitor: NodeRuntime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As simulated time does: between two messages of /clock, and when the simulation begins again."""
+    stream, subscriber = TreeStream(server), Subscriber(monitor)
+    for seconds in (9, 4):
+        monkeypatch.setattr(stream, 'now', lambda: Time(seconds=seconds))  # noqa: B023
+        if seconds == 9:
+            watched = Watched(stream, 'run', '<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>')
+        for _ in range(10):
+            for _ in range(20):
+                watched.tree.tick_exactly_once()
+            watched.run._flush()
+    watched.end()
+    subscriber.await_end('run')
+    messages = subscriber.of('run')
+    assert changes_of(messages) == watched.heard
+    for seconds in (9, 4):
+        stamps = [
+            Time.from_msg(change.stamp).nanoseconds
+            for message in messages
+            if message.stamp.sec == seconds
+            for change in message.changes
+        ]
+        assert stamps == sorted(stamps)
+        assert 0 < stamps[0] <= stamps[-1] <= seconds * 1_000_000_000
 
 
 def test_a_tree_runs_on_when_its_statuses_cannot_be_sent(server: NodeRuntime) -> None:

@@ -141,6 +141,7 @@ class RunStream:
         self._blackboard = blackboard
         self._sequence = 0
         self._next = 0
+        self._latest = 0
         self._timer: Timer | None = None
         self._paused = False
         self._open = False
@@ -223,7 +224,10 @@ class RunStream:
         count = 0
         changes: list[bytes] = []
         for stamp, part in _parts(marks):
-            seconds, nanoseconds = divmod(now if stamp is None else max(0, stamp + to_node_time), 1_000_000_000)
+            # Rounds go on and end between the lines above, and simulated time runs otherwise than the steady clock: no
+            # stamp is older than the one before it, unless the node's clock was set back, and none is in the future.
+            self._latest = min(now, now if stamp is None else max(self._latest, stamp + to_node_time))
+            seconds, nanoseconds = divmod(self._latest, 1_000_000_000)
             ends = self._reader.read(part)
             while count + len(ends) > MAX_CHANGES:
                 fitting, ends = ends[: MAX_CHANGES - count], ends[MAX_CHANGES - count :]
