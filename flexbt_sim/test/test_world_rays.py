@@ -188,3 +188,11 @@ def test_a_body_is_solid(path: str, shape: Shape, at: Pose, angle: float, part: 
         sensor = Sensor(Pose(one.real, one.imag, angle), 0.0, math.tau / 12, 12, 5.0, -1)
         assert cast_one(path, shape, at, sensor) == [0.0] * 12
         assert cast_one(path, shape, at, sensor._replace(owner=0)) == [math.inf] * 12
+
+
+@pytest.mark.parametrize('path', ['compiled', 'whole arrays'])
+@pytest.mark.filterwarnings('error')
+def test_a_beam_may_be_all_but_parallel_to_a_side(path: str) -> None:
+    """So that it would meet the side farther away than a number can say."""
+    sensor = Sensor(Pose(-3.0, 0.2, 5e-324), 0.0, 0.0, 1, 5.0, -1)
+    assert cast_one(path, box(2.0, 1.0), Pose(0.0, 0.0, 0.0), sensor) == [2.0]

@@ -172,7 +172,7 @@ def _cast_on_bodies(sensor: Sensor, cos: Floats, sin: Floats, bodies: Outlines, 
     for x0, y0, x1, y1, _ in segments:
         ux, uy, wx, wy = x1 - x0, y1 - y0, x0 - x, y0 - y
         across = cos * uy - sin * ux
-        with numpy.errstate(divide='ignore', invalid='ignore'):
+        with numpy.errstate(divide='ignore', invalid='ignore', over='ignore'):
             distance = (wx * uy - wy * ux) / across
             part = (wx * sin - wy * cos) / across
         meets = (distance >= 0.0) & (part >= -_ROUNDING) & (part <= 1.0 + _ROUNDING)
