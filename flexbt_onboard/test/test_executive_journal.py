@@ -255,8 +255,10 @@ def test_a_journal_that_was_cut_off_goes_on_from_the_lines_before(lines: list[Li
         assert journal.state == state_of(survived) and not journal.damage
         journal.append(begin=begin_of('further'))
         journal.close()
+        journal._thread.join()  # a slow disk is waited for
         last = Journal(file, no_problem, clock)
         last.close()
+        last._thread.join()
         assert last.state == state_of([*survived, {'begin': begin_of('further')}])
         assert (last.damage, last.torn) == ('', '')
 

@@ -121,7 +121,7 @@ def test_no_structure_is_shown_that_a_crash_could_undo(
     assert len(bench.structures) == shown
     disk.goes.set()
     bench.wait_for(lambda status: status.behavior == 'Longer', 'the status')
-    assert [structure.behavior for structure in bench.structures[shown:]] == ['Longer']
+    wait_until(lambda: [structure.behavior for structure in bench.structures[shown:]] == ['Longer'], 'the structure')
 
 
 def test_a_disk_that_hangs_for_long_is_told_and_not_waited_for(

@@ -142,6 +142,9 @@ def test_random_trees_reach_a_subscriber_whole_and_in_order(server: NodeRuntime,
         for run_id, each in watched.items():
             run_some(each.tree, int(run_id) * 100 + step)
         time.sleep(BATCH_SECONDS / 10)
+        # More than are kept would be lost, also before the subscriber is known.
+        sent = sum(each.run._sequence for each in watched.values())
+        wait_until(lambda: sent < subscriber.count + MESSAGES_KEPT - len(watched), 'the subscriber')  # noqa: B023
     for each in watched.values():
         each.end()
     subscriber.await_end(*watched)

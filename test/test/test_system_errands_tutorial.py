@@ -16,6 +16,14 @@ FENCE = '```'
 OUTCOME_TIMEOUT_S = 120
 
 
+ALL_ARE_READY = """until console status --json --timeout 60 | python3 -c "
+import json, sys
+ready = {peer['name'] for peer in json.load(sys.stdin)['peers'] if peer['ready']}
+sys.exit(not {'/simulator', '/navigation', '/bt_server'} <= ready)
+"; do sleep 0.2; done"""
+"""On a busy machine a robot begins more slowly than a person types."""
+
+
 def files_of_package(text: str) -> dict[str, str]:
     """The files that the page shows: each fenced block after a paragraph that begins with a name in backquotes."""
     files: dict[str, str] = {}
@@ -67,6 +75,7 @@ def test_the_package_of_the_tutorial_builds_and_runs_an_errand(workspace: Path) 
     rest = [re.sub(r'^(console (?:start|input) [^#]*)', rf'\1 --timeout {OUTCOME_TIMEOUT_S} ', line) for line in rest]
     # The last command watches until it is interrupted, here for a limited time; then the background processes end.
     script = ["trap 'kill $(jobs -p)' EXIT", *rest]
+    script.insert(next(n for n, line in enumerate(script) if line.startswith('console start')), ALL_ARE_READY)
     assert script[-1].startswith('console watch')
     script[-1] = f'console watch --json --timeout {OUTCOME_TIMEOUT_S}'
     programs = ('flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_console', 'flexbt_tools')
