@@ -20,6 +20,7 @@ from flexbt_sim.navigation.acceleration import loops
 from flexbt_sim.navigation.kernels import neighbours
 from flexbt_sim.navigation.planner import WEIGHTS
 from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.world import compiled as compiled_function
 
 INFLATION = Inflation(robot_radius=0.1, radius=0.5)
 both = settings(deadline=None, max_examples=60)
@@ -95,6 +96,11 @@ def test_lines(data: st.DataObject, world: OccupancyMap, radius: float) -> None:
     assert means[0] == pytest.approx(means[1], rel=1e-9)
 
 
+def forget_compiled() -> None:
+    compiled_function.cache_clear()
+    loops.cache_clear()
+
+
 def test_without_the_compiler_there_are_the_same_plans(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = numpy.zeros((60, 90), numpy.int8)
     cells[20:24, :60] = cells[40:44, 30:] = 100
@@ -106,13 +112,13 @@ def test_without_the_compiler_there_are_the_same_plans(monkeypatch: pytest.Monke
 
     accelerated = length()
     monkeypatch.setenv('FLEXBT_ACCELERATION', '0')
-    loops.cache_clear()
+    forget_compiled()
     try:
         assert loops().search is arrays.search
         assert length() == pytest.approx(accelerated, rel=0.02)
     finally:
         monkeypatch.undo()
-        loops.cache_clear()
+        forget_compiled()
 
 
 def test_a_search_ends_when_it_is_stopped() -> None:

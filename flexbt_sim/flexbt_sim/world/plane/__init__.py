@@ -2,6 +2,7 @@
 """The plane: maps, shapes, bodies on them, how far they are apart, and how far beams get."""
 
 from . import loops
+from .acceleration import compiled
 from .bodies import Body, Normals, Surroundings, generator
 from .geometry import FARTHEST, Pose, drive, wrap
 from .occupancy_map import (
@@ -43,6 +44,7 @@ __all__ = [
     'Surroundings',
     'box',
     'check_pose',
+    'compiled',
     'contains',
     'drive',
     'gap',
