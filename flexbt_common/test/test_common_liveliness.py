@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from ament_index_python.packages import get_package_share_directory
@@ -56,16 +57,24 @@ sys.exit(run_node('watcher', setup))
 """
 
 
-def started(program: str) -> tuple[subprocess.Popen[str], str]:
+class Process(subprocess.Popen[str]):
+    """It is killed at the end of the block, if it was not before."""
+
+    def __exit__(self, *exception: Any) -> None:
+        self.kill()
+        super().__exit__(*exception)
+
+
+def started(program: str) -> tuple[Process, str]:
     """A process, and the first line that it says."""
-    process = subprocess.Popen(
+    process = Process(
         [sys.executable, '-c', program, '--ros-args', '-r', '__ns:=/robot1'], stdout=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
     return process, process.stdout.readline()
 
 
-def start() -> subprocess.Popen[str]:
+def start() -> Process:
     return started(PROGRAM)[0]
 
 
@@ -114,6 +123,28 @@ def test_a_node_that_is_killed_as_soon_as_it_is_seen_is_missed_too() -> None:
                 killed = time.monotonic()
                 assert changes.get(timeout=DEADLINE) is False
                 assert time.monotonic() < latest(killed)
+
+
+def test_a_node_that_is_found_and_says_nothing_is_late_and_then_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that sent a goal and was stopped before its token was heard: what it drives has to come to rest."""
+    monkeypatch.setattr(liveliness._SeenToken, '_receive', lambda token, received: None)
+    monkeypatch.setattr(liveliness._SeenToken, '_liveliness_changed', lambda token, event: None)
+    monkeypatch.setattr(liveliness, 'STARTED', time.monotonic() - START_SECONDS)
+    told: queue.Queue[tuple[str, bool]] = queue.Queue()
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
+        watch = LivelinessWatch(
+            runtime,
+            'living',
+            on_change=lambda alive: told.put(('alive', alive)),
+            on_late=lambda late: told.put(('late', late)),
+            timeout=1.0,
+        )
+        with start() as process:
+            for expected in ('late', True), ('late', False), ('alive', False):
+                assert told.get(timeout=DEADLINE) == expected
+                if expected == ('late', True):
+                    assert watch.problem == 'it was found, and has not been heard yet'
+            process.kill()
 
 
 def test_a_watcher_that_was_killed_and_started_again_takes_nobody_for_dead() -> None:

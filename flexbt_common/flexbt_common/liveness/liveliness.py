@@ -12,7 +12,9 @@ A watcher knows three stages:
 
 - *alive*;
 - *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
-  computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again;
+  computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again. So it is with a
+  node that the middleware has found and that has said nothing yet: it can send goals before its token is heard (0.5 s
+  were seen), and may be stopped or killed meanwhile;
 - *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back, another
   process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by its being
   late for longer than a time that the watcher sets.
@@ -37,7 +39,7 @@ from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
@@ -55,7 +57,10 @@ LEASE_SECONDS: Final = 0.5
 
 REPEAT_SECONDS: Final = 1.0
 """A token also says its status as often as this, s: where the middleware has not told of an assertion, there is no
-silence all the same. (Fast DDS loses some of these events on a busy machine: measured.)"""
+silence all the same. (Fast DDS loses some of these events on a busy machine: measured.)
+
+For as long after a watcher was found it is said with each assertion: what was said before reaches one in two of them
+only when it is said again (measured; Fast DDS over shared memory)."""
 
 PEER_TIMEOUT: Final = 5.0
 """After this time a node that is late is taken for gone, s of wall time; unless the watcher sets another one."""
@@ -82,6 +87,9 @@ _PROBLEM_CHARACTERS: Final = 1_000
 _STATUS_RATE: Final = 50.0
 _STATUS_BURST: Final = 100
 """How often a participant may say it: a second, and at once."""
+
+_WORDLESS_SECONDS: Final = 3.0 * REPEAT_SECONDS
+"""For so long an assertion stands for a word, s: where the middleware has not told that they stopped."""
 
 _PID: Final = 'pid'
 _BEGAN: Final = 'began'
@@ -146,7 +154,7 @@ class _HeldToken:
         self._ready = {'': False}  # by part
         self._problem = ''
         self._publishers: dict[str, Any] = {}
-        self._said_at = -math.inf
+        self._said_at = self._watcher_found_at = -math.inf
         self.add_name(self._node.get_fully_qualified_name())
         runtime.health.on_late(self._tell_late)
         runtime.health.on_beat(self._assert)
@@ -155,7 +163,12 @@ class _HeldToken:
     def add_name(self, name: str) -> None:
         with self._lock:
             if name not in self._publishers:
-                self._publishers[name] = self._node.create_publisher(DiagnosticStatus, alive_topic(name), _qos())
+                self._publishers[name] = self._node.create_publisher(
+                    DiagnosticStatus,
+                    alive_topic(name),
+                    _qos(),
+                    event_callbacks=PublisherEventCallbacks(matched=self._watcher_found),
+                )
             self._publish()  # also for those who have not missed the process whose place this one takes
 
     def remove_name(self, name: str) -> None:
@@ -168,6 +181,9 @@ class _HeldToken:
         with self._lock:
             self._ready[part] = is_ready
             self._publish()
+
+    def _watcher_found(self, _event: Any) -> None:
+        self._watcher_found_at = time.monotonic()
 
     def _tell_late(self, problem: str) -> None:
         with self._lock:
@@ -197,7 +213,8 @@ class _HeldToken:
 
     def _assert(self) -> None:
         with self._lock:
-            if time.monotonic() - self._said_at >= REPEAT_SECONDS:
+            now = time.monotonic()
+            if now >= self._said_at + REPEAT_SECONDS or now < self._watcher_found_at + REPEAT_SECONDS:
                 self._publish()
                 return
             for publisher in self._publishers.values():
@@ -210,7 +227,8 @@ class LivelinessWatch:
 
     ``on_change`` is called on the executor thread with the new value of :attr:`alive`, ``on_ready`` with that of
     :attr:`ready`, ``on_late`` with that of :attr:`late`. A node that is gone is not late any more, and one that comes
-    back was gone before: ``on_late(False)`` comes before ``on_change(False)``, and ``on_change(True)`` before all else.
+    back was gone before: ``on_late(False)`` comes before ``on_change(False)``, and ``on_change(True)`` before all else,
+    but for a node that was found and is not heard: it is late, and gone, without having been alive.
 
     ``timeout``: for how long the node may be late before it is taken for gone, s of wall time.
     """
@@ -230,7 +248,7 @@ class LivelinessWatch:
         self._on_change = on_change
         self._on_ready = on_ready
         self._on_late = on_late
-        self._told: bool | None = None
+        self._was_there = self._told_alive = False
         self._told_ready = False
         self._told_late = False
         self._given_up = False  # late for too long; until it is heard again
@@ -243,8 +261,8 @@ class LivelinessWatch:
         topic = self._runtime.node.resolve_topic_name(alive_topic(self.node_name))
         token = self._token = self._runtime.once(_key(topic), lambda runtime: _SeenToken(runtime, topic))
         token.listeners.append(self._tell)
-        if token.alive:
-            self._runtime.post(lambda: self._tell() if token.alive and self._tell in token.listeners else None)
+        if token.is_there:
+            self._runtime.post(lambda: self._tell() if token.is_there and self._tell in token.listeners else None)
 
     @property
     def alive(self) -> bool | None:
@@ -253,8 +271,9 @@ class LivelinessWatch:
 
     @property
     def late(self) -> bool:
-        """Whether the node is alive, and nothing was heard of it for longer than its lease, or a part of it hangs."""
-        return self.alive is True and self._token.late_since is not None
+        """Whether nothing was heard for longer than its lease of a node that is alive, or that was found, or a part of it
+        hangs."""
+        return self._token.late_since is not None and not self._given_up
 
     @property
     def silent(self) -> bool:
@@ -271,7 +290,8 @@ class LivelinessWatch:
     def problem(self) -> str:
         """What is wrong with a node that is alive, for people; '' when it is ready."""
         if self.late:
-            return self._token.problem or 'it hangs, was stopped, or its computer is busy'
+            found = 'it hangs, was stopped, or its computer is busy'
+            return self._token.problem or (found if self.alive else 'it was found, and has not been heard yet')
         return 'it is starting, or inactive' if self.alive and not self.ready else ''
 
     @property
@@ -296,10 +316,14 @@ class LivelinessWatch:
         self._keep_time(since if self.late else None)
         if not self.late:
             self._tell_late()
-        alive = self.alive
-        if alive is not None and alive is not self._told:
-            self._told = alive
-            self._on_change(alive)
+        is_there = self._token.is_there and not self._given_up
+        if self.alive and not self._told_alive:
+            self._told_alive = True
+            self._on_change(True)
+        elif self._was_there and not is_there:
+            self._told_alive = False
+            self._on_change(False)
+        self._was_there = is_there
         self._tell_late()
         if self.ready is not self._told_ready:
             self._told_ready = not self._told_ready
@@ -337,13 +361,14 @@ class _SeenToken:
     def __init__(self, runtime: NodeRuntime, topic: str) -> None:
         self._topic = topic
         self.alive: bool | None = None
+        self._unheard = False  # the middleware has found it, and it has said nothing yet
         self.late_since: float | None = None
         self.says_ready = False
         self.problem = ''
         self.listeners: list[Callable[[], None]] = []
         self._identity: ProcessIdentity | None = None
         self._is_asserted = False
-        self._silent_since = 0.0
+        self._heard_at = self._silent_since = 0.0
         self._runtime = runtime
         self._timer: Timer | None = None
         self._rates = SenderRates(_STATUS_RATE, _STATUS_BURST, runtime.steady.now)
@@ -356,6 +381,11 @@ class _SeenToken:
             _STATUS_BYTES,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
         )
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it is alive, or was found."""
+        return self.alive is True or self._unheard
 
     def _receive(self, received: Received) -> None:
         if not self._rates.allows(received.participant):
@@ -375,22 +405,32 @@ class _SeenToken:
         if self.alive and identity != self._identity:  # another one has taken its place, before it was missed
             self._leave()
         if status.level == DiagnosticStatus.ERROR:
-            if self.alive:
+            if self.is_there:
                 self._leave()
             return
         now = self._runtime.steady.now()
         if not self.alive and not self._is_asserted:
-            self._silent_since = max(now, STARTED + START_SECONDS - LEASE_SECONDS)
+            self._await_first_word()
         if not status.message and not self._is_asserted:
             self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
         if status.message and not self.problem:
             self._silent_since = now - LEASE_SECONDS
-        self.alive, self._identity = True, identity
+        self._heard_at = now
+        self.alive, self._unheard, self._identity = True, False, identity
         self.says_ready, self.problem = status.level == DiagnosticStatus.OK, status.message
         self._review()
 
+    def _await_first_word(self) -> None:
+        self._silent_since = max(self._runtime.steady.now(), STARTED + START_SECONDS - LEASE_SECONDS)
+
     def _matched(self, event: Any) -> None:
-        if event.current_count > 0 or not self.alive:
+        if event.current_count > 0:
+            if event.current_count_change > 0 and not self.alive:
+                self._unheard, self._heard_at = True, self._runtime.steady.now()
+                self._await_first_word()
+                self._review()
+            return
+        if not self.is_there:
             return
         if self._identity is not None and self._identity.is_here:
             self._is_asserted = False  # it may only have been stopped for longer than the middleware waits
@@ -407,7 +447,8 @@ class _SeenToken:
         self._runtime.post(self._review)
 
     def _leave(self) -> None:
-        self.alive, self.late_since, self.says_ready, self.problem = False, None, False, ''
+        self.alive, self._unheard, self._identity = False, False, None
+        self.late_since, self.says_ready, self.problem = None, False, ''
         self._inform()
         self.release()
 
@@ -419,13 +460,15 @@ class _SeenToken:
 
     def _review(self) -> None:
         """Find out whether it is late, and whether it is gone."""
-        if not self.alive:
+        if not self.is_there:
             return
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         now = self._runtime.steady.now()
-        late_from = math.inf if self._is_asserted and not self.problem else self._silent_since + LEASE_SECONDS
+        late_from = self._silent_since + LEASE_SECONDS
+        if self._is_asserted and not self.problem:
+            late_from = max(late_from, self._heard_at + _WORDLESS_SECONDS)
         if now < late_from:
             self.late_since = None
             next_look = late_from
@@ -433,10 +476,9 @@ class _SeenToken:
             self._leave()
             return
         else:
-            self.late_since = self._silent_since if self.late_since is None else self.late_since
+            self.late_since = late_from - LEASE_SECONDS if self.late_since is None else self.late_since
             next_look = now + _LOOK_SECONDS
-        if next_look < math.inf:
-            self._timer = self._runtime.steady.call_at(next_look, lambda: self._runtime.post(self._review))
+        self._timer = self._runtime.steady.call_at(next_look, lambda: self._runtime.post(self._review))
         self._inform()
 
     def _inform(self) -> None:
