@@ -28,7 +28,15 @@ import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.errors import NavigationError, SimulationError
-from flexbt_sim.navigation import Costmap, GridPlanner, Inflation, LayeredCostmap, Navigator, Observation, prepare
+from flexbt_sim.navigation import (
+    Costmap,
+    GridPlanner,
+    Inflation,
+    LayeredCostmap,
+    Navigator,
+    Observation,
+    prepare_navigation,
+)
 from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, WalkModel, World, wrap
 
 Cells = NDArray[numpy.int8]
@@ -286,7 +294,7 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
-    prepare()
+    prepare_navigation()
     figures: dict[str, Any] = {}
     total: Counter[str] = Counter()
     for name in MAPS:

@@ -50,8 +50,11 @@ class Build:
         """Whether the workspace was built on this underlay before."""
         return read_stamp(self._stamp).get('identity') == self._identity()
 
-    def ensure(self, lock: int) -> None:
-        """Builds what has to be. `lock` is held open by colcon. Raises CommandError when a package does not build."""
+    def ensure(self, lock: int) -> bool:
+        """Builds what has to be, and says whether there was anything. `lock` is held open by colcon.
+
+        Raises CommandError when a package does not build.
+        """
         packages = [*self._layout.packages(), *self._stand_ins()]
         wanted = {package.name: self._fingerprint(package) for package in packages}
         state = read_stamp(self._stamp)
@@ -75,6 +78,7 @@ class Build:
                 raise
         self._write_underlay_setup()
         self._record({**built, **{name: wanted[name] for name in stale}}, building=[])
+        return bool(stale)
 
     def _stand_ins(self) -> list[Package]:
         """For the interfaces of others that the underlay lacks."""

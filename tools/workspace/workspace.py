@@ -12,6 +12,7 @@ from typing import NoReturn
 from .build import Build
 from .errors import WorkspaceError
 from .layout import Layout
+from .terminal import run_logged, step
 from .underlay import clean_environment, detect
 from .virtual_environment import VirtualEnvironment
 
@@ -46,7 +47,21 @@ class Workspace:
         """Installs and builds what is missing; `lock` is a descriptor that the commands keep open."""
         if self.underlay.is_wheels:
             self.venv.ensure(lock)
-        self._build.ensure(lock)
+        if self._build.ensure(lock):
+            self._compile_loops(lock)
+
+    def _compile_loops(self, lock: int) -> None:
+        """What numba compiles: otherwise each of the processes of the first start does it for itself."""
+        with step('compilation of loops by numba') as shown:
+            run_logged(
+                self.inside(['python3', '-m', 'flexbt_sim.compiling']),
+                self.layout.log / 'setup-loops.log',
+                shown=shown,
+                what='compilation of loops',
+                environment=self.environment,
+                directory=self.layout.root,
+                keep_open=[lock],
+            )
 
     def inside(self, command: Sequence[str | Path]) -> list[str | Path]:
         """`command` as one that runs with everything of the workspace set up."""

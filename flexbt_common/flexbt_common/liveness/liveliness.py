@@ -12,9 +12,9 @@ A watcher knows three stages:
 
 - *alive*;
 - *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
-  computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again. So it is with a
-  node that the middleware has found and that has said nothing yet: it can send goals before its token is heard (0.5 s
-  were seen), and may be stopped or killed meanwhile;
+  computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again. A node that
+  the middleware has found and that has said nothing is late, too: it can send goals before its token is heard (0.5 s
+  were measured), and may be stopped or killed meanwhile;
 - *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back, another
   process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by its being
   late for longer than a time that the watcher sets.
@@ -271,8 +271,7 @@ class LivelinessWatch:
 
     @property
     def late(self) -> bool:
-        """Whether nothing was heard for longer than its lease of a node that is alive, or that was found, or a part of it
-        hangs."""
+        """Whether nothing was heard for longer than the lease of a node that is alive or found, or a part hangs."""
         return self._token.late_since is not None and not self._given_up
 
     @property

@@ -8,7 +8,7 @@ from .layers import LayeredCostmap, Observation, ObstacleRanges
 from .motions import LOOK_AHEAD, STOP, Motion, TurnLimits, Velocity, collides
 from .navigator import Navigator, Trip
 from .path_follower import FollowerLimits, PathFollower, ProgressChecker
-from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare
+from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare_navigation
 from .smoother import Smoothing, smooth_path
 from .track import Track
 
@@ -42,7 +42,7 @@ __all__ = [
     'TurnLimits',
     'Velocity',
     'collides',
-    'prepare',
+    'prepare_navigation',
     'slowed',
     'smooth_path',
 ]

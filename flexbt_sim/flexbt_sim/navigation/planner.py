@@ -204,7 +204,7 @@ class GridPlanner:
         )
 
 
-def prepare() -> None:
+def prepare_navigation() -> None:
     """Load what is compiled, or compile it on a computer's first start: some seconds that no goal has to wait for."""
     world = OccupancyMap(numpy.zeros((3, 3), numpy.int8), 1.0, Pose(0.0, 0.0, 0.0))
     GridPlanner(Costmap(world, Inflation())).plan(Pose(0.5, 0.5, 0.0), Pose(2.5, 2.5, 0.0))

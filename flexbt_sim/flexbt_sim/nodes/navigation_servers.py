@@ -24,7 +24,7 @@ from flexbt_common.runtime import Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare
+from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare_navigation
 
 from .action_results import GoalEnd
 from .collision_monitor import CollisionMonitor
@@ -57,7 +57,7 @@ class Navigation:
         """
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
-        prepare()
+        prepare_navigation()
         runtime.call(self._serve)
         timeout = self._parameters.peer_timeout
         self._owners = [

@@ -15,7 +15,6 @@ import threading
 import traceback
 from typing import Any, Final
 
-import numpy
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidHandle
@@ -27,7 +26,7 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
-from flexbt_sim.world import Entity, OccupancyMap, Pacer, Pose, Robot, RobotModel, World
+from flexbt_sim.world import Entity, Pacer, Pose, Robot, prepare_world
 
 from .computations import Computations
 from .door_services import DoorServices
@@ -84,12 +83,8 @@ class Simulator:
         self._steps_per_clock = min(self._steps_per_odom, max(1, round(CLOCK_PERIOD / step)))
 
     def _compile(self) -> None:
-        """Have what numba compiles compiled, or read from its cache: seconds for which the world would stand still."""
-        world = World(OccupancyMap(numpy.zeros((20, 20), numpy.int8), 0.1, Pose(0.0, 0.0, 0.0)))
-        robot = world.add('robot', RobotModel(), Pose(1.0, 1.0, 0.0))
-        robot.command(0.1, 0.1, 0.0)
-        for _ in range(3):
-            world.step()
+        """In a thread of its own: the world would stand still for seconds."""
+        prepare_world()
         self._can_scan = True
 
     def _described(self) -> str:

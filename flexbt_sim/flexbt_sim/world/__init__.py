@@ -57,7 +57,7 @@ from .plane import (
 )
 from .robot import Battery, Robot, Scan, compose, inverse
 from .scenery import Door, Entity, Obstacle, Station, Zone
-from .world import EntityModel, EntityState, Snapshot, World
+from .world import EntityModel, EntityState, Snapshot, World, prepare_world
 
 __all__ = [
     'ANSWER_SECONDS',
@@ -131,5 +131,6 @@ __all__ = [
     'inverse',
     'load_map',
     'outlines',
+    'prepare_world',
     'wrap',
 ]

@@ -11,6 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+import numpy
+
 from flexbt_sim.errors import SimulationError
 
 from .descriptions import (
@@ -433,3 +435,12 @@ class World:
     def snapshot(self) -> Snapshot:
         """The state of all entities."""
         return Snapshot(self.time, tuple(map(self.state, self._entities)))
+
+
+def prepare_world() -> None:
+    """Load what numba compiles for a world, or compile it on a computer's first start, which takes some seconds."""
+    world = World(OccupancyMap(numpy.zeros((20, 20), numpy.int8), 0.1, Pose(0.0, 0.0, 0.0)))
+    robot = world.add('robot', RobotModel(), Pose(1.0, 1.0, 0.0))
+    robot.command(0.1, 0.1, 0.0)
+    for _ in range(3):
+        world.step()

@@ -1,0 +1,14 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``python3 -m flexbt_sim.compiling`` has numba compile all loops, and keep them for the processes that come.
+
+The set-up of the workspace runs it. Without it the first processes compile them, each for itself.
+"""
+
+from __future__ import annotations
+
+from flexbt_sim.navigation import prepare_navigation
+from flexbt_sim.world import prepare_world
+
+if __name__ == '__main__':
+    prepare_world()
+    prepare_navigation()
