@@ -46,7 +46,7 @@ def world(world_file: Path) -> Iterator[Probe]:
         'world': str(world_file),
         'robot_namespaces': False,
         'initialpose_moves_robot': True,
-        'speed_factor': 10.0,
+        'speed_factor': 0.0,
     }
     with open_world(simulator, {'dock_database': str(world_file), 'max_retries': 1}) as probe:
         yield probe

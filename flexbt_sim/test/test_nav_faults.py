@@ -67,7 +67,7 @@ def test_one_check_of_the_pose_at_a_time_however_motions_take_over(monkeypatch: 
         check(*arguments)
 
     monkeypatch.setattr(MotionArbiter, '_check_pose', count)
-    with open_simulator(**FAST) as probe, open_navigation(pose_timeout=2.0) as navigation:
+    with open_simulator(speed_factor=10.0) as probe, open_navigation(pose_timeout=2.0) as navigation:
         for _ in range(6):
             with ThreadPoolExecutor() as pool:
                 pool.submit(navigation.call, lambda: time.sleep(0.3))

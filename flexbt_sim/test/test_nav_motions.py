@@ -31,7 +31,7 @@ drives by 0.2 m/s. The exact angles and distances are tested where time is simul
 @pytest.fixture(scope='module')
 def world() -> Iterator[Probe]:
     # Not faster: where the robot stops depends on how soon a command arrives.
-    with open_world({'speed_factor': 5.0}) as probe:
+    with open_world({'speed_factor': 0.0}) as probe:
         yield probe
 
 

@@ -17,7 +17,7 @@ from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
 
 @pytest.fixture(scope='module')
 def world() -> Iterator[Probe]:
-    with open_world() as probe:
+    with open_world({'speed_factor': 10.0}) as probe:
         yield probe
 
 

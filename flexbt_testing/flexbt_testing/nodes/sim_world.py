@@ -279,7 +279,7 @@ def open_navigation(**parameters: Any) -> Iterator[NodeRuntime]:
         yield runtime
 
 
-FAST = {'speed_factor': 10.0}
+FAST = {'speed_factor': 0.0}
 
 
 @contextlib.contextmanager
