@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_sim.nodes import pose_of
+from flexbt_sim.ros_messages import pose_of
 from flexbt_testing.nodes.sim_world import DEADLINE, DOCK, FAST, Probe, aborted, open_world, pose
 from flexbt_testing.waiting import wait_until
 

@@ -8,7 +8,8 @@ from nav2_msgs.action import FollowPath
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.nodes import Navigation, seconds_of
+from flexbt_sim.nodes import Navigation
+from flexbt_sim.ros_messages import seconds_of
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import RobotLimits
 from flexbt_testing.nodes.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Duration
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_common.values import duration_message
-from flexbt_sim.nodes import seconds_of
+from flexbt_sim.ros_messages import seconds_of
 from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
 
 

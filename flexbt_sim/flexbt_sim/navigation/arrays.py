@@ -7,9 +7,8 @@ import math
 from typing import Any
 
 import numpy
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse import csgraph
 
 from .kernels import Bools, Costs, Squares, Weights, neighbours
 
@@ -39,7 +38,7 @@ def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int,
 
 def regions(free: Bools) -> Squares:
     """See :func:`.kernels.regions`."""
-    labels: Squares = ndimage.label(free)[0]
+    labels: Squares = scipy.ndimage.label(free)[0]
     return labels
 
 
@@ -60,8 +59,8 @@ def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -
         length = (math.hypot(up, right) * (along[a] + along[b]) / 2.0)[steps]
         entries += [(length, numbers[a][steps], numbers[b][steps]), (length, numbers[b][steps], numbers[a][steps])]
     lengths, sources, targets = (numpy.concatenate(parts) for parts in zip(*entries, strict=True))
-    graph = sparse.csr_matrix((lengths, (sources, targets)), shape=(costs.size, costs.size))
-    _, predecessors = csgraph.dijkstra(graph, indices=start, return_predecessors=True)
+    graph = scipy.sparse.csr_matrix((lengths, (sources, targets)), shape=(costs.size, costs.size))
+    _, predecessors = scipy.sparse.csgraph.dijkstra(graph, indices=start, return_predecessors=True)
     directions = numpy.full(costs.size, -1, numpy.int8)
     reached = numpy.flatnonzero(predecessors != _NO_PREDECESSOR)
     came = reached - predecessors[reached]

@@ -15,8 +15,8 @@ from itertools import pairwise
 from typing import Final
 
 import numpy
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose, wrap
@@ -108,7 +108,7 @@ def _drawn(points: Points, fixed: Flags) -> Points:
     bands[2, :-2][free] = -SMOOTH_WEIGHT
     wanted = points.copy()
     wanted[1:-1][free] *= DATA_WEIGHT
-    drawn: Points = solve_banded((1, 1), bands, wanted)
+    drawn: Points = scipy.linalg.solve_banded((1, 1), bands, wanted)
     return drawn
 
 

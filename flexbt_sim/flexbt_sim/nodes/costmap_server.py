@@ -39,11 +39,11 @@ from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observation
+from flexbt_sim.ros_messages import grid_info, seconds_of
 from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
 from .navigation_parameters import NavigationParameters
 from .request_checks import bounded, pose_in_map
-from .ros_messages import grid_info, seconds_of
 
 GLOBAL, LOCAL = names.COSTMAPS
 PERIODS: Final = {GLOBAL: 1.0, LOCAL: 0.2}

@@ -24,6 +24,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, StagingMotion, UndockMotion, load_docks
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, Costmap, GridPlanner, PathFollower, Velocity
+from flexbt_sim.ros_messages import stamped
 from flexbt_sim.world import Pose, wrap
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
@@ -31,7 +32,6 @@ from .computation import Computation
 from .frames import poses_in_map
 from .motion_server import MotionArbiter, RunningMotion
 from .navigation_parameters import NavigationParameters
-from .ros_messages import stamped
 
 CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
 CHARGING_CURRENT: Final = 0.5

@@ -25,6 +25,7 @@ from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare_navigation
+from flexbt_sim.ros_messages import seconds_of
 
 from .action_results import GoalEnd
 from .collision_monitor import CollisionMonitor
@@ -34,7 +35,6 @@ from .navigation_parameters import declare_navigation_parameters
 from .planner_server import PlannerServer
 from .request_checks import bounded, check_id, path_in_map
 from .robot_interface import RobotInterface
-from .ros_messages import seconds_of
 from .route_server import RouteServer
 from .smoother_server import SmootherServer
 from .teleop_server import TeleopServer

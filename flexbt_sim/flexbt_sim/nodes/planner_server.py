@@ -15,6 +15,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import GridPlanner, StopFlag
+from flexbt_sim.ros_messages import path_message
 from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
@@ -22,7 +23,6 @@ from .computation import Computation
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_id, pose_in_map
 from .robot_interface import RobotInterface
-from .ros_messages import path_message
 
 
 class OnEnd(Protocol):

@@ -12,9 +12,8 @@ from typing import Any
 
 from flexbt_common.values import shown
 from flexbt_sim.errors import NavigationError
+from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.world import FARTHEST, Pose
-
-from .ros_messages import pose_of
 
 
 def bounded(value: float, name: str, most: float) -> float:

@@ -16,12 +16,12 @@ from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Velocity
+from flexbt_sim.ros_messages import map_of, seconds_of
 from flexbt_sim.world import Pose
 
 from .costmap_server import CostmapServer
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, pose_in_map
-from .ros_messages import map_of, seconds_of, twist
 
 COMPLAINT_SECONDS: Final = 5.0
 """Time between two lines of the log about poses that cannot be used."""
@@ -106,7 +106,8 @@ class RobotInterface:
 
     def drive(self, velocity: Velocity) -> None:
         """Send a velocity command."""
-        command = twist(velocity)
+        command = Twist()
+        command.linear.x, command.angular.z = float(velocity.linear), float(velocity.angular)
         if self._parameters.stamped_cmd_vel:
             message = TwistStamped(twist=command)
             message.header.stamp = self._runtime.clock.stamp()

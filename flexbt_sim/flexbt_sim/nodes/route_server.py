@@ -26,6 +26,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits, duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
+from flexbt_sim.ros_messages import path_message
 from flexbt_sim.routes import (
     SCORERS,
     DynamicEdges,
@@ -44,7 +45,6 @@ from .computation import Computation
 from .frames import poses_in_map
 from .navigation_parameters import NavigationParameters
 from .robot_interface import RobotInterface
-from .ros_messages import path_message
 from .route_messages import graph_markers, route_message
 from .route_operations import RouteOperations
 from .route_parameters import DYNAMIC_EDGES

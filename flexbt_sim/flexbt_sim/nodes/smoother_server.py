@@ -16,6 +16,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, Smoothing, smooth_path
+from flexbt_sim.ros_messages import pose_message, seconds_of
 from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
@@ -23,7 +24,6 @@ from .computation import Computation
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_id, path_in_map
 from .robot_interface import RobotInterface
-from .ros_messages import pose_message, seconds_of
 
 SMOOTHERS: Final = {'simple_smoother': Smoothing(2), 'route_smoother': Smoothing(5, keeps_reversals=False)}
 """Those of Nav2's bringup; the second one is for routes, whose corners may go. Without a name it is the first."""

@@ -14,9 +14,9 @@ from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_core.clock import Timer
+from flexbt_sim.ros_messages import seconds_of
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, finish
-from .ros_messages import seconds_of
 
 FEEDBACK_SECONDS: Final = 0.5
 """Time between two feedback messages, s."""

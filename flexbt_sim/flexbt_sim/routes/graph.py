@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
 
-from scipy.spatial import KDTree
+import scipy
 
 from flexbt_sim.world import Pose
 
@@ -90,8 +90,8 @@ class RouteGraph:
         return [nodes[index] for index in found]
 
     @cached_property
-    def _tree(self) -> KDTree:
-        return KDTree([node.point for node in self.nodes.values()])
+    def _tree(self) -> Any:
+        return scipy.spatial.KDTree([node.point for node in self.nodes.values()])
 
     @property
     def frames(self) -> set[str]:

@@ -41,7 +41,7 @@ from flexbt_common.runtime import resolve_file
 from flexbt_common.values import check_limits, shown
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError, WorldError
-from flexbt_sim.nodes import pose_message, pose_of
+from flexbt_sim.ros_messages import pose_message, pose_of
 from flexbt_sim.world import NAME, Body, Circle, Entity, Pose, Robot, Shape, Station, WorldFile, Zone, box, compose, gap
 
 from .name_filter import NameFilter

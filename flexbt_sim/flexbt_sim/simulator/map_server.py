@@ -19,7 +19,7 @@ from flexbt_common.lifecycle import LifecycleServices
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.nodes import grid_message, time_message
+from flexbt_sim.ros_messages import grid_message, time_message
 from flexbt_sim.world import OccupancyMap, load_map
 
 MAP_SERVER: Final = 'map_server'

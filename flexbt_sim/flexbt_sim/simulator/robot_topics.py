@@ -28,7 +28,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.nodes import pose_of, time_message, transform
+from flexbt_sim.ros_messages import pose_of, time_message, transform
 from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, generator
 
 from .description import robot_description

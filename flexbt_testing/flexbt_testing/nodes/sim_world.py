@@ -35,7 +35,8 @@ from rclpy.time import Time
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.nodes import Navigation, pose_of
+from flexbt_sim.nodes import Navigation
+from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.simulator import Simulator
 
 T = TypeVar('T')

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy
+import scipy
 from numpy.typing import NDArray
 from PIL import Image
-from scipy import ndimage
 
 from flexbt_core.values import load_yaml
 from flexbt_sim.errors import MapError
@@ -85,7 +85,7 @@ class OccupancyMap:
             touched[row : row + 2 * self.height : 2, column : column + 2 * self.width : 2] |= self.obstacles
         if not self.obstacles.any():
             return numpy.full(touched.shape, FAR, numpy.float32)
-        distances: Distances = ndimage.distance_transform_edt(~touched).astype(numpy.float32)
+        distances: Distances = scipy.ndimage.distance_transform_edt(~touched).astype(numpy.float32)
         distances *= self.resolution / 2.0
         return distances
 

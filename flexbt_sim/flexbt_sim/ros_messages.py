@@ -10,11 +10,10 @@ from typing import Any
 import numpy
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, Twist
+from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.navigation import Velocity
 from flexbt_sim.world import MAX_RESOLUTION, MIN_RESOLUTION, OccupancyMap, Pose, wrap
 
 
@@ -72,13 +71,6 @@ def path_message(poses: Iterable[Pose], frame: str, stamp: Time) -> Path:
     path.header.frame_id = frame
     path.header.stamp = stamp
     return path
-
-
-def twist(velocity: Velocity) -> Twist:
-    """A velocity command."""
-    message = Twist()
-    message.linear.x, message.angular.z = float(velocity.linear), float(velocity.angular)
-    return message
 
 
 def grid_info(corner: Pose, resolution: float, size: tuple[int, int], stamp: Time) -> MapMetaData:
