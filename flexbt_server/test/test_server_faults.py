@@ -216,7 +216,8 @@ def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
     if process.returncode == 0:
         return took
     # By the process itself, or by the watchdog of the fault handler.
-    assert process.returncode == 1 and re.search(r'did not come to an end within|^Timeout \(', told, re.MULTILINE), told
+    forced = r'a tree was running .* after the stop|did not come to an end within|^Timeout \('
+    assert process.returncode == 1 and re.search(forced, told, re.MULTILINE), told
     return math.inf
 
 

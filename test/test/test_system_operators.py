@@ -18,7 +18,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 DEADLINE = 60.0
 TIMEOUT = 2.0
@@ -51,11 +51,11 @@ def watching(operator: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def console(operator: str, *words: str, exit_code: int = 0) -> Any:
-    """What a command of an operator's console answers."""
+    """What a command of an operator's console answers; None for an empty list."""
     line = [executable('console'), *words, '--json', '--timeout', '20', '--operator', operator]
     done = subprocess.run(line, capture_output=True, timeout=DEADLINE, env=os.environ, check=False)
     assert done.returncode == exit_code, (words, done.stdout, done.stderr)
-    return json.loads(done.stdout)
+    return json.loads(done.stdout) if done.stdout else None
 
 
 def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Stack, probe: Probe) -> None:
@@ -84,7 +84,8 @@ def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Sta
 
 def test_a_run_is_paused_locked_and_resumed_after_a_crash_from_the_command_line(stack: Stack) -> None:
     console('ann', 'start', 'Inspect Site', 'duration=1000', '--input', 'site=string:"gate"', '--autonomy', 'high')
-    (root,) = console('bob', 'userdata', '/')
+    # The run may not have come to its first state.
+    (root,) = wait_until(lambda: console('bob', 'userdata', '/'), 'userdata of the run')
     assert ('site', 'string') in [(value['key'], value['type']) for value in root['values']]
     assert 'there are' in console('bob', 'userdata', '/', 'nothing', exit_code=3)['reason']
     console('ann', 'lock', 'Look')
