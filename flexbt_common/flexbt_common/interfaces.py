@@ -203,7 +203,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
     *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
-    *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, RECORDER)),
+    *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
     *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, by=(SIMULATOR,)),
     *_topics(names.BATTERY_STATE, by=(SIMULATOR,), to=(NAVIGATION,)),

@@ -90,6 +90,13 @@ def test_between_two_times_it_is_interpolated_and_the_latest_is_common_to_all(bu
     assert buffer.lookup('map', 'base_link', 1.25).translation == pytest.approx((2.25, 0.0, 0.0))
     buffer.set('odom', 'base_link', Rigid.planar(9.0, 0.0, 0.0), 3.0)  # map to odom is known until 2 s
     assert buffer.lookup('map', 'base_link').translation == pytest.approx((3.0, 0.0, 0.0))
+    assert buffer.latest('map', 'base_link') == 2.0
+    assert buffer.latest('base_link', 'camera') == math.inf
+
+
+def test_what_is_below_a_frame_moves_with_it(buffer: TransformBuffer) -> None:
+    assert buffer.carries('base_link', 'camera') and buffer.carries('base_link', 'base_link')
+    assert not buffer.carries('base_link', 'odom') and not buffer.carries('camera', 'base_scan')
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def _broken(index: int, **fields: float) -> Path:
 
 REFUSED = {
     'empty': ({'path': Path()}, Result.INVALID_PATH, 'no poses'),
-    'frame': ({'path': line(DOCK, EAST, 'odom')}, Result.TF_ERROR, "'odom'"),
+    'frame': ({'path': line(DOCK, EAST, 'moon')}, Result.TF_ERROR, "'moon'"),
     'nan': ({'path': _broken(7, x=math.nan)}, Result.INVALID_PATH, 'pose 7'),
     'infinite': ({'path': _broken(-1, y=math.inf)}, Result.INVALID_PATH, 'inf'),
     'nan heading': ({'path': _broken(-1, z=math.nan)}, Result.INVALID_PATH, 'nan'),

@@ -76,11 +76,11 @@ def test_a_start_of_ones_own_is_used_only_when_asked_for(world: Probe) -> None:
 
 REFUSED = {
     'planner': ({'goal': pose(OFFICE), 'planner_id': 'SmacPlanner'}, Result.INVALID_PLANNER, "'SmacPlanner'"),
-    'frame': ({'goal': pose(OFFICE, 'odom')}, Result.TF_ERROR, "'odom'"),
+    'frame': ({'goal': pose(OFFICE, 'moon')}, Result.TF_ERROR, "'moon'"),
     'frame of the start': (
-        {'goal': pose(OFFICE), 'start': pose(DOCK, 'base_link'), 'use_start': True},
+        {'goal': pose(OFFICE), 'start': pose(DOCK, 'gripper'), 'use_start': True},
         Result.TF_ERROR,
-        "'base_link'",
+        "'gripper'",
     ),
     'goal outside': ({'goal': pose(FAR_AWAY)}, Result.GOAL_OUTSIDE_MAP, '100.00'),
     'goal nowhere': ({'goal': pose(NOWHERE)}, Result.GOAL_OUTSIDE_MAP, 'nan'),

@@ -16,7 +16,7 @@ from sim_maps import drawn, free_places, worlds
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, FollowerLimits, GridPlanner, Inflation, PathFollower, ProgressChecker
 from flexbt_sim.world import MapRobot as Robot
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.world import OccupancyMap, Pose, compose
 
 OPEN = drawn(*['.' * 160] * 120)
 WALL = drawn(*['.' * 80 + '##' + '.' * 78] * 120)
@@ -204,3 +204,34 @@ def test_a_turn_at_the_goal_is_progress() -> None:
     motion = follower([Pose(1.0, 1.0, 3.0)])
     for number in range(1000):
         assert motion.step(Pose(1.0, 1.0, 0.0), number * PERIOD) is not None
+
+
+RATES = st.floats(-0.03, 0.03)
+"""Of a drift, m/s and rad/s: much more than an odometry has."""
+
+
+@settings(deadline=None, max_examples=25)
+@given(RATES, RATES, st.floats(-0.01, 0.01), st.floats(2.5, 5.5), st.floats(2.0, 4.0), st.integers(0, 2))
+def test_it_arrives_where_a_path_ends_whose_frame_drifts(
+    x: float, y: float, yaw: float, to_x: float, to_y: float, late: int
+) -> None:
+    driven = Run(Robot(OPEN, Pose(2.0, 3.0, 0.0), LIMITS))
+
+    def drift() -> Pose:
+        return Pose(x * driven.now, y * driven.now, yaw * driven.now)
+
+    path = line((2.0, 3.0), (to_x, to_y))
+    driven.go(PathFollower(path, Costmap(OPEN, Inflation()), FOLLOWER, drift=drift), late)
+    seconds = len(driven.commands) * PERIOD
+    assert driven.code == '' and not driven.touched
+    goal = compose(Pose(x * seconds, y * seconds, yaw * seconds), path[-1])
+    assert driven.robot.pose.distance(goal) <= FOLLOWER.xy_tolerance + ROLLING + 0.05
+
+
+def test_a_drift_that_is_not_known_ends_it() -> None:
+    def drift() -> Pose:
+        raise NavigationError('TF_ERROR', 'nobody tells')
+
+    path = line((1.0, 1.0), (3.0, 1.0))
+    done = run(OPEN, path[0], PathFollower(path, Costmap(OPEN, Inflation()), FOLLOWER, drift=drift))
+    assert (done.code, done.commands) == ('TF_ERROR', [])

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.navigation import Track
-from flexbt_sim.world import Pose
+from flexbt_sim.world import Pose, compose
 
 poses = st.builds(Pose, st.integers(-20, 20).map(lambda n: n / 5), st.floats(-4.0, 4.0), st.just(0.0))
 paths = st.lists(poses, min_size=1, max_size=8)
@@ -73,3 +73,18 @@ def test_a_path_of_one_pose_is_a_point() -> None:
     assert track.nearest(Pose(5.0, 5.0, 0.0), 0.0, 1.5) == 0.0
     assert track.ahead(Pose(5.0, 5.0, 0.0), 0.0, 0.25) == (1.0, 2.0)
     assert track.ahead(Pose(1.0, 2.0, 0.0), 0.0, 0.25) == (1.0, 2.0)
+
+
+@given(paths, poses, st.builds(Pose, *[st.floats(-3.0, 3.0)] * 3), st.floats(0.0, 1.0))
+def test_a_track_that_is_moved_is_the_same_seen_from_its_frame(
+    path: list[Pose], pose: Pose, by: Pose, part: float
+) -> None:
+    track, seen = Track(path), compose(by, pose)
+    moved, at = track.moved(by), part * track.length
+    assert moved.length == track.length
+    assert moved.point(at) == pytest.approx(compose(by, Pose(*track.point(at), 0.0))[:2], abs=1e-9)
+    gaps = [
+        math.dist(moved.point(one.nearest(there, 0.0, track.length)), seen[:2])
+        for one, there in ((track, pose), (moved, seen))
+    ]
+    assert gaps[0] == pytest.approx(gaps[1], abs=1e-6)

@@ -119,20 +119,37 @@ class TransformBuffer:
         Raises:
             TransformError: it is not known; ``is_early`` says that it may be in a moment.
         """
+        up, down = self._way(target, source)
+        if time is None:
+            time = self._latest(up, down)
+        return self._climb(down, time).inverse() @ self._climb(up, time)
+
+    def latest(self, target: str, source: str) -> float:
+        """The latest time at which all between two frames is known, s; infinite where all is static.
+
+        Raises:
+            TransformError: as :meth:`lookup`.
+        """
+        return self._latest(*self._way(target, source))
+
+    def carries(self, carrier: str, frame: str) -> bool:
+        """Whether a frame is below another one, so that it moves with that."""
+        return carrier in self._ancestors(frame)
+
+    def _latest(self, up: list[str], down: list[str]) -> float:
+        ends = [self._tracks[frame].times[-1] for frame in (*up, *down) if not self._tracks[frame].is_static]
+        return min(ends, default=math.inf)
+
+    def _way(self, target: str, source: str) -> tuple[list[str], list[str]]:
+        """The frames from each of both up to where they meet, which is left out."""
         for name in (target, source):
             _check_frame(name)
-        if target == source:
-            return Rigid()
         ups, downs = list(self._ancestors(source)), list(self._ancestors(target))
         on_the_way = {frame: index for index, frame in enumerate(downs)}
         meeting = next(((i, on_the_way[frame]) for i, frame in enumerate(ups) if frame in on_the_way), None)
         if meeting is None:
             raise TransformError(self._why_apart(target, source), is_early=True)
-        up, down = ups[: meeting[0]], downs[: meeting[1]]
-        if time is None:
-            ends = [self._tracks[frame].times[-1] for frame in (*up, *down) if not self._tracks[frame].is_static]
-            time = min(ends, default=0.0)
-        return self._climb(down, time).inverse() @ self._climb(up, time)
+        return ups[: meeting[0]], downs[: meeting[1]]
 
     def _climb(self, frames: list[str], time: float) -> Rigid:
         whole = Rigid()

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Pose, PoseStamped
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
@@ -35,6 +35,7 @@ BROADCASTERS: Final = 100
 """Static broadcasters whose messages a late listener gets."""
 
 OnPose = Callable[[PoseStamped], object]
+OnTransform = Callable[[Rigid], object]
 OnError = Callable[[TransformError], object]
 
 
@@ -71,19 +72,40 @@ class TransformListener:
     ) -> None:
         """Give ``pose`` in the frame ``target``: at the time of its header, or the latest when that is 0.
 
-        ``on_pose`` or ``on_error`` is called once: at once, or when the transform is known, or after ``timeout``
+        See :meth:`lookup`.
+        """
+
+        def on_transform(transform: Rigid) -> None:
+            there = PoseStamped(pose=transformed(pose.pose, transform))
+            there.header.frame_id, there.header.stamp = target, pose.header.stamp
+            on_pose(there)
+
+        self.lookup(target, pose.header.frame_id, _seconds(pose.header.stamp) or None, on_transform, on_error, timeout)
+
+    def lookup(
+        self,
+        target: str,
+        source: str,
+        time: float | None,
+        on_transform: OnTransform,
+        on_error: OnError,
+        timeout: float = TRANSFORM_TIMEOUT,
+    ) -> None:
+        """Give where the frame ``source`` is in ``target`` at a time, s; None for the latest.
+
+        ``on_transform`` or ``on_error`` is called once: at once, or when the transform is known, or after ``timeout``
         seconds of wall time.
         """
 
         def attempt(is_last: bool) -> bool:
             try:
-                there = transformed(self.buffer, pose, target)
+                transform = self.buffer.lookup(target, source, time)
             except TransformError as error:
                 if error.is_early and not is_last:
                     return False
                 on_error(error)
                 return True
-            on_pose(there)
+            on_transform(transform)
             return True
 
         if attempt(timeout <= 0.0):
@@ -110,20 +132,14 @@ class TransformListener:
                 self._waiting.remove(attempt)
 
 
-def transformed(buffer: TransformBuffer, pose: PoseStamped, target: str) -> PoseStamped:
-    """``pose`` in the frame ``target``, at the time of its header; 0 there means the latest time that is known.
-
-    Raises:
-        TransformError: as :meth:`TransformBuffer.lookup`.
-    """
-    source, stamp = pose.header.frame_id, pose.header.stamp
-    at, turned = pose.pose.position, pose.pose.orientation
+def transformed(pose: Pose, transform: Rigid) -> Pose:
+    """A geometry_msgs/Pose in the frame that ``transform`` leads to. A quaternion of zeros counts as no turn."""
+    at, turned = pose.position, pose.orientation
     local = Rigid.of((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
-    (x, y, z), rotation = buffer.lookup(target, source, _seconds(stamp) or None) @ local
-    result = PoseStamped()
-    result.header.frame_id, result.header.stamp = target, stamp
-    result.pose.position.x, result.pose.position.y, result.pose.position.z = x, y, z
-    turned = result.pose.orientation
+    (x, y, z), rotation = transform @ local
+    result = Pose()
+    result.position.x, result.position.y, result.position.z = x, y, z
+    turned = result.orientation
     turned.x, turned.y, turned.z, turned.w = rotation
     return result
 

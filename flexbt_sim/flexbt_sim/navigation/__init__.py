@@ -7,7 +7,7 @@ from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
 from .layers import LayeredCostmap, Observation, ObstacleRanges
 from .motions import LOOK_AHEAD, STOP, Motion, TurnLimits, Velocity, collides
 from .navigator import Navigator, Trip
-from .path_follower import FollowerLimits, PathFollower, ProgressChecker
+from .path_follower import STILL, FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare_navigation
 from .smoother import Smoothing, smooth_path
 from .track import Track
@@ -18,6 +18,7 @@ __all__ = [
     'LETHAL',
     'LOOK_AHEAD',
     'SPACING',
+    'STILL',
     'STOP',
     'AssistedTeleop',
     'Box',

@@ -7,7 +7,7 @@ The rules are those of Nav2's regulated pure pursuit controller, with speeds tha
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Final
@@ -15,7 +15,7 @@ from typing import Final
 import numpy
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose, drive, wrap
+from flexbt_sim.world import Pose, compose, drive, wrap
 
 from .costmap import Costmap
 from .motions import STOP, TurnLimits, Velocity, collides
@@ -30,6 +30,8 @@ JOIN_DISTANCE: Final = 0.25
 SIDE_GAP: Final = 0.03
 SIDE_TIME: Final = 0.4
 """What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
+
+STILL: Final = Pose(0.0, 0.0, 0.0)
 
 NEAREST_LOOKAHEAD: Final = 0.05
 """Distance, m, of the nearest point that the robot is directed to."""
@@ -92,17 +94,20 @@ class PathFollower:
         costmap: Costmap,
         limits: FollowerLimits,
         before: PathFollower | None = None,
+        drift: Callable[[], Pose] = lambda: STILL,
     ) -> None:
         """``before`` followed the path that this one replaces: it is gone over to without a stop, and the progress
-        checker goes on, as in Nav2.
+        checker goes on, as in Nav2. ``drift()``, asked at each step, tells where in the map the frame that the path is
+        fixed to has come to since the path was given, if it was that of the map then; it may raise NavigationError.
 
         Raises:
             NavigationError: INVALID_PATH for one without poses, or with one that is not finite.
         """
         if not path or not all(map(math.isfinite, chain.from_iterable(path))):
             raise NavigationError('INVALID_PATH', 'the path has no poses' if not path else 'a pose is not finite')
-        self._goal = path[-1]
-        self._track = Track(path)
+        self._given = path[-1], Track(path)
+        self._goal, self._track = self._given
+        self._drift, self._drifted = drift, STILL
         self._costmap = costmap
         self._limits = limits
         self.progress: ProgressChecker = ProgressChecker(limits) if before is None else before.progress
@@ -120,10 +125,11 @@ class PathFollower:
         """See :class:`flexbt_sim.navigation.motions.Motion`.
 
         Raises:
-            NavigationError: FAILED_TO_MAKE_PROGRESS; PATIENCE_EXCEEDED when an obstacle stays in the way, or
-                NO_VALID_CONTROL at once when there is no patience.
+            NavigationError: that of the drift; FAILED_TO_MAKE_PROGRESS; PATIENCE_EXCEEDED when an obstacle stays in
+                the way, or NO_VALID_CONTROL at once when there is no patience.
         """
         limits = self._limits
+        self._move(self._drift())
         self._at = self._nearest(pose)
         left = self._track.length - self._at
         self.distance_to_goal = math.dist(pose[:2], self._track.point(self._at)) + left
@@ -145,6 +151,11 @@ class PathFollower:
             self._blocked_since = None
         self.speed = velocity.linear
         return velocity
+
+    def _move(self, drifted: Pose) -> None:
+        if drifted != self._drifted:
+            goal, track = self._given
+            self._goal, self._track, self._drifted = compose(drifted, goal), track.moved(drifted), drifted
 
     def _nearest(self, pose: Pose) -> float:
         """Where on the path the robot is: not much farther than it was, unless this is its first step on the path."""

@@ -6,9 +6,10 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
+from copy import copy
 from itertools import accumulate, pairwise
 
-from flexbt_sim.world import Pose
+from flexbt_sim.world import Pose, compose
 
 Point = tuple[float, float]
 """x and y, m."""
@@ -22,6 +23,12 @@ class Track:
         self._corners: list[Point] = [(float(pose.x), float(pose.y)) for pose in poses]
         self._at = list(accumulate((math.dist(a, b) for a, b in pairwise(self._corners)), initial=0.0))
         self.length = self._at[-1]
+
+    def moved(self, by: Pose) -> Track:
+        """The same one where it comes to when its frame, which was that of the map, moves to ``by``."""
+        moved = copy(self)
+        moved._corners = [compose(by, Pose(*corner, 0.0))[:2] for corner in self._corners]
+        return moved
 
     def point(self, at: float) -> Point:
         """Position at a distance from the beginning, m."""

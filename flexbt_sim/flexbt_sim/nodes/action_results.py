@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
+
+from nav_msgs.msg import Path
 
 from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import NodeRuntime
@@ -19,6 +21,12 @@ class GoalEnd:
     canceled: bool = False
     code: str = 'NONE'
     message: str = ''
+
+
+class OnPathEnd(Protocol):
+    """Ends a goal, with a path when there is one."""
+
+    def __call__(self, end: GoalEnd, path: Path | None = None) -> None: ...
 
 
 SUCCEEDED: Final = GoalEnd(succeeded=True)

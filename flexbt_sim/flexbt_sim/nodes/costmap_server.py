@@ -42,8 +42,9 @@ from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observat
 from flexbt_sim.ros_messages import grid_info, seconds_of
 from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
+from .frames import MapFrame, asked_pose
 from .navigation_parameters import NavigationParameters
-from .request_checks import bounded, pose_in_map
+from .request_checks import bounded
 
 GLOBAL, LOCAL = names.COSTMAPS
 PERIODS: Final = {GLOBAL: 1.0, LOCAL: 0.2}
@@ -77,10 +78,17 @@ class _Kept:
 class CostmapServer:
     """On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, robot_pose: Callable[[], Pose]) -> None:
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        parameters: NavigationParameters,
+        map_frame: MapFrame,
+        robot_pose: Callable[[], Pose],
+    ) -> None:
         """``robot_pose()`` gives the pose of the robot, or raises NavigationError."""
         self._runtime = runtime
         self._parameters = parameters
+        self._map_frame = map_frame
         self._robot_pose = robot_pose
         self._kept: dict[str, _Kept] = {}
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=POSES)
@@ -103,10 +111,10 @@ class CostmapServer:
                 (ClearEntireCostmap, entirely, lambda _request, layers: layers.clear()),
                 (ClearCostmapExceptRegion, except_region, self._clear_except),
                 (ClearCostmapAroundRobot, around_robot, self._clear_around_robot),
-                (ClearCostmapAroundPose, around_pose, self._clear_around_pose),
             )
             for service_type, service, clear in services:
                 node.create_service(service_type, service, partial(self._clear, name, clear))
+            node.create_service(ClearCostmapAroundPose, around_pose, partial(self._clear_around_pose, name))
             node.create_service(GetCostmap, get, partial(self._get, name))
             node.create_service(GetCost, get_cost, partial(self._get_cost, name))
 
@@ -278,10 +286,13 @@ class CostmapServer:
             check_limits(request)
             clear(request, self._known(name).layers)
         except FlexbtError as error:
-            self._runtime.node.get_logger().error(f'{name} is not cleared: {error}')
+            self._not_cleared(name, error)
         else:
             self._publish(name)
         return response
+
+    def _not_cleared(self, name: str, error: FlexbtError) -> None:
+        self._runtime.node.get_logger().error(f'{name} is not cleared: {error}')
 
     def _clear_except(self, request: Any, layers: LayeredCostmap) -> None:
         layers.clear_except_square(self._robot_pose(), _distance(request))
@@ -289,9 +300,19 @@ class CostmapServer:
     def _clear_around_robot(self, request: Any, layers: LayeredCostmap) -> None:
         layers.clear_square(self._robot_pose(), _distance(request))
 
-    def _clear_around_pose(self, request: Any, layers: LayeredCostmap) -> None:
-        pose = pose_in_map(request.pose, self._parameters.map_frame, 'the pose', 'INVALID_INPUT')
-        layers.clear_square(pose, _distance(request))
+    async def _clear_around_pose(self, name: str, request: Any, response: Any) -> Any:
+        poses: list[Pose] = []
+
+        def clear(request: Any, layers: LayeredCostmap) -> None:
+            layers.clear_square(poses[0], _distance(request))
+
+        try:
+            check_limits(request)
+            poses += await self._map_frame.known([asked_pose(request.pose, 'the pose', 'INVALID_INPUT')])
+        except FlexbtError as error:
+            self._not_cleared(name, error)
+            return response
+        return self._clear(name, clear, request, response)
 
     def _get(self, name: str, _request: Any, response: Any) -> Any:
         if name in self._kept:

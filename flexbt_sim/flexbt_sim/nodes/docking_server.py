@@ -29,7 +29,7 @@ from flexbt_sim.world import Pose, wrap
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from .computation import Computation
-from .frames import poses_in_map
+from .frames import asked_pose
 from .motion_server import MotionArbiter, RunningMotion
 from .navigation_parameters import NavigationParameters
 
@@ -91,7 +91,8 @@ class DockingServer:
         def on_error(error: Exception) -> None:
             self.runtime.node.get_logger().warning(f'ignored: {error}', throttle_duration_sec=5.0)
 
-        poses_in_map(self.runtime, [message], self.parameters.map_frame, 'TF_ERROR', on_poses, on_error)
+        asked = asked_pose(message, 'the detected dock', 'TF_ERROR')
+        self.arbiter.robot.map_frame.poses([asked], on_poses, on_error)
 
     def senses(self, dock: Pose) -> Senses:
         """Without detection a dock is where it should be."""
@@ -207,9 +208,8 @@ class DockGoal:
             self._fail(error)
             return
         server.arbiter.start(RunningMotion(self._goal, self, lambda _motion: self._feedback(), self._on_end))
-        messages = [message if request.use_dock_id else request.dock_pose]
-        frame = server.parameters.map_frame
-        poses_in_map(server.runtime, messages, frame, 'DOCK_NOT_VALID', self._on_place, self._fail)
+        asked = asked_pose(message if request.use_dock_id else request.dock_pose, 'the dock', 'DOCK_NOT_VALID')
+        server.arbiter.robot.map_frame.poses([asked], self._on_place, self._fail)
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
         """See :class:`flexbt_sim.navigation.Motion`."""

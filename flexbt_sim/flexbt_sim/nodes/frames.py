@@ -1,60 +1,179 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses in any frame, brought to the map."""
+"""Poses and paths of requests, in any frame, brought to the frame of the map: for all servers."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
+from geometry_msgs.msg import Pose as PoseMessage
+from rclpy.task import Future
+
+from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.transforms import TRANSFORM_TIMEOUT, TransformListener
+from flexbt_common.transforms import TRANSFORM_TIMEOUT, Rigid, TransformListener, transformed
+from flexbt_common.values import shown
 from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation import STILL
+from flexbt_sim.ros_messages import pose_of, seconds_of
 from flexbt_sim.world import Pose
 
+from .navigation_parameters import NavigationParameters
 from .request_checks import finite_pose
 
+OnPoses = Callable[[list[Pose]], None]
+OnError = Callable[[Exception], None]
 
-def poses_in_map(
-    runtime: NodeRuntime,
-    stamped: Sequence[Any],
-    map_frame: str,
-    code: str,
-    on_poses: Callable[[list[Pose]], None],
-    on_error: Callable[[Exception], None],
-    timeout: float = TRANSFORM_TIMEOUT,
-) -> None:
-    """Give geometry_msgs/PoseStamped in the frame of the map: at once, or when their transforms are known, which
-    ``timeout`` seconds of wall time are waited for.
 
-    ``on_error`` instead, with NavigationError: TF_ERROR when no transform is known, ``code`` for what is no place. An
-    empty frame counts as that of the map.
+class Asked(NamedTuple):
+    """A geometry_msgs/Pose of a request with its header; what it is called; the code of one that is no place."""
+
+    header: Any
+    pose: Any
+    name: str
+    code: str
+
+    @property
+    def source(self) -> tuple[str, int, int]:
+        """Frame and time: what one transform leads from."""
+        stamp = self.header.stamp
+        return self.header.frame_id, stamp.sec, stamp.nanosec
+
+
+def asked_pose(stamped: Any, name: str, code: str) -> Asked:
+    """A geometry_msgs/PoseStamped."""
+    return Asked(stamped.header, stamped.pose, name, code)
+
+
+def asked_path(path: Any) -> list[Asked]:
+    """A nav_msgs/Path: its own header counts, not those of its poses."""
+    return [
+        Asked(path.header, stamped.pose, f'pose {index} of the path', 'INVALID_PATH')
+        for index, stamped in enumerate(path.poses)
+    ]
+
+
+class MapFrame:
+    """On the executor thread. An empty frame counts as that of the map.
+
+    As in Nav2 a stamp of 0 means the latest transform, any other one the transform at that time. What is not known
+    yet is waited for, at most for the parameter ``transform_tolerance``; the first time for TRANSFORM_TIMEOUT, since
+    the node begins to hear ``tf`` then. So nothing is spent on it where all requests are in the frame of the map.
     """
-    known: dict[int, Pose] = {}
-    failed: list[Exception] = []
 
-    def fail(error: Exception) -> None:
-        if not failed:
-            failed.append(error)
-            on_error(error)
+    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._name = parameters.map_frame
+        self._timeout = TRANSFORM_TIMEOUT
 
-    def take(index: int, message: Any) -> None:
-        try:
-            known[index] = finite_pose(message.pose, 'the pose', code)
-        except NavigationError as error:
-            fail(error)
-        if len(known) == len(stamped) and not failed:
-            on_poses([known[index] for index in range(len(stamped))])
+    def poses(
+        self,
+        asked: Sequence[Asked],
+        on_poses: OnPoses,
+        on_error: OnError,
+        timeout: float | None = None,
+    ) -> None:
+        """Give poses in the frame of the map: at once, or when their transforms are known, or never after ``timeout``
+        seconds of wall time instead of those that hold for all.
 
-    for index, message in enumerate(stamped):
-        if message.header.frame_id in ('', map_frame):
-            take(index, message)
-        else:
-            TransformListener.of(runtime).transform_pose(
-                message,
-                map_frame,
-                lambda there, index=index: take(index, there),  # type: ignore[misc]
-                lambda error: fail(NavigationError('TF_ERROR', str(error))),
-                timeout,
+        ``on_error`` instead, with NavigationError: TF_ERROR when no transform is known, the code of a pose that is no
+        place.
+        """
+        firsts = {one.source: one for one in asked if one.header.frame_id not in ('', self._name)}
+        transforms: dict[tuple[str, int, int], Rigid] = {}
+        failed: list[Exception] = []
+
+        def finish() -> None:
+            try:
+                poses = [self._pose(one, transforms.get(one.source)) for one in asked]
+            except NavigationError as error:
+                on_error(error)
+                return
+            on_poses(poses)
+
+        def on_transform(source: tuple[str, int, int], transform: Rigid) -> None:
+            transforms[source] = transform
+            if len(transforms) == len(firsts) and not failed:
+                finish()
+
+        def fail(one: Asked, error: TransformError) -> None:
+            if not failed:
+                failed.append(error)
+                on_error(self._error(one, error))
+
+        if not firsts:
+            finish()
+            return
+        if timeout is None:
+            timeout, self._timeout = self._timeout, self._parameters.transform_tolerance
+        listener = TransformListener.of(self._runtime)
+        for source, one in firsts.items():
+            at = seconds_of(one.header.stamp) or None
+            listener.lookup(
+                self._name, one.header.frame_id, at, partial(on_transform, source), partial(fail, one), timeout
             )
-    if not stamped:
-        on_poses([])
+
+    async def known(self, asked: Sequence[Asked]) -> list[Pose]:
+        """The same for services. Raises NavigationError."""
+        done = Future(executor=self._runtime.node.executor)
+        self.poses(asked, done.set_result, done.set_exception)
+        poses: list[Pose] = await done
+        return poses
+
+    def drift(self, header: Any) -> Callable[[], Pose]:
+        """Where in the map the frame of a header has come to since the time of the header, if it was that of the map
+        then; to be asked again and again, for what is fixed to that frame. Its transform has to be known by now.
+
+        A frame that the robot carries has no drift: what is given in it is meant as it was then. NavigationError
+        TF_ERROR is raised when the transform is not known any more, or nothing new of it comes for ``pose_timeout``.
+        """
+        frame, target = header.frame_id, self._name
+        if frame in ('', target):
+            return lambda: STILL
+        buffer = TransformListener.of(self._runtime).buffer
+        if buffer.carries(self._parameters.base_frame, frame):
+            return lambda: STILL
+
+        def lookup(time: float | None = None) -> Rigid:
+            try:
+                return buffer.lookup(target, frame, time)
+            except TransformError as error:
+                raise NavigationError('TF_ERROR', f'the path is in frame {shown(frame)}: {error}') from None
+
+        back = lookup(seconds_of(header.stamp) or None).inverse()
+        clock, steady = self._runtime.clock, self._runtime.steady
+        latest, heard = -math.inf, (0.0, 0.0)
+
+        def drift() -> Pose:
+            nonlocal latest, heard
+            moved, newest = lookup() @ back, buffer.latest(target, frame)
+            now = clock.now(), steady.now()
+            if newest != latest or newest == math.inf:
+                latest, heard = newest, now
+            silence = min(now[0] - heard[0], now[1] - heard[1])
+            if silence >= self._parameters.pose_timeout:
+                raise NavigationError(
+                    'TF_ERROR',
+                    f'the path is in frame {shown(frame)}, whose transform to {target!r} has not come on tf for '
+                    f'{silence:.1f} s',
+                )
+            return pose_of(transformed(PoseMessage(), moved))
+
+        return drift
+
+    @staticmethod
+    def _pose(one: Asked, transform: Rigid | None) -> Pose:
+        pose = one.pose if transform is None else transformed(one.pose, transform)
+        return finite_pose(pose, one.name, one.code)
+
+    def _error(self, one: Asked, error: TransformError) -> NavigationError:
+        stamp = seconds_of(one.header.stamp)
+        age = f', of {self._runtime.clock.now() - stamp:.3f} s ago' if stamp else ''
+        return NavigationError(
+            'TF_ERROR',
+            f'{one.name} is in frame {shown(one.header.frame_id)}{age}, from which no transform leads to '
+            f'{self._name!r}: {error}; see that somebody publishes it on tf, or give it in {self._name!r}',
+        )

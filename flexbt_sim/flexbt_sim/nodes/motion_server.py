@@ -7,8 +7,9 @@ motion ends the one before, which is aborted. All of this happens on the executo
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 from flexbt_common.calls import GoalServer, ServedGoal
@@ -19,10 +20,14 @@ from flexbt_sim.navigation import STOP, Motion, PathFollower, Velocity
 from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
+from .frames import Asked
 from .robot_interface import RobotInterface
 
 FEEDBACK_EVERY: Final = 3
 """Poses per feedback message."""
+
+
+TAKEN_OVER: Final = GoalEnd(message='a newer motion has taken over')
 
 
 class OnEnd(Protocol):
@@ -31,9 +36,14 @@ class OnEnd(Protocol):
     def __call__(self, end: GoalEnd, seconds: float = 0.0) -> None: ...
 
 
+_numbers = itertools.count()
+
+
 @dataclass(eq=False)
 class RunningMotion:
     """A goal that drives the robot. ``feedback`` makes a feedback message of the motion; ``on_end`` ends the goal.
+
+    ``asked`` is a number that grows with each: it is taken when the motion is asked for.
 
     ``began`` and ``now`` are the times of the first and of the latest pose, s. By these the motion goes, not by the
     node's clock, which hears of the time by another topic: on a busy machine it may stand still meanwhile.
@@ -43,6 +53,7 @@ class RunningMotion:
     motion: Motion
     feedback: Callable[[Any], Any]
     on_end: OnEnd
+    asked: int = field(default_factory=_numbers.__next__)
     poses: int = 0
     began: float = 0.0
     now: float = 0.0
@@ -57,16 +68,24 @@ class MotionArbiter:
         self.robot = robot
         self._watch: Timer | None = None
         self.running: RunningMotion | None = None
+        self._newest = -1
         self.monitor: Callable[[Pose, Velocity], Velocity] = lambda _pose, command: command
         self._is_held = False
         robot.on_pose.append(self._on_pose)
         robot.on_map = self._on_map
 
     def start(self, newer: RunningMotion) -> None:
-        """Let a motion drive. A path that replaces a path is gone over to without a stop."""
+        """Let a motion drive, unless a newer one has begun while this one was prepared.
+
+        A path that replaces a path is gone over to without a stop.
+        """
+        if newer.asked < self._newest:
+            newer.on_end(TAKEN_OVER)
+            return
+        self._newest = newer.asked
         if self.running is not None:
             rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
-            self.end(GoalEnd(message='a newer motion has taken over'), stop=not rolling)
+            self.end(TAKEN_OVER, stop=not rolling)
         self.running = newer
         self._check_pose_after(self._pose_timeout, newer)
 
@@ -138,7 +157,11 @@ class MotionArbiter:
 
 
 class MotionServer:
-    """Serves one action. ``make(request, arbiter)`` gives the motion, or raises NavigationError."""
+    """Serves one action.
+
+    ``make(request, *poses)`` gives the motion, or raises NavigationError. ``asked(request)`` are those poses of a
+    request that come in any frame, and that ``make`` gets in that of the map.
+    """
 
     def __init__(
         self,
@@ -146,8 +169,9 @@ class MotionServer:
         arbiter: MotionArbiter,
         action_type: Any,
         name: str,
-        make: Callable[[Any], Motion],
+        make: Callable[..., Motion],
         feedback: Callable[[Any], Any],
+        asked: Callable[[Any], Sequence[Asked]] = lambda _request: (),
     ) -> None:
         self._runtime = runtime
         self._arbiter = arbiter
@@ -155,6 +179,7 @@ class MotionServer:
         self._name = name
         self._make = make
         self._feedback = feedback
+        self._asked = asked
         server = GoalServer(runtime, action_type, name, self._serve, arbiter.cancel)
         runtime.on_close(lambda: runtime.call(server.close))
 
@@ -171,10 +196,21 @@ class MotionServer:
         if goal.cancel_requested:
             on_end(CANCELED)
             return
-        try:
-            self._arbiter.robot.check_pose()
-            motion = self._make(goal.request)
-        except Exception as error:
+        number = next(_numbers)
+
+        def fail(error: Exception) -> None:
             on_end(end_by(self._runtime, error, f'a goal of {self._name}'))
-        else:
-            self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end))
+
+        def on_poses(poses: list[Pose]) -> None:
+            if goal.cancel_requested:
+                on_end(CANCELED)
+                return
+            try:
+                self._arbiter.robot.check_pose()
+                motion = self._make(goal.request, *poses)
+            except Exception as error:
+                fail(error)
+            else:
+                self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, number))
+
+        self._arbiter.robot.map_frame.poses(self._asked(goal.request), on_poses, fail)

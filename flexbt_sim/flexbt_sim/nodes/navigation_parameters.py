@@ -35,6 +35,7 @@ class NavigationParameters:
     inflation: Inflation
     follower: FollowerLimits
     map_frame: str
+    transform_tolerance: float
     pose_topic: str
     map_topic: str
     scan_topic: str
@@ -108,6 +109,9 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             ),
         ),
         map_frame=declare.text('global_frame', 'map', 'frame of map, poses and paths'),
+        transform_tolerance=declare.real(
+            'transform_tolerance', 0.3, 0.0, 10.0, 'how long the transform of a request is waited for, s of wall time'
+        ),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
         map_topic=declare.text('map_topic', names.MAP, 'topic of the map'),
         scan_topic=declare.text('scan_topic', names.SCAN, 'topic of the lidar, sensor_msgs/LaserScan'),

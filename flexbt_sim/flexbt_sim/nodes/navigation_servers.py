@@ -26,14 +26,16 @@ from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare_navigation
 from flexbt_sim.ros_messages import seconds_of
+from flexbt_sim.world import Pose
 
 from .action_results import GoalEnd
 from .collision_monitor import CollisionMonitor
 from .docking_server import DockingServer
+from .frames import asked_path
 from .motion_server import MotionArbiter, MotionServer
 from .navigation_parameters import declare_navigation_parameters
 from .planner_server import PlannerServer
-from .request_checks import bounded, check_id, path_in_map
+from .request_checks import bounded, check_id
 from .robot_interface import RobotInterface
 from .route_server import RouteServer
 from .smoother_server import SmootherServer
@@ -84,6 +86,7 @@ class Navigation:
                 lambda motion: FollowPath.Feedback(
                     distance_to_goal=float(motion.distance_to_goal), speed=float(motion.speed)
                 ),
+                lambda request: asked_path(request.path),
             ),
             (
                 Spin,
@@ -108,8 +111,8 @@ class Navigation:
                 lambda motion: DriveOnHeading.Feedback(distance_traveled=float(motion.driven)),
             ),
         )
-        for action_type, name, make, feedback in motions:
-            MotionServer(runtime, self._arbiter, action_type, name, make, feedback)
+        for motion in motions:
+            MotionServer(runtime, self._arbiter, *motion)
         SmootherServer(runtime, self._parameters, self._robot)
         TeleopServer(runtime, self._parameters, self._arbiter)
         self._routes = RouteServer(runtime, self._parameters, self._robot)
@@ -122,15 +125,15 @@ class Navigation:
 
     # -- motions -----------------------------------------------------------------------------------------------------
 
-    def _follow(self, request: Any) -> PathFollower:
+    def _follow(self, request: Any, *path: Pose) -> PathFollower:
         parameters = self._parameters
         check_id(request.controller_id, parameters.controller_ids, 'controller', 'INVALID_CONTROLLER')
         check_id(request.goal_checker_id, parameters.goal_checker_ids, 'goal checker', 'UNKNOWN')
         check_id(request.progress_checker_id, parameters.progress_checker_ids, 'progress checker', 'UNKNOWN')
-        path = path_in_map(request.path, parameters.map_frame)
         running = self._arbiter.running
         before = running.motion if running is not None and isinstance(running.motion, PathFollower) else None
-        follower = PathFollower(path, self._robot.costmaps.local, parameters.follower, before)
+        drift = self._robot.map_frame.drift(request.path.header)
+        follower = PathFollower(path, self._robot.costmaps.local, parameters.follower, before, drift)
         follower.speed_limit = self._speed_limit
         return follower
 
@@ -167,10 +170,10 @@ class Navigation:
 
     # -- services ----------------------------------------------------------------------------------------------------
 
-    def _is_path_valid(self, request: Any, response: Any) -> Any:
+    async def _is_path_valid(self, request: Any, response: Any) -> Any:
         try:
             check_limits(request)
-            poses = path_in_map(request.path, self._parameters.map_frame)
+            poses = await self._robot.map_frame.known(asked_path(request.path))
             costmap, here = self._robot.costmaps.shared, self._robot.pose
         except FlexbtError as error:
             self._runtime.node.get_logger().warning(f'is_path_valid: {error}')

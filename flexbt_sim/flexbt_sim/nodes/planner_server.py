@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
 from nav_msgs.msg import Path
@@ -18,17 +18,12 @@ from flexbt_sim.navigation import GridPlanner, StopFlag
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.world import Pose
 
-from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
+from .action_results import CANCELED, SUCCEEDED, GoalEnd, OnPathEnd, end_by, finish
 from .computation import Computation
+from .frames import OnError, asked_pose
 from .navigation_parameters import NavigationParameters
-from .request_checks import check_id, pose_in_map
+from .request_checks import check_id
 from .robot_interface import RobotInterface
-
-
-class OnEnd(Protocol):
-    """Ends a goal, with a path when there is one."""
-
-    def __call__(self, end: GoalEnd, path: Path | None = None) -> None: ...
 
 
 class PlannerServer:
@@ -70,15 +65,36 @@ class PlannerServer:
         server = GoalServer(self._runtime, action_type, name, serve, on_cancel=self._stop)
         self._runtime.on_close(lambda: self._runtime.call(server.close))
 
-    def _plan(self, goal: ServedGoal, goals: Sequence[Any], on_end: OnEnd) -> None:
+    def _plan(self, goal: ServedGoal, goals: Sequence[Any], on_end: OnPathEnd) -> None:
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
+        request = goal.request
+
+        def fail(error: Exception) -> None:
+            on_end(end_by(self._runtime, error, 'the planner'))
+
+        try:
+            check_id(request.planner_id, self._parameters.planner_ids, 'planner', 'INVALID_PLANNER')
+            if not goals:
+                raise NavigationError('NO_VIAPOINTS_GIVEN', 'the goal has no poses')
+        except NavigationError as error:
+            fail(error)
+            return
+        asked = [asked_pose(one, 'the goal', 'GOAL_OUTSIDE_MAP') for one in goals]
+        if request.use_start:
+            asked.append(asked_pose(request.start, 'the start', 'START_OUTSIDE_MAP'))
+        self._robot.map_frame.poses(asked, lambda poses: self._search(goal, poses, on_end, fail), fail)
+
+    def _search(self, goal: ServedGoal, poses: list[Pose], on_end: OnPathEnd, fail: OnError) -> None:
         if goal.cancel_requested:
             on_end(CANCELED)
             return
         try:
-            start, poses = self._checked(goal.request, goals)
+            start = poses.pop() if goal.request.use_start else self._robot.pose
             planner = GridPlanner(self._robot.costmaps.shared, self._parameters.planner_tolerance)
         except Exception as error:
-            on_end(end_by(self._runtime, error, 'the planner'))
+            fail(error)
             return
         stop = self._stops[goal.id] = StopFlag()
         self._computation.run(
@@ -90,7 +106,7 @@ class PlannerServer:
             on_end,
         )
 
-    def _planned(self, path: Path, on_end: OnEnd) -> None:
+    def _planned(self, path: Path, on_end: OnPathEnd) -> None:
         self._plan_topic.publish(path)
         on_end(SUCCEEDED, path)
 
@@ -98,14 +114,3 @@ class PlannerServer:
         """The goal is to be canceled: its search ends at once, in the midst of it."""
         if stop := self._stops.get(goal.id):
             stop.set()
-
-    def _checked(self, request: Any, goals: Sequence[Any]) -> tuple[Pose, list[Pose]]:
-        parameters = self._parameters
-        frame = parameters.map_frame
-        check_id(request.planner_id, parameters.planner_ids, 'planner', 'INVALID_PLANNER')
-        if not goals:
-            raise NavigationError('NO_VIAPOINTS_GIVEN', 'the goal has no poses')
-        poses = [pose_in_map(goal, frame, 'the goal', 'GOAL_OUTSIDE_MAP') for goal in goals]
-        if request.use_start:
-            return pose_in_map(request.start, frame, 'the start', 'START_OUTSIDE_MAP'), poses
-        return self._robot.pose, poses

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a request has to satisfy before anything is done about it: known frames, and numbers that are numbers.
+"""What a request has to satisfy before anything is done about it: known names, and numbers that are numbers.
 
 The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot
 turn or drive for ever.
@@ -43,7 +43,7 @@ def finite_pose(message: Any, name: str, code: str) -> Pose:
 
 
 def check_frame(frame: str, map_frame: str, name: str) -> None:
-    """An empty frame counts as that of the map.
+    """Of the map, and of the robot's pose, by which all else goes. An empty frame counts as that of the map.
 
     Raises:
         NavigationError: TF_ERROR for any other frame.
@@ -52,21 +52,6 @@ def check_frame(frame: str, map_frame: str, name: str) -> None:
         raise NavigationError(
             'TF_ERROR', f'{name} is in frame {shown(frame)}, from which no transform is known; give it in {map_frame!r}'
         )
-
-
-def pose_in_map(stamped: Any, map_frame: str, name: str, code: str) -> Pose:
-    """The pose of a geometry_msgs/PoseStamped. Raises NavigationError TF_ERROR, or ``code`` as :func:`finite_pose`."""
-    check_frame(stamped.header.frame_id, map_frame, name)
-    return finite_pose(stamped.pose, name, code)
-
-
-def path_in_map(path: Any, map_frame: str) -> list[Pose]:
-    """The poses of a nav_msgs/Path, whose own header counts. Raises NavigationError TF_ERROR or INVALID_PATH."""
-    check_frame(path.header.frame_id, map_frame, 'the path')
-    return [
-        finite_pose(stamped.pose, f'pose {index} of the path', 'INVALID_PATH')
-        for index, stamped in enumerate(path.poses)
-    ]
 
 
 def check_id(asked: str, known: Sequence[str], what: str, code: str) -> None:

@@ -20,8 +20,9 @@ from flexbt_sim.ros_messages import map_of, seconds_of
 from flexbt_sim.world import Pose
 
 from .costmap_server import CostmapServer
+from .frames import MapFrame
 from .navigation_parameters import NavigationParameters
-from .request_checks import check_frame, pose_in_map
+from .request_checks import check_frame, finite_pose
 
 COMPLAINT_SECONDS: Final = 5.0
 """Time between two lines of the log about poses that cannot be used."""
@@ -46,7 +47,8 @@ class RobotInterface:
         node = runtime.node
         node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
-        self.costmaps = CostmapServer(runtime, parameters, lambda: self.pose)
+        self.map_frame = MapFrame(runtime, parameters)
+        self.costmaps = CostmapServer(runtime, parameters, self.map_frame, lambda: self.pose)
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
 
@@ -118,7 +120,8 @@ class RobotInterface:
     def _receive_pose(self, message: PoseStamped) -> None:
         try:
             check_limits(message)
-            self._pose = pose_in_map(message, self._parameters.map_frame, 'the pose of the robot', 'TF_ERROR')
+            check_frame(message.header.frame_id, self._parameters.map_frame, 'the pose of the robot')
+            self._pose = finite_pose(message.pose, 'the pose of the robot', 'TF_ERROR')
         except FlexbtError as error:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)

@@ -42,7 +42,7 @@ from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from .computation import Computation
-from .frames import poses_in_map
+from .frames import Asked, asked_pose
 from .navigation_parameters import NavigationParameters
 from .robot_interface import RobotInterface
 from .route_messages import graph_markers, route_message
@@ -132,7 +132,8 @@ class RouteServer:
         origins = [PoseStamped() for _ in frames]
         for origin, name in zip(origins, frames, strict=True):
             origin.header.frame_id = name
-        poses_in_map(self._runtime, origins, frame, 'TF_ERROR', take, on_taken, GRAPH_TIMEOUT)
+        asked = [asked_pose(origin, 'the graph', 'TF_ERROR') for origin in origins]
+        self._robot.map_frame.poses(asked, take, on_taken, GRAPH_TIMEOUT)
 
     def _report_graph(self, error: Exception | None) -> None:
         logger = self._runtime.node.get_logger()
@@ -245,10 +246,12 @@ class RouteServer:
             self._computation.run(goal, lambda: planner.plan(start, last, progress, check_time), on_planned, on_end)
 
         def check_poses() -> None:
-            given = (
-                ([request.goal, request.start] if request.use_start else [request.goal]) if request.use_poses else []
-            )
-            poses_in_map(self._runtime, given, self._parameters.map_frame, NO_PLACE, on_poses, failed)
+            asked: list[Asked] = []
+            if request.use_poses:
+                asked.append(asked_pose(request.goal, 'the goal', NO_PLACE))
+            if request.use_poses and request.use_start:
+                asked.append(asked_pose(request.start, 'the start', NO_PLACE))
+            self._robot.map_frame.poses(asked, on_poses, failed)
 
         self._robot.when_known(check_poses)
 

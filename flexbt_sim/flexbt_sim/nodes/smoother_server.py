@@ -19,10 +19,11 @@ from flexbt_sim.navigation import Costmap, Smoothing, smooth_path
 from flexbt_sim.ros_messages import pose_message, seconds_of
 from flexbt_sim.world import Pose
 
-from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
+from .action_results import CANCELED, SUCCEEDED, GoalEnd, OnPathEnd, end_by, finish
 from .computation import Computation
+from .frames import asked_path
 from .navigation_parameters import NavigationParameters
-from .request_checks import check_id, path_in_map
+from .request_checks import check_id
 from .robot_interface import RobotInterface
 
 SMOOTHERS: Final = {'simple_smoother': Smoothing(2), 'route_smoother': Smoothing(5, keeps_reversals=False)}
@@ -57,13 +58,26 @@ class SmootherServer:
             on_end(CANCELED)
             return
         request = goal.request
+
+        def fail(error: Exception) -> None:
+            on_end(end_by(self._runtime, error, 'the smoother'))
+
+        def on_poses(poses: list[Pose]) -> None:
+            try:
+                self._compute(goal, began, poses, on_end)
+            except Exception as error:
+                fail(error)
+
         try:
             check_id(request.smoother_id, tuple(SMOOTHERS), 'smoother', 'INVALID_SMOOTHER')
-            poses = path_in_map(request.path, self._parameters.map_frame)
-            costmap = self._robot.costmaps.shared
-        except Exception as error:
-            on_end(end_by(self._runtime, error, 'the smoother'))
+        except NavigationError as error:
+            fail(error)
             return
+        self._robot.map_frame.poses(asked_path(request.path), on_poses, fail)
+
+    def _compute(self, goal: ServedGoal, began: float, poses: list[Pose], on_end: OnPathEnd) -> None:
+        request = goal.request
+        costmap = self._robot.costmaps.shared
         limit = seconds_of(request.max_smoothing_duration)
 
         def check_time() -> None:
@@ -71,7 +85,7 @@ class SmootherServer:
                 raise NavigationError('TIMEOUT', f'the path is not smooth after {limit:g} s')
 
         def on_result(smoothed: list[Pose]) -> None:
-            path = _with_poses(request.path, smoothed)
+            path = _with_poses(request.path, smoothed, self._parameters.map_frame)
             self._smoothed.publish(path)
             on_end(_checked(smoothed, costmap) if request.check_for_collisions else SUCCEEDED, path)
 
@@ -88,9 +102,11 @@ def _checked(poses: Sequence[Pose], costmap: Costmap) -> GoalEnd:
     return SUCCEEDED
 
 
-def _with_poses(path: Path, poses: Sequence[Pose]) -> Path:
-    """The message with other poses; headers and heights stay."""
+def _with_poses(path: Path, poses: Sequence[Pose], frame: str) -> Path:
+    """The message with other poses, in the frame of the map; stamps and heights stay."""
+    path.header.frame_id = frame
     for stamped, pose in zip(path.poses, poses, strict=True):
+        stamped.header.frame_id = frame
         height = stamped.pose.position.z
         stamped.pose = pose_message(pose)
         stamped.pose.position.z = height
