@@ -15,7 +15,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_sim.world import FAULTS, MODELS, Circle, DoorModel, ObstacleModel, Polygon, Pose, StationModel, ZoneModel
+from flexbt_sim.world import (
+    FAULTS,
+    MODELS,
+    NAVIGATION_SERVERS,
+    Circle,
+    DoorModel,
+    ObstacleModel,
+    Polygon,
+    Pose,
+    StationModel,
+    ZoneModel,
+)
 from flexbt_sim.world.descriptions import (
     SECTIONS,
     FaultTiming,
@@ -60,6 +71,14 @@ FAULT_LIST: Final = """\
 An entry of the list `faults`; the same by the service `simulator/set_fault` and by `World.set_fault`. `parameters` are
 those of the fault, and may be left out.
 """
+SERVERS: Final = """\
+A `server` is one of {}.
+
+These faults are carried out by the node `navigation` in the namespace of the robot, which hears of them on the latched
+topic `server_faults`. While there is none, `simulator/set_fault` refuses them: Nav2's own servers cannot be told to
+fail. Those of a world file wait for it. Of several faults of a server, a refusal is seen first, then the hang, then the
+failure.
+"""
 ENTITIES: Final = {
     'obstacles': ObstacleModel, 'doors': DoorModel, 'stations': StationModel, 'zones': ZoneModel,
 }  # fmt: skip
@@ -78,6 +97,7 @@ def page() -> str:
         whose = ' or a '.join(fault.entities)
         lines += [f'### `{fault.name}`', '', f'{doc(fault)} A fault of a {whose}, carried out by the {fault.by}.', '']
         lines += [*table(fault), ''] if keys_of(fault) else []
+    lines += ['### Navigation servers', '', SERVERS.format(', '.join(f'`{name}`' for name in NAVIGATION_SERVERS))]
     return '\n'.join(lines).rstrip('\n') + '\n'
 
 

@@ -206,7 +206,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
     *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, by=(SIMULATOR,)),
-    *_topics(names.BATTERY_STATE, by=(SIMULATOR,), to=(NAVIGATION,)),
+    *_topics(names.BATTERY_STATE, names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(
         'amcl/get_state',
         'amcl/change_state',

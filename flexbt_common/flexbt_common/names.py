@@ -77,6 +77,7 @@ BATTERY_STATE: Final = 'battery_state'
 BUMPER: Final = 'bumper'
 ROBOT_DESCRIPTION: Final = 'robot_description'
 RESET: Final = 'reset'
+SERVER_FAULTS: Final = 'server_faults'
 
 # Navigation
 COMPUTE_PATH_TO_POSE: Final = 'compute_path_to_pose'

@@ -20,7 +20,16 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.action.server import RCLError, ServerGoalHandle
 from unique_identifier_msgs.msg import UUID
 
-from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, GoalServer, GoalStatus, ServedGoal
+from flexbt_common.calls import (
+    ActionCall,
+    ActionLinks,
+    GoalFault,
+    GoalOutcome,
+    GoalServer,
+    GoalStatus,
+    ServedGoal,
+    goal_servers,
+)
 from flexbt_common.names import deep_action_services
 from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, is_usable
 from flexbt_testing.waiting import wait_until
@@ -306,6 +315,69 @@ def test_a_server_without_on_cancel_refuses() -> None:
         handle = client.send()
         assert not client.answer(handle.cancel_goal_async).goals_canceling
         assert served.goal().active and not served.goal().cancel_requested
+
+
+def set_fault(served: Served, **fault: Any) -> None:
+    def change() -> None:
+        goal_servers(served.runtime)['wait'].fault = GoalFault(**fault)
+
+    served.runtime.call(change)
+
+
+def test_a_fault_of_a_server_is_seen_by_its_clients_until_it_ends(served: Served, client: Client) -> None:
+    running = client.send()
+    served.goal()
+    set_fault(served, refusal='out of order')
+    assert not client.send().accepted
+    assert served.goal().active
+    set_fault(served, failure=result('broken'))
+    for handle in (running, client.send()):
+        response = client.answer(handle.get_result_async)
+        assert (response.status, response.result.error_msg) == (RosGoalStatus.STATUS_ABORTED, 'broken')
+    assert len(served.goals) == 1 and not served.goal().active
+    wait_until(lambda: served.canceled == [(served.goals[0], True)], 'the goal is taken from who works on it')
+    served.runtime.call(lambda: served.goals[0].succeed(result('too late')))
+    set_fault(served)
+    served.on_goal = lambda goal: goal.succeed(result('well'))
+    assert client.answer(client.send().get_result_async).result.error_msg == 'well'
+    assert not served.faults
+
+
+def test_goals_of_a_server_that_hangs_are_begun_after_the_fault(served: Served, client: Client) -> None:
+    handles = [client.send(seconds=1)]
+    first = served.goal()
+    set_fault(served, hangs=True)
+    assert not first.active and first.cancel_requested
+    handles.append(client.send(seconds=2))
+    assert handles[1].accepted
+    served.runtime.call(lambda: first.succeed(result('not told')))
+    set_fault(served)
+    assert [goal.request.time.sec for goal in served.goals] == [1, 1, 2]
+    for goal in served.goals[1:]:
+        served.runtime.call(partial(goal.succeed, result('done')))
+    assert [client.answer(handle.get_result_async).result.error_msg for handle in handles] == ['done'] * 2
+    assert not served.faults
+
+
+@ours
+def test_a_server_that_hangs_answers_cancels_after_the_fault(served: Served, client: Client) -> None:
+    handle = client.send()
+    served.goal()
+    set_fault(served, hangs=True)
+    answers = [client.runtime.call(handle.cancel_goal_async) for _ in range(3)]
+    assert client.send().accepted  # the server has seen what came before
+    wait_until(lambda: len(served.server._server._held_cancels) == 3, 'the cancels')
+    assert not any(answer.done() for answer in answers)
+    set_fault(served)
+    wait_until(lambda: all(answer.done() for answer in answers), 'the answers')
+    wait_until(lambda: len(served.goals) == 3, 'both goals are begun')
+    assert [goal.cancel_requested for goal in served.goals[1:]] == [True, False]
+    assert (served.goals[1], True) in served.canceled
+    set_fault(served, hangs=True)
+    served.runtime.call(lambda: served.server.end_held('nobody is left'))
+    response = client.answer(handle.get_result_async)
+    assert (response.status, response.result.error_msg) == (RosGoalStatus.STATUS_ABORTED, 'nobody is left')
+    assert not served.faults
 
 
 @ours

@@ -3,7 +3,7 @@
 
 from .action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from .goal_admission import GoalAdmission
-from .goal_server import GoalServer, ServedGoal
+from .goal_server import GoalFault, GoalServer, ServedGoal, goal_servers
 from .sent_goal import SentGoal
 from .service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
 
@@ -12,6 +12,7 @@ __all__ = [
     'ActionLinks',
     'ActionServerLink',
     'GoalAdmission',
+    'GoalFault',
     'GoalOutcome',
     'GoalServer',
     'GoalStatus',
@@ -21,4 +22,5 @@ __all__ = [
     'ServiceLink',
     'ServiceLinks',
     'ServiceOutcome',
+    'goal_servers',
 ]

@@ -14,7 +14,10 @@ them, its own server does all this in its own way.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final, Protocol
 
 from action_msgs.srv import CancelGoal
@@ -31,7 +34,7 @@ from flexbt_core.values import sendable
 
 from .goal_admission import GoalAdmission
 
-__all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalServer', 'ServedGoal']
+__all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalFault', 'GoalServer', 'ServedGoal', 'goal_servers']
 
 MOST_RESULTS: Final = 1000
 RESULTS_LENGTH: Final = 64_000_000
@@ -56,6 +59,21 @@ _LISTED_SECONDS: Final = 0.25
 """How long the list of goals tells of a goal that has ended."""
 
 
+@dataclass(frozen=True)
+class GoalFault:
+    """What is wrong with a server on command, so that it is seen how its clients bear it. All goals are concerned,
+    those that it works on too, except by a refusal.
+
+    ``refusal``: why goals are rejected; '' when they are not. ``failure``: the result with which goals are aborted.
+    ``hangs``: goals are accepted and not begun, those that had been are withdrawn, and cancels are not answered. Goals
+    and cancels wait for the end of the fault; a goal that was withdrawn is begun anew then.
+    """
+
+    refusal: str = ''
+    failure: Any = None
+    hangs: bool = False
+
+
 class _Ends(Protocol):
     """What ends goals."""
 
@@ -75,6 +93,7 @@ class ServedGoal:
         self._server = server
         self._handle = handle
         self._active = True
+        self._withdrawn = False
 
     @property
     def active(self) -> bool:
@@ -83,8 +102,8 @@ class ServedGoal:
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether the client has asked for the goal to be canceled, and it has not ended yet."""
-        return self._active and bool(self._handle.is_cancel_requested)
+        """Whether the client has asked for the goal to be canceled, and it has not ended yet; or it is withdrawn."""
+        return self._withdrawn or (self._active and bool(self._handle.is_cancel_requested))
 
     def publish_feedback(self, feedback: Any) -> None:
         """Send feedback; nothing after the end."""
@@ -102,6 +121,14 @@ class ServedGoal:
     def canceled(self, result: Any) -> None:
         """End the goal as canceled; when its client did not ask for that, it is aborted: ROS knows no other way."""
         self._end(GoalEvent.CANCELED if self.cancel_requested else GoalEvent.ABORT, result)
+
+    def withdraw(self) -> None:
+        """Take the goal from who works on it, for whom it is as if canceled: what he says of it is not told."""
+        self._active, self._withdrawn = False, True
+
+    def anew(self) -> ServedGoal:
+        """The goal as it was when it was accepted, for who works on it next."""
+        return ServedGoal(self._server, self._handle)
 
     def _end(self, event: GoalEvent, result: Any) -> None:
         if self._active:
@@ -153,13 +180,36 @@ class GoalServer:
             **deep_action_services(),
         )
         self._server.on_end = self._goals.pop
+        self._fault = GoalFault()
+        runtime.once(goal_servers, _no_servers)[name] = self
 
     def close(self) -> None:
         """Take the server out of the graph. Goals that have not ended get no result."""
+        self._runtime.once(goal_servers, _no_servers).pop(self._name, None)
         self._server.close()
 
+    @property
+    def fault(self) -> GoalFault:
+        """What is wrong with the server on command."""
+        return self._fault
+
+    @fault.setter
+    def fault(self, fault: GoalFault) -> None:
+        if fault == self._fault:
+            return
+        self._fault = fault
+        for goal in list(self._goals.values()):
+            if goal.active and (fault.hangs or fault.failure is not None):
+                self._withdraw(goal)
+        self._server.hold_cancels(fault.hangs, self._begin_anew)
+
+    def end_held(self, why: str) -> None:
+        """Abort the goals that wait for the end of a fault: nobody is left who would stop them then."""
+        for goal in [goal for goal in self._goals.values() if not goal.active]:
+            goal.anew().abort(self._refused(why))
+
     def _admit(self, _request: Any) -> GoalResponse:
-        refusal = self._admission.refusal
+        refusal = self._admission.refusal or self._fault.refusal
         if not refusal:
             return GoalResponse.ACCEPT
         self._runtime.node.get_logger().warning(
@@ -168,19 +218,37 @@ class GoalServer:
         return GoalResponse.REJECT
 
     def _accepted(self, handle: ServerGoalHandle) -> None:
-        goal = ServedGoal(self._server, handle)
-        self._goals[goal.id] = goal
         self._server.begin(handle)
+        self._begin(ServedGoal(self._server, handle))
+
+    def _begin(self, goal: ServedGoal) -> None:
+        self._goals[goal.id] = goal
         try:
             check_limits(goal.request)
             if len(self._goals) > self._most:
                 raise LimitExceededError(f'{self._name} serves {self._most} goals at a time; try again later')
-            self._on_goal(goal)
+            if self._fault.hangs:
+                goal.withdraw()
+            elif self._fault.failure is not None:
+                goal.abort(self._fault.failure)
+            else:
+                self._on_goal(goal)
+                if goal.cancel_requested and self._on_cancel is not None:  # while it was withdrawn
+                    self._on_cancel(goal)
         except LimitExceededError as error:
             goal.abort(self._refused(str(error)))
         except Exception as error:
             self._runtime.report_fault(error, f'goal of {self._name}')
             goal.abort(self._refused(sendable(f'fault in the server: {error!r}', _FAULT_LIMIT)))
+
+    def _begin_anew(self) -> None:
+        for goal in [goal for goal in self._goals.values() if not goal.active]:
+            self._begin(goal.anew())
+
+    def _withdraw(self, goal: ServedGoal) -> None:
+        goal.withdraw()
+        if self._on_cancel is not None:
+            self._on_cancel(goal)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         on_cancel = self._on_cancel
@@ -190,6 +258,15 @@ class GoalServer:
         # rclpy makes the goal CANCELING only after this callback.
         self._runtime.post(lambda: on_cancel(goal) if goal.active else None)
         return CancelResponse.ACCEPT
+
+
+def goal_servers(runtime: NodeRuntime) -> Mapping[str, GoalServer]:
+    """The goal servers of a node, by the names of their actions. For the executor thread."""
+    return MappingProxyType(runtime.once(goal_servers, _no_servers))
+
+
+def _no_servers(_runtime: NodeRuntime) -> dict[str, GoalServer]:
+    return {}
 
 
 def _refusal(action_type: Any, why: str) -> Any:
@@ -213,6 +290,8 @@ class _Server(OpenActionServer):
         self._runtime = runtime
         self._waiting: dict[bytes, list[Any]] = {}
         self._has_news = False
+        self._holds_cancels = False
+        self._held_cancels: deque[Any] = deque(maxlen=MOST_GOALS)
 
     def begin(self, handle: ServerGoalHandle) -> None:
         self._drop_result(bytes(handle.goal_id.uuid))  # of a goal with the same ID, which is not listed any more
@@ -239,6 +318,26 @@ class _Server(OpenActionServer):
     def close(self) -> None:
         self._list()
         self.destroy()
+
+    def hold_cancels(self, is_holding: bool, then: Callable[[], object]) -> None:
+        """Do not answer requests to cancel; or answer those that came meanwhile. Then go on."""
+        self._holds_cancels = is_holding
+
+        async def answer() -> None:
+            while self._held_cancels and not self._holds_cancels:
+                await self._execute_cancel_request(self._held_cancels.popleft())
+            then()
+
+        if self._held_cancels:
+            self._runtime.node.executor.create_task(answer)
+        else:
+            then()
+
+    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
+        if self._holds_cancels:
+            self._held_cancels.append(request_header_and_message)
+        else:
+            await super()._execute_cancel_request(request_header_and_message)
 
     def refused_cancel(self, request: Any) -> Any | None:
         asked = request.goal_info
@@ -306,6 +405,10 @@ class _StockServer(ActionServer):
 
     def close(self) -> None:
         self.destroy()
+
+    def hold_cancels(self, is_holding: bool, then: Callable[[], object]) -> None:
+        """rclpy's server answers each cancel at once: here that of a server that hangs is accepted, and has no end."""
+        then()
 
     async def _result(self, handle: ServerGoalHandle) -> Any:
         goal_id = bytes(handle.goal_id.uuid)

@@ -3,8 +3,9 @@
 
 Actions compute_path_to_pose, compute_path_through_poses, smooth_path, follow_path, spin, backup, drive_on_heading,
 assisted_teleop, wait, compute_route, compute_and_track_route, dock_robot and undock_robot; services of the costmaps, of
-the route server and of the docking server, and is_path_valid. While a node of the parameter ``owner_nodes`` is late the
-robot is held; when it is gone every goal is ended: nobody is left to stop it.
+the route server and of the docking server, and is_path_valid. The simulator can have each server refuse goals, fail,
+hang, or die. While a node of the parameter ``owner_nodes`` is late the robot is held; when it is gone every goal is
+ended: nobody is left to stop it.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from .planner_server import PlannerServer
 from .request_checks import bounded, check_id
 from .robot_interface import RobotInterface
 from .route_server import RouteServer
+from .server_faults import ServerFaults
 from .smoother_server import SmootherServer
 from .teleop_server import TeleopServer
 from .wait_server import WaitServer
@@ -119,6 +121,7 @@ class Navigation:
         CollisionMonitor(runtime, self._parameters, self._arbiter)
         DockingServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
+        self._faults = ServerFaults(runtime)
         self._speed_limit = math.inf
         runtime.node.create_subscription(SpeedLimit, names.SPEED_LIMIT, self._limit_speed, 10)
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
@@ -221,6 +224,7 @@ class Navigation:
         self._arbiter.end(end)
         self._waits.end_all(end)
         self._routes.end_all(end)
+        self._faults.end_held(reason)
 
 
 def main(args: list[str] | None = None) -> int:

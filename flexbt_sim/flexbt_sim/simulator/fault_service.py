@@ -7,11 +7,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from flexbt_common import names
 from flexbt_common.values import check_limits, shown
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import YamlError, load_yaml
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.fault_messages import check_fault
+from flexbt_sim.world import ServerFault, fault_parameters
 
 from .node_parts import SimulatorParts
 
@@ -27,6 +30,8 @@ class FaultService:
         try:
             check_limits(request)
             entity = request.entity or self._only_robot()
+            if not request.clear:
+                self._check(entity, request)
             with self._simulator.lock:
                 if request.clear:
                     response.message = f'{self._simulator.world.clear_fault(entity, request.fault)} faults ended'
@@ -35,9 +40,21 @@ class FaultService:
                         entity, request.fault, _mapping(request.parameters), request.after, request.duration
                     )
             response.success = True
+            self._simulator.runtime.post(self._simulator.tell_faults)  # when the answer has left: a process may die
         except (FlexbtError, YamlError) as error:
             response.message = str(error)
         return response
+
+    def _check(self, entity: str, request: Any) -> None:
+        """Whether a fault of a server can be carried out, and somebody does. The world checks the rest."""
+        parameters = fault_parameters(request.fault, _mapping(request.parameters))
+        if isinstance(parameters, ServerFault) and entity in self._simulator.world.robots:
+            check_fault(parameters)
+            if not self._simulator.has_navigation(entity):
+                raise SimulationError(
+                    f"{request.fault}: nobody carries it out: '{entity}' has no node {names.NAVIGATION} of flexbt_sim "
+                    '(other navigation servers know no faults on command)'
+                )
 
     def _only_robot(self) -> str:
         robots = list(self._simulator.world.robots)

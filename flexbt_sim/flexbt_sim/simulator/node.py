@@ -214,6 +214,19 @@ class Simulator:
                 self._connect_robot(robot, self.parameters.namespace_of(robot.name))
         self._doors.update()
 
+    def has_navigation(self, robot: str) -> bool:
+        """Whether a node navigation is there for a robot, and carries out the faults of its servers."""
+        return self._robots[robot].has_navigation
+
+    def tell_faults(self) -> None:
+        """Tell the navigation servers which faults they have, though time may stand still."""
+        with self.lock:
+            self._tell_faults()
+
+    def _tell_faults(self) -> None:
+        for topics in self._robots.values():
+            topics.tell_server_faults()
+
     # -- on the executor thread --------------------------------------------------------------------------------------
 
     def _drive(self, robot: Robot, linear: float, angular: float) -> None:
@@ -273,6 +286,7 @@ class Simulator:
                     topics.robot.is_scanning = self._can_scan and topics.listens_to_scans
             self.world.step()
             self._steps += 1
+            self._tell_faults()
             moves = self._steps % self._steps_per_odom == 0
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.

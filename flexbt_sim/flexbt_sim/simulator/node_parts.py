@@ -48,5 +48,11 @@ class SimulatorParts(Protocol):
     def reset_time(self) -> None:
         """The clock begins at 0."""
 
+    def has_navigation(self, robot: str) -> bool:
+        """Whether a node navigation carries out the faults of the servers of a robot."""
+
+    def tell_faults(self) -> None:
+        """Tell the navigation servers which faults they have."""
+
     def restart(self) -> None:
         """Begin anew, as if the simulator had been started. Raises SimulationError: the file cannot be read now."""

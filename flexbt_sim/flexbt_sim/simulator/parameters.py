@@ -12,6 +12,7 @@ from rclpy.node import Node
 from flexbt_common import names
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.fault_messages import check_fault
 from flexbt_sim.world import BatteryModel, Circle, DriveModel, LidarModel, Pose, RobotModel, World, load_map
 
 SPEED_FACTOR = 'speed_factor'
@@ -61,6 +62,8 @@ class SimulatorParameters:
                     f"parameter 'robot_namespaces' is false, and {self.world} has {len(world.robots)} robots: "
                     'several robots need a namespace each'
                 )
+            for fault in world.faults:
+                check_fault(fault.parameters)
             return world
         world = World(load_map(self.map), seed=self.seed, step=STEP)
         try:

@@ -28,8 +28,9 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.fault_messages import faults_message
 from flexbt_sim.ros_messages import pose_of, time_message, transform
-from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, generator
+from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
 
 from .description import robot_description
 from .parameters import SimulatorParameters
@@ -80,6 +81,7 @@ class RobotTopics:
         self._loss = generator(parameters.seed, robot.name, 'messages')
         self._told_at: Pose | None = None
         self._told_contact: bool | None = None
+        self._told_faults: tuple[ServerFault, ...] | None = None
         self._battery_due = 0.0
         self._scan_time = -math.inf
         self._connect()
@@ -96,6 +98,7 @@ class RobotTopics:
         self._scan = self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data) if model.lidar else None
         self._battery = self._publisher(BatteryState, names.BATTERY_STATE, 10) if model.battery else None
         self._bumper = self._publisher(Bool, names.BUMPER, names.latched()) if model.bumper else None
+        self._server_faults = self._publisher(String, names.SERVER_FAULTS, names.latched())
         self._describe()
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._subscribe(command_type, parameters.cmd_vel_topic, self._on_command)
@@ -217,6 +220,20 @@ class RobotTopics:
             or bool(self._late)
         )
 
+    @property
+    def has_navigation(self) -> bool:
+        """Whether there is a node that carries out the faults of navigation servers."""
+        topic = self._server_faults.topic_name
+        heard_by = self._runtime.node.get_subscriptions_info_by_topic(topic)
+        return any(one.node_name == names.NAVIGATION for one in heard_by)
+
+    def tell_server_faults(self) -> None:
+        """Say which faults navigation servers have, if that is news. With the lock, on any thread."""
+        faults = tuple(one for one in self.robot.faults.values() if isinstance(one, ServerFault))
+        if faults != self._told_faults:
+            self._told_faults = faults
+            self._server_faults.publish(faults_message(faults))
+
     def messages(self, now: float, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
         """What is to be said at a time of the world, s, which is ``stamp`` by the clock that others have.
 
@@ -278,7 +295,7 @@ class RobotTopics:
         """The world has begun anew, and so has its robot, which is of the same model."""
         self.robot = robot
         self._loss = generator(self._parameters.seed, robot.name, 'messages')
-        self._told_at = self._told_contact = None
+        self._told_at = self._told_contact = self._told_faults = None
         self._battery_due = 0.0
         self._scan_time = -math.inf
         self._late.clear()

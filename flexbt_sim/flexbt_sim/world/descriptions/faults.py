@@ -92,42 +92,53 @@ class MessagesLate(FaultModel):
     delay: float = key('by how much, of simulated time', 0.5, unit='s', low=0.0, high=60.0)
 
 
+NAVIGATION_SERVERS: Final = (
+    'assisted_teleop', 'backup', 'compute_and_track_route', 'compute_path_through_poses', 'compute_path_to_pose',
+    'compute_route', 'dock_robot', 'drive_on_heading', 'follow_path', 'smooth_path', 'spin', 'undock_robot', 'wait',
+)  # fmt: skip
+"""The actions of the node navigation."""
+
+
 @dataclass(frozen=True)
-class ServerRefuses(FaultModel):
-    """A navigation server refuses its goals."""
+class ServerFault(FaultModel):
+    """Base of the faults of a navigation server of the robot."""
+
+    by: ClassVar[str] = 'navigation'
+    server: str = key('name of the action', 'follow_path', choices=NAVIGATION_SERVERS)
+
+
+@dataclass(frozen=True)
+class ServerRefuses(ServerFault):
+    """A navigation server rejects its goals. Those that it has accepted before go on."""
 
     name: ClassVar[str] = 'server_refuses'
-    by: ClassVar[str] = 'navigation'
-    server: str = key('name of the action', 'follow_path')
 
 
 @dataclass(frozen=True)
-class ServerFails(FaultModel):
-    """A navigation server aborts its goals with an error code."""
+class ServerFails(ServerFault):
+    """A navigation server aborts its goals, those that it works on too, with an error code and a message."""
 
     name: ClassVar[str] = 'server_fails'
-    by: ClassVar[str] = 'navigation'
-    server: str = key('name of the action', 'follow_path')
-    error_code: int = key('code of the result, a number of the action', 0, low=0, high=65535)
+    error_code: int = key('code of the result, one of the action; 0 is `NONE`', 0, low=0, high=65535)
     error_msg: str = key('message of the result', 'a fault on command')
 
 
 @dataclass(frozen=True)
-class ServerHangs(FaultModel):
-    """A navigation server takes its goals, and neither goes on nor ends them, nor answers to a cancel."""
+class ServerHangs(ServerFault):
+    """A navigation server accepts goals, neither goes on with them nor ends them, and does not answer to a cancel. What
+    it drives comes to rest. At the end of the fault its goals are begun anew, unless they are to be canceled.
+    """
 
     name: ClassVar[str] = 'server_hangs'
-    by: ClassVar[str] = 'navigation'
-    server: str = key('name of the action', 'follow_path')
 
 
 @dataclass(frozen=True)
-class ServerDies(FaultModel):
-    """The process of a navigation server ends at once."""
+class ServerDies(ServerFault):
+    """The process of a navigation server ends at once, as by SIGKILL, and so does each one that is started in its place
+    until the end of the fault: give a duration for one that can be started again.
+    """
 
     name: ClassVar[str] = 'server_dies'
-    by: ClassVar[str] = 'navigation'
-    server: str = key('name of the action', 'follow_path')
 
 
 _ALL: Final[tuple[type[FaultModel], ...]] = (
