@@ -76,8 +76,8 @@ A `server` is one of {}.
 
 These faults are carried out by the node `navigation` in the namespace of the robot, which hears of them on the latched
 topic `server_faults`. While there is none, `simulator/set_fault` refuses them: Nav2's own servers cannot be told to
-fail. Those of a world file wait for it. Of several faults of a server, a refusal is seen first, then the hang, then the
-failure.
+fail. Those of a world file wait for it. Each server can have each of them; clearing a name clears it for all servers.
+Of several of one server, a refusal is seen first, then the hang, then the failure.
 """
 ENTITIES: Final = {
     'obstacles': ObstacleModel, 'doors': DoorModel, 'stations': StationModel, 'zones': ZoneModel,

@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from nav2_msgs.action import BackUp, FollowPath
-from simulation_interfaces.msg import SimulationState
-from simulation_interfaces.srv import SetSimulationState
+from simulation_interfaces.msg import Result, SimulationState
+from simulation_interfaces.srv import SetSimulationState, StepSimulation
 from std_msgs.msg import String
 
 from flexbt_common import names
@@ -62,6 +63,18 @@ class World:
 
     def _count(self) -> int:
         return sum(one.fault != type(one.fault)() for one in goal_servers(self.navigation).values())
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Time stands still."""
+        self._set_state(SimulationState.STATE_PAUSED)
+        yield
+        self._set_state(SimulationState.STATE_PLAYING)
+
+    def _set_state(self, state: int) -> None:
+        request = SetSimulationState.Request(state=SimulationState(state=state))
+        response = self.probe.ask(SetSimulationState, 'simulator/set_simulation_state', request)
+        assert response.result.result == Result.RESULT_OK
 
     def wait_action(self, seconds: float) -> Any:
         return self.probe.send(names.WAIT, time=duration_message(seconds))
@@ -117,16 +130,16 @@ def test_a_server_fails_with_code_and_message_and_what_it_drives_rests(world: Wo
 
 def test_a_server_hangs_and_goes_on_where_it_is_after_the_fault(world: World) -> None:
     world.probe.place(DOCK)
-    goal = world.probe.follow(line(DOCK, (2.5, 4.45)))
+    goal = world.probe.follow(line(DOCK, (4.0, 4.45)))
     world.probe.wait_driving()
     assert world.fault('server_hangs', server=names.FOLLOW_PATH).success
     rest = world.probe.wait_at_rest()
-    assert rest.distance((2.5, 4.45)) > 0.3
+    assert rest.distance((4.0, 4.45)) > 0.3
     assert world.wait_action(1.0).wait().status is GoalStatus.SUCCEEDED  # the others work
     assert not goal.ended and world.probe.now.distance(rest[1:]) < 1e-6
     world.clear()
     assert goal.wait().status is GoalStatus.SUCCEEDED
-    assert world.probe.wait_at_rest().distance((2.5, 4.45)) < 0.3
+    assert world.probe.wait_at_rest().distance((4.0, 4.45)) < 0.3
 
 
 def test_a_server_that_hangs_does_not_answer_a_cancel_before_the_end_of_the_fault(world: World) -> None:
@@ -148,16 +161,22 @@ def test_a_server_that_hangs_does_not_answer_a_cancel_before_the_end_of_the_faul
 
 
 def test_a_fault_comes_and_goes_at_its_times(world: World) -> None:
-    assert world.fault('server_refuses', server=names.WAIT, after=1.0, duration=2.0).success
-    assert world.wait_action(0.01).wait().status is GoalStatus.SUCCEEDED
-    world.wait_for_faults(1)
-    world.wait_for_faults(0)
+    def step(steps: int) -> None:
+        request = StepSimulation.Request(steps=steps)
+        assert world.probe.ask(StepSimulation, 'simulator/step_simulation', request).result.result == Result.RESULT_OK
+
+    with world.paused():
+        assert world.fault('server_refuses', server=names.WAIT, after=0.5, duration=1.0).success
+        step(20)
+        world.wait_for_faults(0)
+        step(60)
+        world.wait_for_faults(1)
+        step(60)
+        world.wait_for_faults(0)
 
 
 def test_a_server_hears_of_a_fault_while_time_stands_still(world: World) -> None:
-    for state in (SimulationState.STATE_PAUSED, SimulationState.STATE_PLAYING):
-        request = SetSimulationState.Request(state=SimulationState(state=state))
-        assert world.probe.ask(SetSimulationState, 'simulator/set_simulation_state', request).result.result == 1
+    with world.paused():
         assert world.fault('server_refuses', server=names.WAIT).success
         world.wait_for_faults(1)
         world.clear()

@@ -171,10 +171,19 @@ def test_faults_that_nodes_carry_out_are_told_to_them() -> None:
     told = world.active_faults('alpha')
     assert told == {
         'messages_dropped': fault_parameters('messages_dropped', {'topic': 'scan', 'probability': 0.5}),
-        'server_fails': fault_parameters('server_fails', {'server': 'follow_path', 'error_code': 105}),
+        'server_fails of follow_path': fault_parameters('server_fails', {'server': 'follow_path', 'error_code': 105}),
     }
     world.step(1.5)
-    assert list(world.active_faults('alpha')) == ['server_fails']
+    assert list(world.active_faults('alpha')) == ['server_fails of follow_path']
+
+
+def test_each_server_can_have_a_fault() -> None:
+    world, robot = alone()
+    for server, code in (('spin', 0), ('wait', 0), ('spin', 701)):
+        world.set_fault('alpha', 'server_fails', {'server': server, 'error_code': code})
+    had = {one.slot: getattr(one, 'error_code', None) for one in world.active_faults('alpha').values()}
+    assert had == {'server_fails of wait': 0, 'server_fails of spin': 701} and len(robot.faults) == 2
+    assert world.clear_fault('alpha', 'server_fails') == 2 and robot.faults == {}
 
 
 @pytest.mark.parametrize(

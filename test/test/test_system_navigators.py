@@ -23,7 +23,7 @@ from action_msgs.msg import GoalStatus
 from domain_coordinator import domain_id
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from lifecycle_msgs.srv import GetState
-from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose
+from nav2_msgs.action import FollowPath, FollowWaypoints, NavigateThroughPoses, NavigateToPose
 from nav2_msgs.srv import ClearEntireCostmap
 from PIL import Image
 from rclpy.action import ActionClient
@@ -32,6 +32,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, TreeStatus
+from flexbt_msgs.srv import SetFault
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -91,10 +92,10 @@ class Commander:
         assert future.done(), 'no answer'
         return future.result()
 
-    def ask(self, service_type: Any, name: str) -> Any:
+    def ask(self, service_type: Any, name: str, **fields: Any) -> Any:
         client = self.node.create_client(service_type, name)
         assert client.wait_for_service(DEADLINE), name
-        return self.spin(client.call_async(service_type.Request()))
+        return self.spin(client.call_async(service_type.Request(**fields)))
 
     def until(self, condition: Any, what: str = 'the condition') -> None:
         wait_until(lambda: (self._executor.spin_once(0.05), condition())[1], what)
@@ -209,6 +210,20 @@ def test_a_pose_outside_of_the_map_is_missed(commander: Commander) -> None:
     commander.go(FollowWaypoints.Goal(poses=[pose(1.4), pose(100.0), pose(2.0)]))
     result = commander.ended(GoalStatus.STATUS_ABORTED)
     assert [(missed.index, missed.error_code) for missed in result.missed_waypoints] == [(1, 204)]
+
+
+def test_recoveries_that_are_needed_because_the_controller_fails(commander: Commander, probe: Probe) -> None:
+    def fault(**fields: Any) -> None:
+        response = commander.ask(SetFault, 'simulator/set_fault', fault='server_fails', **fields)
+        assert response.success, response.message
+
+    fault(parameters=f'{{server: follow_path, error_code: {FollowPath.Result.FAILED_TO_MAKE_PROGRESS}}}')
+    commander.to(3.0)
+    commander.until(lambda: commander.feedback and commander.feedback.number_of_recoveries > 0, 'a recovery')
+    assert not commander.result.done()
+    fault(clear=True)
+    commander.ended()
+    assert away(probe, 3.0) < 0.3
 
 
 def test_the_goal_tool_and_the_stop_of_an_operator(commander: Commander, probe: Probe) -> None:

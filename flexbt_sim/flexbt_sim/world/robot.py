@@ -166,9 +166,9 @@ class Robot(Body):
 
     # -- faults ------------------------------------------------------------------------------------------------------
 
-    def begin(self, fault: str, parameters: Specification) -> None:
+    def begin(self, slot: str, parameters: Specification) -> None:
         """A fault begins."""
-        self.faults[fault] = parameters
+        self.faults[slot] = parameters
         if isinstance(parameters, LocalizationLost):
             there = self.estimate
             x, y, yaw = parameters.jump
@@ -177,9 +177,9 @@ class Robot(Body):
         if isinstance(parameters, BatteryLow) and self.battery is not None:
             self.battery.level = parameters.level
 
-    def end(self, fault: str) -> None:
+    def end(self, slot: str) -> None:
         """A fault ends. What was lost is found again."""
-        if isinstance(self.faults.pop(fault, None), LocalizationLost):
+        if isinstance(self.faults.pop(slot, None), LocalizationLost):
             self._error = Pose(0.0, 0.0, 0.0)
 
     def sensor(self, number: int) -> Sensor:

@@ -165,8 +165,10 @@ class World:
         return tuple(self._faults)
 
     def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
-        """The parameters of those that an entity has now, by their names; whoever carries them out."""
-        return {one.name: one.parameters for one in self._faults if one in self._begun and one.entity == entity}
+        """The parameters of those that an entity has now, by their slots; whoever carries them out."""
+        return {
+            one.parameters.slot: one.parameters for one in self._faults if one in self._begun and one.entity == entity
+        }
 
     # -- changes -----------------------------------------------------------------------------------------------------
 
@@ -288,7 +290,8 @@ class World:
     ) -> Fault:  # fmt: skip
         """Bring a fault about: after a simulated time, s, and for a time, s; 0: until it is cleared.
 
-        One of the same name that the entity has, or will have, is over then.
+        One in the same slot that the entity has, or will have, is over then: one of the same name, and, if it is that
+        of a server, of the same server.
 
         Raises:
             SimulationError: there is no such entity or fault, the one cannot have the other, or a value is wrong.
@@ -299,7 +302,8 @@ class World:
             raise SimulationError(f"{fault}: '{entity}' is a {kind}; a {' or a '.join(values.entities)} can have it")
         if not (0.0 <= after < math.inf and 0.0 <= duration < math.inf):
             raise SimulationError(f'{fault}: after {after:g} s for {duration:g} s; give times that are not negative')
-        self.clear_fault(entity, fault)
+        for one in [one for one in self._faults if (one.entity, one.parameters.slot) == (entity, values.slot)]:
+            self._end(one)
         begins = self.time + after
         made = Fault(entity, values, begins, begins + duration if duration else math.inf)
         self._faults.append(made)
@@ -325,7 +329,7 @@ class World:
             if one.begins <= now and one not in self._begun:
                 self._begun.add(one)
                 if isinstance(entity, Robot):
-                    entity.begin(one.name, one.parameters)
+                    entity.begin(one.parameters.slot, one.parameters)
                 elif isinstance(entity, Door):
                     entity.is_jammed = True
             if one.ends <= now:
@@ -337,7 +341,7 @@ class World:
             self._begun.remove(one)
             entity = self._entities[one.entity]
             if isinstance(entity, Robot):
-                entity.end(one.name)
+                entity.end(one.parameters.slot)
             elif isinstance(entity, Door):
                 entity.is_jammed = False
 

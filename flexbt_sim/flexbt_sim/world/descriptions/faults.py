@@ -22,6 +22,11 @@ class FaultModel(Specification):
     entities: ClassVar[tuple[str, ...]] = ('robot',)
     by: ClassVar[str] = 'world'
 
+    @property
+    def slot(self) -> str:
+        """What an entity has one of at a time: another fault with the same takes its place."""
+        return self.name
+
 
 @dataclass(frozen=True)
 class StuckWheel(FaultModel):
@@ -105,6 +110,11 @@ class ServerFault(FaultModel):
 
     by: ClassVar[str] = 'navigation'
     server: str = key('name of the action', 'follow_path', choices=NAVIGATION_SERVERS)
+
+    @property
+    def slot(self) -> str:
+        """Each server can have it."""
+        return f'{self.name} of {self.server}'
 
 
 @dataclass(frozen=True)
