@@ -374,7 +374,8 @@ def test_a_server_that_hangs_answers_cancels_after_the_fault(served: Served, cli
     assert [goal.cancel_requested for goal in served.goals[1:]] == [True, False]
     assert (served.goals[1], True) in served.canceled
     set_fault(served, hangs=True)
-    served.runtime.call(lambda: served.server.end_held('nobody is left'))
+    served.runtime.call(lambda: served.server.end_all(lambda goal, _empty: goal.abort(result('nobody is left'))))
+    assert not served.server.busy
     response = client.answer(handle.get_result_async)
     assert (response.status, response.result.error_msg) == (RosGoalStatus.STATUS_ABORTED, 'nobody is left')
     assert not served.faults

@@ -12,11 +12,14 @@ from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
+from flexbt_common.liveness import LivelinessToken, LivelinessWatch
+from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_sim.nodes import MotionArbiter, Navigation
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import RobotLimits
 from flexbt_testing.nodes.sim_world import (
+    DEADLINE,
     DOCK,
     FAST,
     OFFICE,
@@ -119,3 +122,19 @@ def test_navigation_that_ends_tells_its_clients_and_stops_the_robot() -> None:
         with without_faults(names.NAVIGATION, parameters={'use_sim_time': True}) as again:
             Navigation(again)
             assert probe.plan(OFFICE).wait().status is GoalStatus.SUCCEEDED
+
+
+def test_a_goal_that_waits_for_the_pose_ends_with_its_owner() -> None:
+    with open_probe() as probe, open_navigation(pose_timeout=60.0):
+        goal = probe.follow(line(DOCK, EAST))
+        assert goal.accepted.wait(DEADLINE)
+
+        def owner_comes_and_ends() -> bool:
+            with NodeRuntime.open(names.BT_SERVER) as owner:
+                LivelinessToken(owner)
+                watch = LivelinessWatch(probe.runtime, names.BT_SERVER)
+                wait_until(lambda: watch.alive, 'the owner')
+            return goal.ended
+
+        wait_until(owner_comes_and_ends, 'the end of the goal')
+        assert names.BT_SERVER in aborted(goal, FollowPath.Result.UNKNOWN).error_msg

@@ -163,6 +163,7 @@ class GoalServer:
         """``refused`` is by default for results as those of Nav2, with ``error_code`` and ``error_msg``."""
         self._runtime = runtime
         self._name = name
+        self._action_type = action_type
         self._refused = refused or functools.partial(_refusal, action_type)
         self._most = most
         self._admission = admission or GoalAdmission(name)
@@ -203,10 +204,19 @@ class GoalServer:
                 self._withdraw(goal)
         self._server.hold_cancels(fault.hangs, self._begin_anew)
 
-    def end_held(self, why: str) -> None:
-        """Abort the goals that wait for the end of a fault: nobody is left who would stop them then."""
-        for goal in [goal for goal in self._goals.values() if not goal.active]:
-            goal.anew().abort(self._refused(why))
+    @property
+    def busy(self) -> bool:
+        """Whether a goal has not ended."""
+        return bool(self._goals)
+
+    def end_all(self, end: Callable[[ServedGoal, Any], None]) -> None:
+        """End all goals, also those that wait for something, as for the end of a fault: nobody is left who would stop
+        them. Who works on them is told as by a cancel; then ``end(goal, result)`` is called, with an empty result.
+        """
+        for goal in list(self._goals.values()):
+            if goal.active:
+                self._withdraw(goal)
+            end(goal.anew(), self._action_type.Result())
 
     def _admit(self, _request: Any) -> GoalResponse:
         refusal = self._admission.refusal or self._fault.refusal

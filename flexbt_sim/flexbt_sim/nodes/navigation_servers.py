@@ -20,6 +20,7 @@ from nav2_msgs.msg import SpeedLimit
 from nav2_msgs.srv import IsPathValid
 
 from flexbt_common import names
+from flexbt_common.calls import goal_servers
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits
@@ -29,7 +30,7 @@ from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare
 from flexbt_sim.ros_messages import seconds_of
 from flexbt_sim.world import Pose
 
-from .action_results import GoalEnd
+from .action_results import GoalEnd, finish
 from .collision_monitor import CollisionMonitor
 from .docking_server import DockingServer
 from .frames import asked_path
@@ -121,7 +122,7 @@ class Navigation:
         CollisionMonitor(runtime, self._parameters, self._arbiter)
         DockingServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
-        self._faults = ServerFaults(runtime)
+        ServerFaults(runtime)
         self._speed_limit = math.inf
         runtime.node.create_subscription(SpeedLimit, names.SPEED_LIMIT, self._limit_speed, 10)
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
@@ -218,13 +219,15 @@ class Navigation:
             self._runtime.call(lambda: None)
 
     def _end_all(self, reason: str, code: str = 'UNKNOWN') -> None:
-        if self._arbiter.running is not None or self._waits.busy or self._routes.busy:
+        servers = list(goal_servers(self._runtime).values())
+        if any(server.busy for server in servers):
             self._runtime.node.get_logger().error(f'every goal is ended: {reason}')
         end = GoalEnd(code=code, message=reason)
         self._arbiter.end(end)
         self._waits.end_all(end)
         self._routes.end_all(end)
-        self._faults.end_held(reason)
+        for server in servers:  # what else goes on: a search, or a goal that waits for the pose or a transform
+            server.end_all(partial(finish, end=end))
 
 
 def main(args: list[str] | None = None) -> int:

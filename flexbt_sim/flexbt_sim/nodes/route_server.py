@@ -89,11 +89,6 @@ class RouteServer:
             server = GoalServer(runtime, action_type, name, serve, cancel)
             runtime.on_close(lambda server=server: runtime.call(server.close))  # type: ignore[misc]
 
-    @property
-    def busy(self) -> bool:
-        """Whether a route is tracked."""
-        return self._tracking is not None and self._tracking.active
-
     def end_all(self, end: GoalEnd) -> None:
         """End what goes on."""
         if self._tracking is not None:

@@ -31,11 +31,6 @@ class ServerFaults:
         self._runtime = runtime
         runtime.node.create_subscription(String, names.SERVER_FAULTS, self._receive, names.latched(FAULTS_DEPTH))
 
-    def end_held(self, why: str) -> None:
-        """Abort all goals that wait for the end of a fault."""
-        for server in goal_servers(self._runtime).values():
-            server.end_held(why)
-
     def _receive(self, message: String) -> None:
         try:
             faults = faults_of(message)

@@ -38,11 +38,6 @@ class WaitServer:
         server = GoalServer(runtime, Wait, names.WAIT, self._serve, lambda goal: self._end(goal.id, CANCELED))
         runtime.on_close(lambda: runtime.call(server.close))
 
-    @property
-    def busy(self) -> bool:
-        """Whether anybody waits."""
-        return bool(self._waiting)
-
     def end_all(self, end: GoalEnd) -> None:
         """End every goal."""
         for goal_id in list(self._waiting):
