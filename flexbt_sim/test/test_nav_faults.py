@@ -15,7 +15,8 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
-from flexbt_sim.nodes import MotionArbiter, Navigation
+from flexbt_sim.nodes import Navigation
+from flexbt_sim.server_common import MotionArbiter
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import RobotLimits
 from flexbt_testing.nodes.sim_world import (

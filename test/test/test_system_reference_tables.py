@@ -17,7 +17,7 @@ import flexbt_console.recording.recorder
 import flexbt_onboard.node.executive_parameters
 import flexbt_server.node.parameters
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.nodes import declare_navigation_parameters
+from flexbt_sim.server_common import declare_navigation_parameters
 from flexbt_sim.simulator import declare_simulator_parameters
 
 ROOT = Path(__file__).parents[2]

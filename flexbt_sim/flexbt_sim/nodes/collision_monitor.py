@@ -11,10 +11,8 @@ from nav2_msgs.srv import Toggle
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.navigation import Velocity, slowed
+from flexbt_sim.server_common import MotionArbiter, NavigationParameters
 from flexbt_sim.world import Pose
-
-from .motion_server import MotionArbiter
-from .navigation_parameters import NavigationParameters
 
 POLYGON: Final = 'FootprintApproach'
 """The polygon of Nav2's bringup that slows down, which is the footprint."""

@@ -25,13 +25,19 @@ from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, St
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, Costmap, GridPlanner, PathFollower, Velocity
 from flexbt_sim.ros_messages import stamped
+from flexbt_sim.server_common import (
+    CANCELED,
+    SUCCEEDED,
+    Computation,
+    GoalEnd,
+    MotionArbiter,
+    NavigationParameters,
+    RunningMotion,
+    asked_pose,
+    end_by,
+    finish,
+)
 from flexbt_sim.world import Pose, wrap
-
-from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
-from .computation import Computation
-from .frames import asked_pose
-from .motion_server import MotionArbiter, RunningMotion
-from .navigation_parameters import NavigationParameters
 
 CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
 CHARGING_CURRENT: Final = 0.5

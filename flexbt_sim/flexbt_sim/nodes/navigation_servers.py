@@ -28,18 +28,23 @@ from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare_navigation
 from flexbt_sim.ros_messages import seconds_of
+from flexbt_sim.route_server import RouteServer
+from flexbt_sim.server_common import (
+    GoalEnd,
+    MotionArbiter,
+    MotionServer,
+    RobotInterface,
+    asked_path,
+    bounded,
+    check_id,
+    declare_navigation_parameters,
+    finish,
+)
 from flexbt_sim.world import Pose
 
-from .action_results import GoalEnd, finish
 from .collision_monitor import CollisionMonitor
 from .docking_server import DockingServer
-from .frames import asked_path
-from .motion_server import MotionArbiter, MotionServer
-from .navigation_parameters import declare_navigation_parameters
 from .planner_server import PlannerServer
-from .request_checks import bounded, check_id
-from .robot_interface import RobotInterface
-from .route_server import RouteServer
 from .server_faults import ServerFaults
 from .smoother_server import SmootherServer
 from .teleop_server import TeleopServer

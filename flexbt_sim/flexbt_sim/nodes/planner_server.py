@@ -16,14 +16,21 @@ from flexbt_common.values import duration_message
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import GridPlanner, StopFlag
 from flexbt_sim.ros_messages import path_message
+from flexbt_sim.server_common import (
+    CANCELED,
+    SUCCEEDED,
+    Computation,
+    GoalEnd,
+    NavigationParameters,
+    OnError,
+    OnPathEnd,
+    RobotInterface,
+    asked_pose,
+    check_id,
+    end_by,
+    finish,
+)
 from flexbt_sim.world import Pose
-
-from .action_results import CANCELED, SUCCEEDED, GoalEnd, OnPathEnd, end_by, finish
-from .computation import Computation
-from .frames import OnError, asked_pose
-from .navigation_parameters import NavigationParameters
-from .request_checks import check_id
-from .robot_interface import RobotInterface
 
 
 class PlannerServer:

@@ -17,14 +17,20 @@ from flexbt_common.values import duration_message
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, Smoothing, smooth_path
 from flexbt_sim.ros_messages import pose_message, seconds_of
+from flexbt_sim.server_common import (
+    CANCELED,
+    SUCCEEDED,
+    Computation,
+    GoalEnd,
+    NavigationParameters,
+    OnPathEnd,
+    RobotInterface,
+    asked_path,
+    check_id,
+    end_by,
+    finish,
+)
 from flexbt_sim.world import Pose
-
-from .action_results import CANCELED, SUCCEEDED, GoalEnd, OnPathEnd, end_by, finish
-from .computation import Computation
-from .frames import asked_path
-from .navigation_parameters import NavigationParameters
-from .request_checks import check_id
-from .robot_interface import RobotInterface
 
 SMOOTHERS: Final = {'simple_smoother': Smoothing(2), 'route_smoother': Smoothing(5, keeps_reversals=False)}
 """Those of Nav2's bringup; the second one is for routes, whose corners may go. Without a name it is the first."""

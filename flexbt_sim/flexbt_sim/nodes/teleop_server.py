@@ -18,9 +18,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_sim.navigation import STOP, AssistedTeleop, Velocity
 from flexbt_sim.ros_messages import seconds_of
-
-from .motion_server import MotionArbiter, MotionServer
-from .navigation_parameters import NavigationParameters
+from flexbt_sim.server_common import MotionArbiter, MotionServer, NavigationParameters
 
 COMMAND_SECONDS: Final = 0.5
 """For how long, of wall time, a command counts: an operator whose link is cut drives no robot any further."""

@@ -15,8 +15,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_core.clock import Timer
 from flexbt_sim.ros_messages import seconds_of
-
-from .action_results import CANCELED, SUCCEEDED, GoalEnd, finish
+from flexbt_sim.server_common import CANCELED, SUCCEEDED, GoalEnd, finish
 
 FEEDBACK_SECONDS: Final = 0.5
 """Time between two feedback messages, s."""

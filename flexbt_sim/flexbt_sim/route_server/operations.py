@@ -17,11 +17,15 @@ from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.routes import Operation, RouteTracker, blocked_edge, speed_limit
+from flexbt_sim.server_common import (
+    ADJUST_SPEED_LIMIT,
+    COLLISION_MONITOR,
+    REROUTING_SERVICE,
+    TIME_MARKER,
+    NavigationParameters,
+    RobotInterface,
+)
 from flexbt_sim.world import Pose
-
-from .navigation_parameters import NavigationParameters
-from .robot_interface import RobotInterface
-from .route_parameters import ADJUST_SPEED_LIMIT, COLLISION_MONITOR, REROUTING_SERVICE, TIME_MARKER
 
 NO_LIMIT: Final = 0.0
 """What takes a limit back: NO_SPEED_LIMIT of nav2_costmap_2d."""

@@ -38,17 +38,24 @@ from flexbt_sim.routes import (
     edge_scorer,
     load_graph,
 )
+from flexbt_sim.server_common import (
+    CANCELED,
+    DYNAMIC_EDGES,
+    SUCCEEDED,
+    Asked,
+    Computation,
+    GoalEnd,
+    NavigationParameters,
+    RobotInterface,
+    asked_pose,
+    end_by,
+    finish,
+)
 from flexbt_sim.world import Pose
 
-from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
-from .computation import Computation
-from .frames import Asked, asked_pose
-from .navigation_parameters import NavigationParameters
-from .robot_interface import RobotInterface
-from .route_messages import graph_markers, route_message
-from .route_operations import RouteOperations
-from .route_parameters import DYNAMIC_EDGES
-from .route_tracking import RouteTracking
+from .messages import graph_markers, route_message
+from .operations import RouteOperations
+from .tracking import RouteTracking
 
 HIGHEST_COST: Final = 1e6
 """Of an edge, by the service."""

@@ -14,13 +14,11 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.routes import PlannedRoute, Progress, RouteTracker
+from flexbt_sim.server_common import SUCCEEDED, GoalEnd, NavigationParameters, RobotInterface, end_by
 from flexbt_sim.world import Pose
 
-from .action_results import SUCCEEDED, GoalEnd, end_by
-from .navigation_parameters import NavigationParameters
-from .robot_interface import RobotInterface
-from .route_messages import route_message
-from .route_operations import RouteOperations
+from .messages import route_message
+from .operations import RouteOperations
 
 
 class Plan(Protocol):
