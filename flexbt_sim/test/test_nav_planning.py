@@ -15,7 +15,7 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_sim.ros_messages import pose_of
+from flexbt_sim.ros_messages import pose_of, seconds_of
 from flexbt_testing.nodes.sim_world import DEADLINE, DOCK, OFFICE, Probe, aborted, open_world, pose
 
 Result = ComputePathToPose.Result
@@ -61,7 +61,9 @@ def test_a_path_leads_from_the_robot_to_exactly_the_goal(world: Probe) -> None:
     assert at(first, DOCK[:2])
     assert at(last, OFFICE)
     assert {stamped.header.frame_id for stamped in path.poses} == {path.header.frame_id} == {'map'}
-    assert began <= path.header.stamp.sec + path.header.stamp.nanosec * 1e-9 <= world.later(1.0).time
+    stamp = seconds_of(path.header.stamp)
+    assert began <= stamp
+    world.wait(lambda: world.now.time >= stamp, 'the time of the path, which is not in the future')
     spent = goal.result.planning_time
     assert 0.0 < spent.sec + spent.nanosec * 1e-9 < DEADLINE
     world.runtime.call(lambda: world.runtime.node.destroy_subscription(subscription))

@@ -19,8 +19,10 @@ from .terminal import stop_group
 from .workspace import Workspace
 
 DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
-LANES = os.cpu_count() or 2  # packages that are tested side by side, with a worker of pytest for each processor
-SPREAD = 10  # with so many files of tests; below, it does not pay to start the workers
+LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: tests mostly wait for something
+LONGEST = ('flexbt_system_tests', 'flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_common', 'flexbt_core')
+"""The packages whose tests take longest, in that order. They begin first, so that none is left alone at the end."""
+SPREAD = LONGEST[0]  # takes far longer than any other: a worker of pytest for each processor
 _POLL_SECONDS = 0.1
 _MESSAGE_WIDTH = 160
 
@@ -59,10 +61,9 @@ def run(workspace: Workspace) -> int:
     tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
 
     packages = {package.name: package for package in workspace.layout.packages() if package.test_modules()}
-    # What takes longest first, or nearly so.
     runs = [_Run(workspace, package) for package in packages.values()]
     runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
-    runs.sort(key=lambda run: run.modules, reverse=True)
+    runs.sort(key=lambda run: run.rank)
     _finish(runs, time.monotonic() + DEADLINE)
     _show_results(workspace)
     for one in runs:
@@ -105,13 +106,12 @@ class _Run:
 
     @property
     def is_spread(self) -> bool:
-        return self.modules >= SPREAD
+        return self._package.name == SPREAD
 
     @property
-    def modules(self) -> int:
-        """How many files of tests there are."""
-        below = self._package.path / (self._variant.tests if self._variant else '')
-        return sum(below in file.parents for file in self._package.test_modules())
+    def rank(self) -> int:
+        """Its place in the order in which the runs begin."""
+        return LONGEST.index(self._package.name) if self._package.name in LONGEST else len(LONGEST)
 
     def start(self) -> None:
         self._result_file.unlink(missing_ok=True)
