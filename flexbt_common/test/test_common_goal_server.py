@@ -114,7 +114,11 @@ class Client:
 @pytest.fixture
 def client(served: Served) -> Iterator[Client]:
     with NodeRuntime.open('client') as runtime:
-        yield Client(runtime)
+        client = Client(runtime)
+        # rmw_fastrtps drops an answer to a client that the server has not found within 0.1 s.
+        services = [f'wait/_action/{service}' for service in ('send_goal', 'cancel_goal', 'get_result')]
+        wait_until(lambda: all(map(served.runtime.node.count_clients, services)), 'the client at the server')
+        yield client
 
 
 def result(text: str) -> Any:
