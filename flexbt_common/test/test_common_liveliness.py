@@ -130,21 +130,12 @@ def test_a_node_that_is_found_and_says_nothing_is_late_and_then_gone(monkeypatch
     monkeypatch.setattr(liveliness._SeenToken, '_receive', lambda token, received: None)
     monkeypatch.setattr(liveliness._SeenToken, '_liveliness_changed', lambda token, event: None)
     monkeypatch.setattr(liveliness, 'STARTED', time.monotonic() - START_SECONDS)
-    told: queue.Queue[tuple[str, bool]] = queue.Queue()
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
-        watch = LivelinessWatch(
-            runtime,
-            'living',
-            on_change=lambda alive: told.put(('alive', alive)),
-            on_late=lambda late: told.put(('late', late)),
-            timeout=1.0,
-        )
-        with start() as process:
-            for expected in ('late', True), ('late', False), ('alive', False):
-                assert told.get(timeout=DEADLINE) == expected
-                if expected == ('late', True):
-                    assert watch.problem == 'it was found, and has not been heard yet'
-            process.kill()
+        told = Told(runtime, timeout=1.0)
+        with start():
+            assert told.next() == ('late', True)
+            assert told.watch.problem == 'it was found, and has not been heard yet'
+            assert [told.next() for _ in range(2)] == [('late', False), ('alive', False)]
 
 
 def test_a_watcher_that_was_killed_and_started_again_takes_nobody_for_dead() -> None:

@@ -3,7 +3,7 @@
 
 from .action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from .goal_admission import GoalAdmission
-from .goal_server import GoalFault, GoalServer, ServedGoal, goal_servers
+from .goal_server import GoalFault, GoalServer, ServedGoal, goal_servers, set_error
 from .sent_goal import SentGoal
 from .service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
 
@@ -23,4 +23,5 @@ __all__ = [
     'ServiceLinks',
     'ServiceOutcome',
     'goal_servers',
+    'set_error',
 ]

@@ -34,7 +34,7 @@ from flexbt_core.values import sendable
 
 from .goal_admission import GoalAdmission
 
-__all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalFault', 'GoalServer', 'ServedGoal', 'goal_servers']
+__all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalFault', 'GoalServer', 'ServedGoal', 'goal_servers', 'set_error']
 
 MOST_RESULTS: Final = 1000
 RESULTS_LENGTH: Final = 64_000_000
@@ -279,11 +279,16 @@ def _no_servers(_runtime: NodeRuntime) -> dict[str, GoalServer]:
     return {}
 
 
+def set_error(result: Any, code: int, message: str) -> None:
+    """Fill in what results as those of Nav2 say of an error. (Those of routes have no message.)"""
+    result.error_code = code
+    if hasattr(result, 'error_msg'):
+        result.error_msg = message
+
+
 def _refusal(action_type: Any, why: str) -> Any:
     result = action_type.Result()
-    result.error_code = int(getattr(result, 'UNKNOWN', 0))
-    if hasattr(result, 'error_msg'):  # those of routes have none
-        result.error_msg = why
+    set_error(result, int(getattr(result, 'UNKNOWN', 0)), why)
     return result
 
 

@@ -289,8 +289,9 @@ class LivelinessWatch:
     def problem(self) -> str:
         """What is wrong with a node that is alive, for people; '' when it is ready."""
         if self.late:
-            found = 'it hangs, was stopped, or its computer is busy'
-            return self._token.problem or (found if self.alive else 'it was found, and has not been heard yet')
+            if not self.alive:
+                return 'it was found, and has not been heard yet'
+            return self._token.problem or 'it hangs, was stopped, or its computer is busy'
         return 'it is starting, or inactive' if self.alive and not self.ready else ''
 
     @property

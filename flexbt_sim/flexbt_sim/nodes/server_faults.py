@@ -11,7 +11,7 @@ from typing import Final
 from std_msgs.msg import String
 
 from flexbt_common import names
-from flexbt_common.calls import GoalFault, goal_servers
+from flexbt_common.calls import GoalFault, goal_servers, set_error
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import YamlError
@@ -60,9 +60,8 @@ def _merged(faults: Iterable[ServerFault]) -> GoalFault:
             case ServerRefuses():
                 refusal = 'a fault on command'
             case ServerFails():
-                failure = action_type(one.server).Result(error_code=one.error_code)
-                if hasattr(failure, 'error_msg'):  # those of routes have none
-                    failure.error_msg = one.error_msg
+                failure = action_type(one.server).Result()
+                set_error(failure, one.error_code, one.error_msg)
             case ServerHangs():
                 hangs = True
     return GoalFault(refusal, failure, hangs)

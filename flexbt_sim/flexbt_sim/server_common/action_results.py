@@ -8,7 +8,7 @@ from typing import Any, Final, Protocol
 
 from nav_msgs.msg import Path
 
-from flexbt_common.calls import ServedGoal
+from flexbt_common.calls import ServedGoal, set_error
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import NavigationError
 
@@ -47,9 +47,7 @@ def finish(goal: ServedGoal, result: Any, end: GoalEnd) -> None:
     Not every action has every code: one that it lacks becomes its UNKNOWN. (Wait has none at all, only the message;
     the actions of routes have none.)
     """
-    result.error_code = int(getattr(result, end.code, getattr(result, 'UNKNOWN', 0)))
-    if hasattr(result, 'error_msg'):
-        result.error_msg = end.message
+    set_error(result, int(getattr(result, end.code, getattr(result, 'UNKNOWN', 0))), end.message)
     if end.succeeded:
         goal.succeed(result)
     elif end.canceled:

@@ -301,18 +301,15 @@ class CostmapServer:
         layers.clear_square(self._robot_pose(), _distance(request))
 
     async def _clear_around_pose(self, name: str, request: Any, response: Any) -> Any:
-        poses: list[Pose] = []
-
-        def clear(request: Any, layers: LayeredCostmap) -> None:
-            layers.clear_square(poses[0], _distance(request))
-
         try:
             check_limits(request)
-            poses += await self._map_frame.known([asked_pose(request.pose, 'the pose', 'INVALID_INPUT')])
+            (pose,) = await self._map_frame.known([asked_pose(request.pose, 'the pose', 'INVALID_INPUT')])
         except FlexbtError as error:
             self._not_cleared(name, error)
             return response
-        return self._clear(name, clear, request, response)
+        return self._clear(
+            name, lambda request, layers: layers.clear_square(pose, _distance(request)), request, response
+        )
 
     def _get(self, name: str, _request: Any, response: Any) -> Any:
         if name in self._kept:
