@@ -346,7 +346,7 @@ def test_a_process_that_cannot_go_on_says_so_until_it_ends() -> None:
         LivelinessToken(living)
         told = Told(runtime)
         assert told.next() == ('alive', True)
-        living.give_up('the world has come to its end')
+        living.abort('the world has come to its end')
         assert told.next() == ('late', True)
         assert told.watch.problem == 'the world has come to its end'
 

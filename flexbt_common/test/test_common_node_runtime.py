@@ -40,14 +40,14 @@ def setup(runtime):
         runtime.post(interrupt)
     if 'shutdown' in sys.argv:
         runtime.post(runtime.node.context.shutdown)
-    if 'give_up' in sys.argv:
-        runtime.give_up('the world has come to its end')
+    if 'abort' in sys.argv:
+        runtime.abort('the world has come to its end')
     runtime.on_close(lambda: runtime.call(lambda: None))
     runtime.node.create_timer(0.01, lambda: None)
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-NOT_FOR_ROS = 'fail stuck failing raising exit interrupt shutdown give_up'.split()
+NOT_FOR_ROS = 'fail stuck failing raising exit interrupt shutdown abort'.split()
 how = [word for word in sys.argv[1:] if word not in NOT_FOR_ROS]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
@@ -227,7 +227,7 @@ def test_a_node_that_has_failed_or_not_ended_in_order_says_so_by_its_exit_code(w
         ('exit', 'SystemExit'),
         ('interrupt', 'KeyboardInterrupt: by a callback'),
         ('shutdown', 'the ROS context was shut down'),
-        ('give_up', 'the world has come to its end'),
+        ('abort', 'the world has come to its end'),
     ],
 )
 def test_a_node_that_cannot_go_on_ends_its_process_with_exit_code_1_and_the_reason(how: str, reason: str) -> None:

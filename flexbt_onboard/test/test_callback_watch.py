@@ -152,7 +152,7 @@ def test_an_executive_is_late_for_others_while_a_state_does_not_return() -> None
         run.stop('test')
 
         def given_up() -> bool:
-            run.give_up('enough')
+            run.abort('enough')
             return run.has_ended
 
         wait_until(given_up, 'the end')

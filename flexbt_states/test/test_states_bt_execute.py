@@ -236,7 +236,7 @@ def test_a_server_that_refuses_to_cancel_holds_the_run_until_that_is_given_up(be
     run.behavior_run.stop('test')
     wait_until(lambda: 'goal of bt_executor not confirmed canceled' in run.errors(), 'the reason')
     assert run.outcome is None
-    run.behavior_run.give_up('enough')
+    run.behavior_run.abort('enough')
     assert run.wait() == 'error'
     assert run.message == 'test; enough, while /State: goal of bt_executor not confirmed canceled'
 

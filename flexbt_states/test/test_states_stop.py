@@ -144,7 +144,7 @@ def test_a_stop_that_is_never_confirmed_ends_as_an_error_and_the_robot_is_kept_a
         robot.refuse_cancels(True)
         bench.send(STOP)
         assert bench.wait_idle() == 'error'
-        assert 'given up 3 s after the stop, while /Drive: goal of bt_executor not confirmed canceled' in (
+        assert 'aborted 3 s after the stop, while /Drive: goal of bt_executor not confirmed canceled' in (
             bench.status.message
         )
         robot.drive()
@@ -180,7 +180,7 @@ def test_a_stop_cancels_goals_while_a_state_does_not_return(callback: str, robot
 
         wait_until(stop_again, 'the end')
         assert bench.status.outcome == 'error'
-        assert 'given up by operator tester, while state /Both/Other has not returned from' in bench.status.message
+        assert 'aborted by operator tester, while state /Both/Other has not returned from' in bench.status.message
         assert bench.logged('its thread is left behind').severity == ExecutiveLog.ERROR
         bench.start('Next')
         wait_until(lambda: len(robot.trees.goals) == 2, 'the goal of the next run')

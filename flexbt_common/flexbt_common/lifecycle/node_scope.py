@@ -77,9 +77,9 @@ class NodeScope(NodeRuntime):
         """As that of the host."""
         self._host.forget(key)
 
-    def give_up(self, problem: str) -> None:
+    def abort(self, problem: str) -> None:
         """As that of the host."""
-        self._host.give_up(problem)
+        self._host.abort(problem)
 
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
         """As that of the host. Never raises."""

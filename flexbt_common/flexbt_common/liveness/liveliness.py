@@ -251,7 +251,7 @@ class LivelinessWatch:
         self._was_there = self._told_alive = False
         self._told_ready = False
         self._told_late = False
-        self._given_up = False  # late for too long; until it is heard again
+        self._timed_out = False  # late for too long; until it is heard again
         self._end: Timer | None = None
         # On the executor thread, so that no event comes before all is there that it needs.
         runtime.call(self._open)
@@ -267,12 +267,12 @@ class LivelinessWatch:
     @property
     def alive(self) -> bool | None:
         """True while the node is alive or late, False since it is gone, None while it has never been seen."""
-        return False if self._given_up else self._token.alive
+        return False if self._timed_out else self._token.alive
 
     @property
     def late(self) -> bool:
         """Whether nothing was heard for longer than the lease of a node that is alive or found, or a part hangs."""
-        return self._token.late_since is not None and not self._given_up
+        return self._token.late_since is not None and not self._timed_out
 
     @property
     def silent(self) -> bool:
@@ -312,11 +312,11 @@ class LivelinessWatch:
 
     def _tell(self) -> None:
         since = self._token.late_since
-        self._given_up = self._given_up and since is not None
+        self._timed_out = self._timed_out and since is not None
         self._keep_time(since if self.late else None)
         if not self.late:
             self._tell_late()
-        is_there = self._token.is_there and not self._given_up
+        is_there = self._token.is_there and not self._timed_out
         if self.alive and not self._told_alive:
             self._told_alive = True
             self._on_change(True)
@@ -342,11 +342,11 @@ class LivelinessWatch:
             self._end = None
         if late_since is not None:
             end = late_since + self._timeout
-            self._end = self._runtime.steady.call_at(end, lambda: self._runtime.post(self._give_up))
+            self._end = self._runtime.steady.call_at(end, lambda: self._runtime.post(self._on_timeout))
 
-    def _give_up(self) -> None:
+    def _on_timeout(self) -> None:
         if self._end is not None:
-            self._given_up = True
+            self._timed_out = True
             self._tell()
 
 

@@ -6,7 +6,7 @@ is the exception, it is thread-safe). rclpy's clients fill their table of pendin
 left; when another thread receives the answer in between, the answer is lost. :meth:`NodeRuntime.post` and
 :meth:`NodeRuntime.call` bring work there.
 
-A node that cannot go on says so by :meth:`NodeRuntime.give_up`; so does one whose executor thread has ended, whatever
+A node that cannot go on says so by :meth:`NodeRuntime.abort`; so does one whose executor thread has ended, whatever
 ended it. It is not alive for others any more, and its process ends with an exit code that is not 0.
 
 The order of the end, which is silent whatever the node was doing: the components in reverse order of their
@@ -252,7 +252,7 @@ class NodeRuntime:
         """Have ``fn`` called when the node cannot go on, on the thread that noticed. It must not block."""
         self._on_failure.append(fn)
 
-    def give_up(self, problem: str) -> None:
+    def abort(self, problem: str) -> None:
         """The node cannot go on: from now on it is not alive for others, and its process ends, with exit code 1.
 
         ``problem`` says why. From any thread.
@@ -318,7 +318,7 @@ class NodeRuntime:
             self._closed.set()
             for future in self._calls:
                 future.cancel()
-        self.give_up(f'its executor thread has ended: {end}')
+        self.abort(f'its executor thread has ended: {end}')
 
     def _turn(self) -> None:
         # The bell only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps sets back
@@ -374,7 +374,7 @@ def run_node(
 
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
     ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be set
-    up, has failed (:meth:`NodeRuntime.fail`), cannot go on (:meth:`NodeRuntime.give_up`), or has not ended in order; 2
+    up, has failed (:meth:`NodeRuntime.fail`), cannot go on (:meth:`NodeRuntime.abort`), or has not ended in order; 2
     for arguments that are not for ROS. With ``--help`` it is told what the node is (``about``), and nothing is run.
     Must be called on the main thread.
     """

@@ -116,24 +116,24 @@ def test_a_stop_that_is_never_confirmed_ends_as_an_error_after_a_while() -> None
     assert bench.shown_end()[0] is None
     bench.pass_time(0.2)
     assert bench.shown_end()[0] == 'error'
-    assert bench.run.message == 'lunch; given up 10 s after the stop, while /Inner/A/B: braking'
+    assert bench.run.message == 'lunch; aborted 10 s after the stop, while /Inner/A/B: braking'
     assert (state.calls('on_exit'), state.calls('on_stop')) == (1, 1)
 
 
-def test_a_stop_that_is_not_confirmed_can_be_given_up() -> None:
+def test_a_stop_that_is_not_confirmed_can_be_aborted() -> None:
     _, bench = stopped_while_braking()
-    bench.run.give_up('stopped again')
+    bench.run.abort('stopped again')
     bench.settle()
     assert (bench.outcome, bench.run.message) == ('error', 'lunch; stopped again, while /Inner/A/B: braking')
     assert bench.clock.next_timer() is None
 
 
-def test_a_stop_is_not_given_up_before_its_time_to_halt_is_over() -> None:
+def test_a_stop_is_not_aborted_before_its_time_to_halt_is_over() -> None:
     state = Braking()
     bench = Bench(before_next(state))
-    bench.run.give_up('not stopped at all')
+    bench.run.abort('not stopped at all')
     bench.stop('lunch')
-    bench.run.give_up('stopped twice, in a hurry')
+    bench.run.abort('stopped twice, in a hurry')
     bench.pass_time(5.0)
     assert bench.shown_end()[0] is None
     state.rest()

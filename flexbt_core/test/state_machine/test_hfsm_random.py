@@ -205,10 +205,10 @@ class RandomRun(RuleBasedStateMachine):
 
     @precondition(running)
     @rule()
-    def give_up(self) -> None:
-        self.bench.run.give_up('enough')
+    def abort(self) -> None:
+        self.bench.run.abort('enough')
         self.bench.settle()
-        self.model.give_up()
+        self.model.abort()
 
     @precondition(lambda self: not self.model.stands)
     @rule()

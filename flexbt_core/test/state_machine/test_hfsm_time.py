@@ -176,10 +176,10 @@ def test_news_from_other_threads_are_never_lost() -> None:
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()
     run.start()
-    give_up = clock.call_at(clock.now() + 20.0, run.preempt)
+    limit = clock.call_at(clock.now() + 20.0, run.preempt)
     while run.step():
         wake_event.wait(clock, run.next_wake)
-    give_up.cancel()
+    limit.cancel()
     teller.join(10.0)
     clock.close()
     assert run.outcome == 'ended'

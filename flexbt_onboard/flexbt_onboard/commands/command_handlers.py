@@ -38,7 +38,7 @@ def _stop(given: Given) -> None:
     if run is None:
         given.report.log(ExecutiveLog.INFO, f'the robot is stopped {reason}')
     elif run.snapshot.is_stopping:
-        run.give_up(f'given up {reason}')
+        run.abort(f'aborted {reason}')
     else:
         run.stop(f'stopped {reason}')
     given.runs.halt_robot()

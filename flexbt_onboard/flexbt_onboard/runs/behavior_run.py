@@ -165,7 +165,7 @@ class BehaviorRun:
             machine.preempt(reason)
         self._publish(is_stopping=True)
 
-    def give_up(self, reason: str) -> None:
+    def abort(self, reason: str) -> None:
         """End a run as an error that was stopped and is not at rest in its time; before that nothing happens.
 
         When a state does not return from a callback, the thread of the run is left behind: it ends when the callback
@@ -174,7 +174,7 @@ class BehaviorRun:
         if self._stop_reason is None or self._services.runtime.steady.now() - self._stopped_at < EXIT_TIMEOUT:
             return
         if self._machine is not None:
-            self._machine.give_up(reason)
+            self._machine.abort(reason)
         held = self._watch.held
         if held is not None:
             text = 'its thread is left behind, and ends when that returns'

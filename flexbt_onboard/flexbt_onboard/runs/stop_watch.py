@@ -103,6 +103,6 @@ class StopWatch:
         self._robot.hold()
         seconds = self._runtime.steady.now() - self._since
         if seconds >= self.timeout:
-            run.give_up(f'given up {self.timeout:g} s after the stop')
+            run.abort(f'aborted {self.timeout:g} s after the stop')
         run.show_not_stopped(seconds)
         self._check_in(_PERIOD, run)

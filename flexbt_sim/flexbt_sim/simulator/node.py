@@ -273,7 +273,7 @@ class Simulator:
                     with loop.resting():
                         self.pacer.wait(made, made * self.world.step_size, self.world.time)
         except BaseException as error:  # without a world there is nothing to simulate
-            self.runtime.give_up(f'the world raised: {"".join(traceback.format_exception(error)).rstrip()}')
+            self.runtime.abort(f'the world raised: {"".join(traceback.format_exception(error)).rstrip()}')
 
     def _step(self, is_single: bool) -> bool:
         """Make a step, unless time stands still since it was begun; whether it was made."""

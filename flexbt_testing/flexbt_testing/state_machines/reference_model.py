@@ -238,7 +238,7 @@ class Model:
             self._finish('preempted', 'PREEMPTED')
             self._go_on()
 
-    def give_up(self) -> None:
+    def abort(self) -> None:
         """Stopped again: what has had its time to halt is not waited for any longer."""
         if self._end_until is not None and self._now >= self._end_until - STOP_TIME + REST_TIME:
             self._end_until = self._now

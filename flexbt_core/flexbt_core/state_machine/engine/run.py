@@ -67,7 +67,7 @@ class MachineRun:
     ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
     ``clock`` is what states see, ``steady`` counts the time that they may take to halt (``exit_timeout``, s). A run
     that is stopped, or ends by a fault, has not ended before everything is confirmed to have halted; when that takes
-    longer than ``stop_timeout`` (s), or after :meth:`give_up`, it ends as 'error'. Without an ``observer`` the run is
+    longer than ``stop_timeout`` (s), or after :meth:`abort`, it ends as 'error'. Without an ``observer`` the run is
     written to the log of Python. More than ``max_transitions`` in one step count as a livelock, which ends the run.
     """
 
@@ -120,7 +120,7 @@ class MachineRun:
         self._stop_timeout = stop_timeout
         self._stop_wait = HaltWait(self._steady, max(0.0, stop_timeout - exit_timeout), self.wake)
         self._is_overdue = False  # while it ends: something has not halted in its time, which was told
-        self._given_up = ''
+        self._abort_reason = ''
         self._is_started = False
         self._lock = threading.Lock()
 
@@ -308,10 +308,10 @@ class MachineRun:
                 self._preempt_reason = reason
         self.wake()
 
-    def give_up(self, reason: str) -> None:
+    def abort(self, reason: str) -> None:
         """End the run as 'error' although something has not halted. Before its time to halt is over nothing happens."""
         if self._is_overdue:
-            self._given_up = reason
+            self._abort_reason = reason
             self.wake()
 
     @property
@@ -416,15 +416,15 @@ class MachineRun:
             if text is not None:
                 self._is_overdue = True
                 self.fault(path, f'not confirmed to have halted {self._halt_wait.timeout:g} s after the stop: {text}')
-        if text is not None and not self._given_up:
+        if text is not None and not self._abort_reason:
             if not self._stop_wait.is_over(text):
                 return False
-            self._given_up = f'given up {self._stop_timeout:g} s after the stop'
+            self._abort_reason = f'aborted {self._stop_timeout:g} s after the stop'
         self._stop_wait.cancel()
         if text is None:
             self._finish(end.outcome, end.message)
         else:
-            self._finish(ERROR, f'{end.message}; {self._given_up}, while {shown}'.removeprefix('; '))
+            self._finish(ERROR, f'{end.message}; {self._abort_reason}, while {shown}'.removeprefix('; '))
         return True
 
     def _finish(self, outcome: str, message: str) -> None:
