@@ -193,7 +193,7 @@ def test_a_state_can_be_in_one_run_at_a_time() -> None:
     second = Bench(made, start=False)
     with pytest.raises(StateError, match='/A: the state is part of a run that has not ended'):
         second.run.start()
-    second.run.abort('it could not be started')
+    second.run.fail('it could not be started')
     second.settle()
     second.run.step()
     assert second.outcome == 'error'

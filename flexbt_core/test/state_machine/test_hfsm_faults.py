@@ -197,7 +197,7 @@ class Escaping(Bench):
         try:
             super()._step()
         except SystemExit as error:
-            self.run.abort(f'{type(error).__name__} escaped')
+            self.run.fail(f'{type(error).__name__} escaped')
             self._wake()
 
 
@@ -226,7 +226,7 @@ def test_what_escapes_from_on_start_ends_the_run_in_order() -> None:
     )
     with pytest.raises(SystemExit):
         bench.run.start()
-    bench.run.abort('SystemExit escaped')
+    bench.run.fail('SystemExit escaped')
     assert not bench.run.step()
     assert (bench.outcome, bench.run.message) == ('error', 'SystemExit escaped')
     assert [state.trace for state in states] == [['on_start', 'on_stop'], ['on_stop']]

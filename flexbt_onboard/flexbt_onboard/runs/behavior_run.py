@@ -467,7 +467,7 @@ class BehaviorRun:
 
     def _escaped(self, machine: MachineRun, error: BaseException) -> None:
         self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
-        machine.abort(f'{type(error).__name__} escaped from the state machine: {error}')
+        machine.fail(f'{type(error).__name__} escaped from the state machine: {error}')
 
     def _activity_changed(self) -> None:
         self._has_activity_changed = True

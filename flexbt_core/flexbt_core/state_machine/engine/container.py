@@ -197,5 +197,5 @@ class ContainerRun:
         if FAILED in self.definition.outcomes:
             self.exit_reason = ExitReason.FAULT
             return FAILED
-        self._engine.abort(f'{self.path}: {text}')
+        self._engine.fail(f'{self.path}: {text}')
         return None

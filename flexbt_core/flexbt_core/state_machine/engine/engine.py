@@ -52,7 +52,7 @@ class Engine(Protocol):
     def fault(self, path: str, text: str) -> None:
         """Tell the observer of a fault."""
 
-    def abort(self, message: str) -> None:
+    def fail(self, message: str) -> None:
         """End the run as an error: there is no way to go on."""
 
     def new_decision(

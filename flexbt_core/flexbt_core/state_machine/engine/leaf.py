@@ -279,7 +279,7 @@ class LeafRun:
         self.choice = None
         self.outcome = FAILED if FAILED in self.state.outcomes else None
         if self.outcome is None:
-            self._engine.abort(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')
+            self._engine.fail(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')
 
     def _retire(self, state: EventState) -> None:
         """Nothing follows for this state."""

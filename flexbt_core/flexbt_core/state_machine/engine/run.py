@@ -146,7 +146,7 @@ class MachineRun:
             leaf.bind()
         for leaf in leaves:
             if leaf.start():
-                self.abort(f'{leaf.path} raised in on_start')
+                self.fail(f'{leaf.path} raised in on_start')
         if self._end is None and self._preempt_reason is None:
             if enter is not None:
                 enter()
@@ -338,7 +338,7 @@ class MachineRun:
         """Tell the observer of a fault."""
         self.observer.fault(path, text)
 
-    def abort(self, message: str) -> None:
+    def fail(self, message: str) -> None:
         """End the run as an error: there is no way to go on."""
         if self._end is None:
             self._end = _End(ERROR, message, ExitReason.FAULT)
@@ -362,7 +362,7 @@ class MachineRun:
             loop = ', '.join(dict.fromkeys(self._recent))
             text = f'{self._max_transitions} transitions without waiting for anything'
             self.fault(path, text)
-            self.abort(f'livelock: {text}, the last of them from {loop}')
+            self.fail(f'livelock: {text}, the last of them from {loop}')
 
     def regions(self) -> Iterator[Region]:
         """The regions of everything that is active, outermost first."""
