@@ -302,6 +302,15 @@ def test_it_stays_small_and_forgets_only_the_oldest_commands(tmp_path: Path, ope
     assert again.file.stat().st_size < 200_000
 
 
+def test_a_switch_that_comes_beside_the_stop_does_not_begin_the_run_again(tmp_path: Path, opened: Any) -> None:
+    journal = opened(tmp_path / 'e.journal')
+    journal.append(begin=begin_of('r'))
+    journal.append(run='r', end='stopped by tester')  # on the executor's thread; below: on that of the run
+    journal.append([('switch', 1, '')], run='r', position=position_of('/B'), begin=begin_of('r'))
+    assert journal.state.begin is None and journal.state.position is None
+    assert 'switch' in journal.state.commands
+
+
 def test_two_executives_do_not_share_a_journal(tmp_path: Path, opened: Any) -> None:
     journal = opened(tmp_path / 'e.journal')
     with pytest.raises(OnboardError, match='in use by another'):

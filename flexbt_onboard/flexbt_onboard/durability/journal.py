@@ -62,13 +62,14 @@ class JournalState:
 
     def apply(self, line: Line) -> None:
         """Take in a line."""
-        if 'begin' in line:
+        # A line of a run that has ended counts no more: it was told to stop while it moved, or switched, on its thread.
+        is_of_run = self.begin is not None and line.get('run') == self.begin['run']
+        if 'begin' in line and (is_of_run or 'run' not in line):
             self.begin, self.position = line['begin'], None
-        if self.begin is not None and line.get('run') == self.begin['run']:
-            if 'position' in line:
-                self.position = line['position']
-            if 'end' in line:
-                self.begin = self.position = None
+        if is_of_run and 'position' in line:
+            self.position = line['position']
+        if is_of_run and 'end' in line:
+            self.begin = self.position = None
         if 'autonomy' in line:
             self.autonomy = line['autonomy']
         for command_id, code, reason in line.get('commands', ()):
