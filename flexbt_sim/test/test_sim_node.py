@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -85,6 +86,23 @@ def test_odometry_tells_pose_and_speed_at_its_rate(simulator: Probe) -> None:
     took = seconds_of(last.header.stamp) - seconds_of(first.header.stamp)
     assert driven / took == pytest.approx(0.2, rel=0.02)
     assert took / 9 == pytest.approx(0.03, rel=0.2)
+
+
+def test_a_pose_comes_rarely_while_the_robot_is_at_rest_and_often_while_it_is_driven(simulator: Probe) -> None:
+    simulator.place(DOCK)
+    at_rest = simulator.wait(lambda: all(gap > 0.05 for gap in gaps(simulator)) and gaps(simulator), 'poses at rest')
+    assert min(at_rest) < 0.12
+
+    def is_often() -> bool:
+        simulator.drive(0.2)
+        return any(gap < 0.05 for gap in gaps(simulator))
+
+    simulator.wait(is_often, 'poses of a drive')
+
+
+def gaps(probe: Probe) -> list[float]:
+    """Simulated time between the last six poses, s."""
+    return [later.time - earlier.time for earlier, later in pairwise(probe.sightings[-6:])]
 
 
 def test_transforms_lead_from_the_map_to_the_lidar(simulator: Probe) -> None:

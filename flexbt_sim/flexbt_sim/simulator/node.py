@@ -42,6 +42,10 @@ CLOCK_PERIOD: Final = 0.05
 """Greatest simulated time between two messages of /clock, s. A message costs every node of the robot a wake-up, unless
 it comes together with the odometry; so the clock has the period of that if it is shorter."""
 
+REST_PERIOD: Final = 0.1
+"""Simulated time from one pose of a robot at rest to the next, s: most of what a simulation at rest costs, in all
+processes, is what it sends."""
+
 
 class Simulator:
     """The simulator on a running node. The world moves on a thread of its own.
@@ -80,7 +84,9 @@ class Simulator:
     def _set_periods(self) -> None:
         step = self.world.step_size
         self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
-        self._steps_per_clock = min(self._steps_per_odom, max(1, round(CLOCK_PERIOD / step)))
+        at_rest = max(1, round(CLOCK_PERIOD / step))
+        self._steps_per_clock = {True: min(self._steps_per_odom, at_rest), False: at_rest}
+        self._steps_per_rest = max(self._steps_per_odom, at_rest * max(1, round(REST_PERIOD / (at_rest * step))))
 
     def _compile(self) -> None:
         """In a thread of its own: the world would stand still for seconds."""
@@ -265,35 +271,41 @@ class Simulator:
         try:
             with self.runtime.health.loop('the world') as loop:
                 while True:
+                    per_clock = self._look_round()
                     with loop.resting():
-                        steps, is_single = self.pacer.begin(self._steps_per_clock - self._steps % self._steps_per_clock)
+                        steps, is_single = self.pacer.begin(per_clock - self._steps % per_clock)
                     if steps == 0:
                         return
-                    made = sum(self._step(is_single) for _ in range(steps))
+                    made = sum(self._step(is_single, per_clock) for _ in range(steps))
                     with loop.resting():
                         self.pacer.wait(made, made * self.world.step_size, self.world.time)
         except BaseException as error:  # without a world there is nothing to simulate
             self.runtime.abort(f'the world raised: {"".join(traceback.format_exception(error)).rstrip()}')
 
-    def _step(self, is_single: bool) -> bool:
+    def _look_round(self) -> int:
+        """See who listens, and so how many steps it is from one message of /clock to the next."""
+        with self.lock:
+            for topics in self._robots.values():
+                topics.look_round(self.world.time)
+                topics.robot.is_scanning = self._can_scan and topics.listens_to_scans
+            return self._steps_per_clock[any(topics.is_busy for topics in self._robots.values())]
+
+    def _step(self, is_single: bool, per_clock: int) -> bool:
         """Make a step, unless time stands still since it was begun; whether it was made."""
         messages: list[Message] = []
         with self.lock:
             if self.pacer.is_paused != is_single:
                 return False
-            if self._steps % self._steps_per_odom == 0:
-                for topics in self._robots.values():
-                    topics.robot.is_scanning = self._can_scan and topics.listens_to_scans
             self.world.step()
             self._steps += 1
             self._tell_faults()
-            moves = self._steps % self._steps_per_odom == 0
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
             for topics in self._robots.values():
+                moves = self._steps % (self._steps_per_odom if topics.is_busy else self._steps_per_rest) == 0
                 if moves or topics.has_news:
                     messages += topics.messages(self.world.time, stamp, moves=moves)
-        if messages or is_single or self._steps % self._steps_per_clock == 0:
+        if messages or is_single or self._steps % per_clock == 0:
             # First, so that no message is from the future.
             self._clock.publish(self._clock_bytes.filled(*stamp))
         for _, publisher, message in messages:

@@ -117,7 +117,11 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
             'as amcl. By default true where there is no world file',
         ),
         odom_rate=declare.real(
-            'odom_rate', 33.3, 1.0, 100.0, 'rate of odometry, pose and transforms, Hz of simulated time'
+            'odom_rate',
+            33.3,
+            1.0,
+            100.0,
+            'rate of odometry and transforms, and of the pose of a robot that is driven, Hz of simulated time',
         ),
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),

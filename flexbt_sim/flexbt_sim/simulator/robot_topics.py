@@ -84,6 +84,7 @@ class RobotTopics:
         self._told_faults: tuple[ServerFault, ...] | None = None
         self._battery_due = 0.0
         self._scan_time = -math.inf
+        self.is_busy = False
         self._connect()
         self._prefill()
 
@@ -209,6 +210,15 @@ class RobotTopics:
     def listens_to_scans(self) -> bool:
         """Whether anybody does."""
         return self._scan is not None and self._scan.get_subscription_count() > 0
+
+    def look_round(self, now: float) -> None:
+        """See whether the robot is driven, or somebody hears what comes at a steady rate: its odometry or transforms.
+        Nothing else is told often."""
+        self.is_busy = (
+            self.robot.is_driven(now)
+            or self._odom.get_subscription_count() > 0
+            or self._tf.get_subscription_count() > 0
+        )
 
     @property
     def has_news(self) -> bool:

@@ -131,10 +131,9 @@ class Robot(Body):
         """Where it is by its wheels, from where it was at the start."""
         return compose(self._measured, self.pose) if self._is_exact else self._odometry
 
-    @property
-    def is_driven(self) -> bool:
-        """Whether it is moving, or is told to."""
-        return bool(self.linear or self.angular or self._wanted != (0.0, 0.0))
+    def is_driven(self, now: float) -> bool:
+        """Whether it moves, or has a command, which may be to stand, that its watchdog has not ended."""
+        return bool(self.linear or self.angular or now < self._until)
 
     @property
     def is_powered(self) -> bool:
