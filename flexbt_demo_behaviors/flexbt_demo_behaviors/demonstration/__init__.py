@@ -19,16 +19,20 @@ from .process_group import EndedProcess, ProcessGroup
 from .report import DemoError, DemoReport, GoalResult, Timeline
 from .robot_track import POINT_DISTANCE, Pose, RobotTrack
 from .ros_domain import DISCOVERY_PORT, DISCOVERY_PORT_STEP, DOMAINS, NoFreeDomainError, own_domain
-from .scripted_operator import ScriptedOperator
+from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
+from .session import READY_TIMEOUT_S, Session, join_robot, set_environment
 
 __all__ = [
+    'ANSWER_TIMEOUT_S',
     'DISCOVERY_PORT',
     'DISCOVERY_PORT_STEP',
     'DOMAINS',
     'DRIVEN',
+    'DRIVE_TIMEOUT_S',
     'NOT_REACHED',
     'PLANNED',
     'POINT_DISTANCE',
+    'READY_TIMEOUT_S',
     'REACHED',
     'START',
     'DemoError',
@@ -45,13 +49,16 @@ __all__ = [
     'ProcessGroup',
     'RobotTrack',
     'ScriptedOperator',
+    'Session',
     'Timeline',
     'built_in_places',
     'console_command',
     'demo_processes',
     'draw_picture',
     'first_place',
+    'join_robot',
     'own_domain',
     'parse_options',
+    'set_environment',
     'write_picture',
 ]

@@ -32,11 +32,12 @@ class DemoSettings:
 
 @dataclass(frozen=True)
 class Process:
-    """One executable of a package, and the parameters of its node."""
+    """One executable of a package, the parameters of its node, and the namespace of its robot, if it has one."""
 
     package: str
     executable: str
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    namespace: str = ''
 
     @property
     def name(self) -> str:
@@ -53,6 +54,8 @@ class Process:
         if not file.exists():
             raise FileNotFoundError(f'package {self.package} has no executable {self.executable}: build the workspace')
         words = [str(file), '--ros-args']
+        if self.namespace:
+            words += ['-r', f'__ns:=/{self.namespace}']
         for key, value in self.parameters.items():
             words += ['-p', f'{key}:={_parameter_text(value)}']
         return words

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import sys
 import threading
 import time
@@ -28,16 +29,23 @@ class Timeline:
         self._clock = clock
         self._start = clock()
         self._lock = threading.Lock()
+        self._robot = ''
 
     @property
     def elapsed(self) -> float:
         """Seconds of wall time since the start."""
         return self._clock() - self._start
 
+    def of(self, robot: str) -> Timeline:
+        """The same timeline for what concerns one of several robots, whose name comes before all that is told."""
+        own = copy.copy(self)
+        own._robot = f'{robot}: '
+        return own
+
     def tell(self, who: str, what: str) -> None:
         """Print one event; further lines of `what` are indented below the first."""
         first, *rest = what.splitlines() or ['']
-        lines = [f'{self.elapsed:6.1f} s  {who:<9} {first}', *(f'{"":20}{line}' for line in rest)]
+        lines = [f'{self.elapsed:6.1f} s  {who:<9} {self._robot}{first}', *(f'{"":20}{line}' for line in rest)]
         with self._lock:
             print('\n'.join(lines), file=self._stream, flush=True)
 

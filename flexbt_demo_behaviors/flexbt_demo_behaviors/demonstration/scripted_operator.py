@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -187,11 +187,16 @@ class ScriptedOperator:
 
     # Commanding
 
-    def start(self, behavior: str, autonomy: AutonomyLevel) -> None:
-        """Start a behavior."""
-        self._tell('starts', f'{behavior!r} at autonomy {autonomy.name.title()}')
-        self._give(self._make.start(self._mirror.view(), behavior, autonomy=autonomy))
+    def start(self, behavior: str, autonomy: AutonomyLevel, **arguments: str) -> None:
+        """Start a behavior, with arguments for its parameters."""
+        self._tell('starts', f'{_called(behavior, arguments)} at autonomy {autonomy.name.title()}')
+        self._give(self._make.start(self._mirror.view(), behavior, list(arguments.items()), autonomy))
         self.wait(lambda view: view.running, f'start of {behavior}', ANSWER_TIMEOUT_S)
+
+    def switch(self, behavior: str, **arguments: str) -> None:
+        """Go on with another behavior, or with other arguments, keeping the active states."""
+        self._tell('switches', f'to {_called(behavior, arguments)}')
+        self._give(self._make.switch(self._mirror.view(), behavior, list(arguments.items())))
 
     def give_goal(self, label: str, state: str = '/AskGoal') -> None:
         """Answer the request for a goal with a named place."""
@@ -269,6 +274,10 @@ class ScriptedOperator:
 
     def _tell(self, verb: str, what: str) -> None:
         self._timeline.tell('operator', f'{verb} {what}')
+
+
+def _called(behavior: str, arguments: Mapping[str, str]) -> str:
+    return ' '.join([repr(behavior), *(f'{name}={value!r}' for name, value in arguments.items())])
 
 
 def _check_running(view: View) -> None:

@@ -53,17 +53,23 @@ def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, tim
     processes = demo_processes(settings)
     for process in processes:
         group.start(process.name, process.command(), respawn=True)
-    with NodeRuntime.open('demo') as runtime:
+    with join_robot(operator, timeline) as session:
+        group.watch(lambda ended: session.operator.abandon(ended.report()))
+        session.operator.wait_ready(peers=len(processes) - 1, timeout=READY_TIMEOUT_S)
+        yield session
+
+
+@contextlib.contextmanager
+def join_robot(operator: str, timeline: Timeline, namespace: str | None = None) -> Iterator[Session]:
+    """Sit down at the link of the robot in a namespace, and watch the robot, for the time of the context."""
+    with NodeRuntime.open('demo', namespace=namespace) as runtime:
         track = RobotTrack()
         mirror = Mirror(runtime.steady)
         link = OperatorLink(runtime, mirror)
-        make = CommandBuilder(operator)
-        scripted = ScriptedOperator(mirror, track, link.send, make, timeline)
+        scripted = ScriptedOperator(mirror, track, link.send, CommandBuilder(operator), timeline)
         track.on_change = scripted.notify
-        group.watch(lambda ended: scripted.abandon(ended.report()))
         mirror.add_listener(Narrator(mirror, timeline))
         subscribe_to_robot(runtime, track)
-        scripted.wait_ready(peers=len(processes) - 1, timeout=READY_TIMEOUT_S)
         yield Session(scripted, track)
 
 
