@@ -5,6 +5,7 @@ SHELL := /bin/sh
 N ?= 20000
 SEED ?= 0
 SECONDS ?= 300
+DEMO_3 = night_watch
 .PHONY: help setup demo test fuzz lint bench conformance docs clean distclean
 .NOTPARALLEL:
 
@@ -21,8 +22,8 @@ help:  ## this text
 setup:  ## install what is missing, build what has changed
 	@tools/workspace.sh setup
 
-demo:  ## the demonstration: DEMO=1 (one tree) or DEMO=2 (three trees under one HFSM); scripted when not in a terminal
-	@tools/workspace.sh run demo
+demo:  ## the demonstration: DEMO=1 (one tree), DEMO=2 (three trees under one HFSM), DEMO=3 (two robots on night watch); scripted when not in a terminal
+	@tools/workspace.sh run $(or $(DEMO_$(DEMO)),demo)
 
 test:  ## lint and all tests
 	@tools/workspace.sh test

@@ -14,7 +14,7 @@ def report() -> DemoReport:
 
 
 def result() -> GoalResult:
-    return GoalResult('kitchen', Pose(1.0, 2.0, 0.0), 'arrived', 0.1, 12.0, 3.0, True)
+    return GoalResult('kitchen', Pose(1.0, 2.0, 0.0), 'arrived', 0.1, True, 12.0, 3.0)
 
 
 def test_a_report_passes_only_with_every_branch_a_goal_and_no_problem() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import Point
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from std_msgs.msg import String
 
 from flexbt_common import names
@@ -71,6 +71,20 @@ def test_a_latched_message_counts_when_asked_for(bench: StateBench, peer: Peer) 
     )
     run.wait()
     assert read == {'message': String(data='office')}
+
+
+def test_a_sensor_is_heard_when_asked_for(bench: StateBench, peer: Peer) -> None:
+    """A reader that wants reliability is not matched with a writer of best effort, and would wait for ever."""
+    publisher = peer.publisher('scan', qos_profile_sensor_data)
+    run = bench.run_state(lambda: SubscribeOnceState('scan', String, best_effort=True), {'message': None})
+    wait_until(publisher.get_subscription_count, 'subscribed')
+
+    def say_until_heard() -> bool:
+        publisher.publish(String(data='wall'))  # any of them may be lost
+        return publisher.get_subscription_count() == 0
+
+    wait_until(say_until_heard, 'heard')
+    assert run.wait() == 'received'
 
 
 def test_a_stop_while_waiting_ends_the_subscription(bench: StateBench, peer: Peer) -> None:

@@ -18,6 +18,9 @@ MARK = 'FLEXBT_TEST_MARK'
 DEMO_SECONDS = 60.0  # of wall time, for each demonstration at speed factor 10
 END_SECONDS = 2.0
 
+DEMO = 'flexbt_demo_behaviors/demo'
+NIGHT_WATCH = 'flexbt_demo_night_watch/night_watch'
+
 
 @pytest.fixture
 def mark() -> Iterator[str]:
@@ -40,11 +43,12 @@ def marked(word: str) -> dict[int, str]:
     return found
 
 
-def start(mark: str, output: Path, *arguments: str) -> subprocess.Popen[str]:
+def start(mark: str, output: Path, *arguments: str, program: str = DEMO) -> subprocess.Popen[str]:
     environment = {key: value for key, value in os.environ.items() if key not in ('ROS_DOMAIN_ID', 'DEMO', 'SPEED')}
-    program = Path(get_package_prefix('flexbt_demo_behaviors')) / 'lib/flexbt_demo_behaviors/demo'
+    package, _, executable = program.partition('/')
+    file = Path(get_package_prefix(package)) / 'lib' / package / executable
     return subprocess.Popen(
-        [str(program), '--output', str(output), *arguments],
+        [str(file), '--output', str(output), *arguments],
         env=environment | {MARK: mark},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -64,10 +68,14 @@ def wait_for_line(process: subprocess.Popen[str], text: str) -> list[str]:
     raise AssertionError(f'the demonstration ended without {text!r}:\n{"".join(lines)}')
 
 
-@pytest.mark.parametrize('number', [1, 2])
-def test_a_demonstration_reaches_its_goals_and_takes_every_branch(number: int, mark: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('number', 'program', 'arguments'), [(1, DEMO, ['--demo', '1']), (2, DEMO, ['--demo', '2']), (3, NIGHT_WATCH, [])]
+)
+def test_a_demonstration_reaches_its_goals_and_takes_every_branch(
+    number: int, program: str, arguments: list[str], mark: str, tmp_path: Path
+) -> None:
     before = uncontended_time()
-    process = start(mark, tmp_path, '--demo', str(number))
+    process = start(mark, tmp_path, *arguments, program=program)
     output, _ = process.communicate(timeout=300)
     assert process.returncode == 0, output
     assert uncontended_time() - before < DEMO_SECONDS, output

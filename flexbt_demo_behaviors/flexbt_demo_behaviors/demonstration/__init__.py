@@ -2,7 +2,8 @@
 """The executable ``demo``: processes, session, scripted operator, report and picture."""
 
 from .demo_processes import DemoSettings, Process, built_in_places, console_command, demo_processes, first_place
-from .options import parse_options
+from .interactive import run_console
+from .options import parse_options, speed_factor
 from .picture import (
     DRIVEN,
     NOT_REACHED,
@@ -19,6 +20,7 @@ from .process_group import EndedProcess, ProcessGroup
 from .report import DemoError, DemoReport, GoalResult, Timeline
 from .robot_track import POINT_DISTANCE, Pose, RobotTrack
 from .ros_domain import DISCOVERY_PORT, DISCOVERY_PORT_STEP, DOMAINS, NoFreeDomainError, own_domain
+from .running import Interrupted, run_demonstration
 from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
 from .session import READY_TIMEOUT_S, Session, join_robot, set_environment
 
@@ -32,8 +34,8 @@ __all__ = [
     'NOT_REACHED',
     'PLANNED',
     'POINT_DISTANCE',
-    'READY_TIMEOUT_S',
     'REACHED',
+    'READY_TIMEOUT_S',
     'START',
     'DemoError',
     'DemoPicture',
@@ -42,6 +44,7 @@ __all__ = [
     'EndedProcess',
     'GoalMark',
     'GoalResult',
+    'Interrupted',
     'MapImage',
     'NoFreeDomainError',
     'Pose',
@@ -59,6 +62,9 @@ __all__ = [
     'join_robot',
     'own_domain',
     'parse_options',
+    'run_console',
+    'run_demonstration',
     'set_environment',
+    'speed_factor',
     'write_picture',
 ]

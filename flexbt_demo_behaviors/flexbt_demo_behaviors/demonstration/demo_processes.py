@@ -74,10 +74,12 @@ def first_place(places: str) -> tuple[float, float, float]:
     return known[0].x, known[0].y, known[0].yaw
 
 
-def console_command() -> list[str]:
-    """The command line of the operator's console, which runs in the terminal."""
-    executable, *parameters = Process('flexbt_console', 'console').command()
-    return [executable, 'prompt', '--leaving', 'the demonstration ends', *parameters]
+def console_command(leaving: str = 'the demonstration ends', namespace: str = '') -> list[str]:
+    """The command line of the operator's console, which runs in the terminal: what it tells of leaving it, and the
+    namespace of its robot.
+    """
+    executable, *parameters = Process('flexbt_console', 'console', namespace=namespace).command()
+    return [executable, 'prompt', '--leaving', leaving, *parameters]
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:

@@ -7,7 +7,7 @@ import contextlib
 import subprocess
 import sys
 import termios
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from flexbt_console.mirror import AutonomyLevel
 
@@ -48,18 +48,19 @@ def run_interactive(
     if demonstration.number == 2:
         print(SPLIT_INTRODUCTION, end='')
     print(flush=True)
-    with _restored_terminal(), _start_console() as console:
-        try:
-            exit_code = console.wait()
-        finally:
-            console.terminate()
+    exit_code = run_console(console_command())
     for process in ended.values():
         print(process.report(), file=sys.stderr)
     return exit_code
 
 
-def _start_console() -> subprocess.Popen[bytes]:
-    return subprocess.Popen(console_command())  # noqa: S603 - the command comes from the process table
+def run_console(command: Sequence[str]) -> int:
+    """Hand the terminal to a console until the operator leaves it; gives its exit code."""
+    with _restored_terminal(), subprocess.Popen(command) as console:  # noqa: S603 - it comes from the process table
+        try:
+            return console.wait()
+        finally:
+            console.terminate()
 
 
 @contextlib.contextmanager

@@ -4,12 +4,8 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import time
-from types import FrameType
-
-from flexbt_console.errors import ConsoleError
 
 from .demo_processes import DemoSettings, built_in_places, first_place
 from .interactive import run_interactive
@@ -18,50 +14,29 @@ from .picture import DemoPicture, GoalMark, write_picture
 from .process_group import ProcessGroup
 from .report import DemoError, DemoReport, Timeline
 from .robot_track import RobotTrack
-from .ros_domain import NoFreeDomainError, own_domain
+from .running import run_demonstration
 from .scripts import DEMONSTRATIONS, Demonstration
-from .session import Session, open_session, set_environment
-
-
-class Interrupted(BaseException):
-    """The user, or the system, wants the demonstration to end."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
+from .session import Session, open_session
 
 
 def main() -> int:
     """Run the demonstration of the command line; gives the exit code of the process."""
     terminal = sys.stdin.isatty() and sys.stdout.isatty()
     options = parse_options(sys.argv[1:], os.environ, terminal)
-    _raise_on_signals()
-    try:
-        with own_domain() as domain:
-            set_environment()
-            return _run(options, domain)
-    except (DemoError, ConsoleError, NoFreeDomainError, OSError, LookupError) as error:
-        print(f'demo: {error}', file=sys.stderr)
-        return 1
-    except Interrupted as interruption:
-        # Asked to end, an interactive demonstration has done what it should; a script has not come to its
-        # end.
-        return 0 if options.interactive else 128 + interruption.number
+    return run_demonstration(
+        'demo', options.output / 'logs', options.interactive, lambda group, domain: _run(options, group, domain)
+    )
 
 
-def _run(options: DemoOptions, domain: int) -> int:
+def _run(options: DemoOptions, group: ProcessGroup, domain: int) -> int:
     places = options.places or built_in_places()
     start = first_place(places) if options.map else None
     settings = DemoSettings(options.map, start, places, options.speed)
     timeline = Timeline()
     timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
-    with ProcessGroup(options.output / 'logs') as group:
-        try:
-            if options.interactive:
-                return run_interactive(group, settings, DEMONSTRATIONS[options.demos[0]], timeline)
-            return _run_scripts(options, settings, group, timeline)
-        finally:
-            _ignore_signals()
+    if options.interactive:
+        return run_interactive(group, settings, DEMONSTRATIONS[options.demos[0]], timeline)
+    return _run_scripts(options, settings, group, timeline)
 
 
 def _run_scripts(options: DemoOptions, settings: DemoSettings, group: ProcessGroup, timeline: Timeline) -> int:
@@ -100,17 +75,3 @@ def _picture(report: DemoReport, track: RobotTrack) -> DemoPicture:
         reached = goal.reached or (goal.label in marks and marks[goal.label].reached)
         marks[goal.label] = GoalMark(goal.label, goal.pose.x, goal.pose.y, goal.pose.yaw, reached)
     return DemoPicture(report.title, grid, driven[0], track.plans, driven, list(marks.values()))
-
-
-def _raise_on_signals() -> None:
-    def interrupt(number: int, _frame: FrameType | None) -> None:
-        _ignore_signals()  # the end has begun; a second signal must not break it off
-        raise Interrupted(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, interrupt)
-
-
-def _ignore_signals() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)

@@ -63,15 +63,15 @@ def parse_options(arguments: Sequence[str], environment: Mapping[str, str], term
     return DemoOptions(
         interactive=interactive,
         demos=(int(given.demo),) if given.demo else ((1,) if interactive else (1, 2)),
-        speed=_speed(parser, given.speed) or (DEFAULT_SPEED if interactive else DEFAULT_SCRIPT_SPEED),
+        speed=speed_factor(parser, given.speed) or (DEFAULT_SPEED if interactive else DEFAULT_SCRIPT_SPEED),
         map=str(Path(given.map).resolve()) if given.map else '',
         places=str(Path(given.places).resolve()) if given.places else '',
         output=Path(given.output),
     )
 
 
-def _speed(parser: argparse.ArgumentParser, text: str) -> float:
-    """The speed factor, 0 when none is given."""
+def speed_factor(parser: argparse.ArgumentParser, text: str) -> float:
+    """The speed factor of an option --speed, 0 when none is given; ends the process with a message when it is none."""
     if not text:
         return 0.0
     try:

@@ -53,23 +53,21 @@ class Timeline:
 @dataclass(frozen=True)
 class GoalResult:
     """What became of one goal. `error` is the distance to it in metres when the drive was over; `seconds` are
-    of simulated time and `metres` driven, both since it was given.
+    of simulated time and `metres` driven, both since it was given, if that is known.
     """
 
     label: str
     pose: Pose
     ending: str
     error: float
-    seconds: float
-    metres: float
     reached: bool
+    seconds: float | None = None
+    metres: float | None = None
 
     def line(self) -> str:
         """The result for a person, on one line."""
-        return (
-            f'{self.label:<16} {self.pose!s:<24} {self.ending:<24} '
-            f'{self.error:5.2f} m off  {self.metres:5.1f} m driven in {self.seconds:5.1f} s'
-        )
+        way = '' if self.seconds is None else f'  {self.metres:5.1f} m driven in {self.seconds:5.1f} s'
+        return f'{self.label:<16} {self.pose!s:<24} {self.ending:<24} {self.error:5.2f} m off{way}'
 
 
 @dataclass

@@ -196,6 +196,7 @@ class ScriptedOperator:
     def switch(self, behavior: str, **arguments: str) -> None:
         """Go on with another behavior, or with other arguments, keeping the active states."""
         self._tell('switches', f'to {_called(behavior, arguments)}')
+        self._answered.update(decision.id for decision in self._mirror.view().decisions)  # they are asked anew
         self._give(self._make.switch(self._mirror.view(), behavior, list(arguments.items())))
 
     def give_goal(self, label: str, state: str = '/AskGoal') -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from flexbt_common import names
 from flexbt_core.clock import Timer
@@ -25,6 +25,7 @@ class SubscribeOnceState(EventState):
     -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
     -- timeout      float       Seconds (wall time) to wait; None for no limit
     -- latched      bool        Whether a message that was published before counts, where its sender keeps it
+    -- best_effort  bool        Whether its senders are of best effort, as those of sensors are: none else hears them
 
     #> message                  The message.
 
@@ -33,13 +34,20 @@ class SubscribeOnceState(EventState):
     """
 
     def __init__(
-        self, topic: str, msg_type: str | type[Any], timeout: float | None = None, latched: bool = False
+        self,
+        topic: str,
+        msg_type: str | type[Any],
+        timeout: float | None = None,
+        latched: bool = False,
+        best_effort: bool = False,
     ) -> None:
         super().__init__(outcomes=['received', 'timeout'], output_keys=['message'], desired_rate=None)
         self._topic = checked_topic(self, 'topic', topic)
         self._timeout = checked_timeout(self, 'timeout', timeout)
         message_type = checked_message_type(self, 'msg_type', msg_type)
         qos = names.latched() if latched else QoSProfile(depth=1)
+        if best_effort:
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
         self._subscription = StateSubscription(self, self._topic, message_type, qos)
         self._deadline: float | None = None
         self._timer: Timer | None = None

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Start the building and both robots. The operator's consoles have terminals of their own:
+
+ros2 launch flexbt_demo_night_watch night_watch.launch.py speed:=2.0
+ros2 run flexbt_console console --namespace alpha
+ros2 run flexbt_console console --namespace beta
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from flexbt_demo_night_watch.demonstration import watch_processes
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """The nodes of the process table, for the arguments of this launch."""
+    return [
+        Node(
+            package=process.package,
+            executable=process.executable,
+            name=process.name,
+            namespace=process.namespace,
+            parameters=[dict(process.parameters)],
+            output='screen',
+        )
+        for process in watch_processes(float(LaunchConfiguration('speed').perform(context)))
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the night watch to `ros2 launch`."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
+            OpaqueFunction(function=nodes),
+        ]
+    )
