@@ -18,6 +18,7 @@ from flexbt_demo_behaviors.demonstration import (
     speed_factor,
 )
 
+from .interactive import run_interactive
 from .picture import write_picture
 from .script import BRANCHES, TITLE, night_watch
 from .watch import Watch, open_watch
@@ -50,15 +51,17 @@ def main() -> int:
         'night_watch',
         given.output / 'logs',
         is_interactive,
-        lambda group, domain: _run(group, domain, speed, given.output),
+        lambda group, domain: _run(group, domain, speed, given.output, is_interactive),
     )
 
 
-def _run(group: ProcessGroup, domain: int, speed: float, output: Path) -> int:
-    timeline = Timeline()
-    timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {speed:g}')
-    with open_watch(group, speed, 'script', timeline) as watch:
-        timeline.tell('demo', 'everything is ready')
+def _run(group: ProcessGroup, domain: int, speed: float, output: Path, is_interactive: bool) -> int:
+    print(f'night_watch: starts its processes in ROS domain {domain}, at speed factor {speed:g}', flush=True)
+    if is_interactive:  # the terminal belongs to the operator
+        with (output / 'logs' / 'timeline.log').open('w') as log, open_watch(group, speed, Timeline(log)) as watch:
+            run_interactive(watch)
+        return 0
+    with open_watch(group, speed, Timeline()) as watch:
         report = _run_script(watch)
         file = output / 'demo3.png'
         write_picture({name: session.track for name, session in watch.sessions.items()}, file)

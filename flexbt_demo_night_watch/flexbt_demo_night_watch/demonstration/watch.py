@@ -70,13 +70,14 @@ class Watch:
 
     def on_end(self, ended: EndedProcess) -> None:
         """A process has ended untold: nothing will come any more, unless its robot was lost."""
-        if ended.name not in self.lost:
-            for session in self.sessions.values():
-                session.operator.abandon(ended.report())
+        if ended.name in self.lost:
+            return
+        for session in self.sessions.values():
+            session.operator.abandon(ended.report())
 
 
 @contextlib.contextmanager
-def open_watch(group: ProcessGroup, speed: float, operator: str, timeline: Timeline) -> Iterator[Watch]:
+def open_watch(group: ProcessGroup, speed: float, timeline: Timeline) -> Iterator[Watch]:
     """Start the processes in `group`, wait until both robots are ready, and join them for the time of the context.
 
     Raises DemoError when they are not ready in time, or when one of the processes dies meanwhile.
@@ -86,7 +87,7 @@ def open_watch(group: ProcessGroup, speed: float, operator: str, timeline: Timel
     with contextlib.ExitStack() as stack:
         runtime = stack.enter_context(NodeRuntime.open('night_watch'))
         sessions = {
-            robot: stack.enter_context(join_robot(operator, timeline.of(robot), robot)) for robot in ROBOTS
+            robot: stack.enter_context(join_robot('watchman', timeline.of(robot), robot)) for robot in ROBOTS
         }  # fmt: skip
         building = Building(runtime, ROBOTS, timeline, lambda: watch.notify())
         watch = Watch(group, building, sessions, timeline)

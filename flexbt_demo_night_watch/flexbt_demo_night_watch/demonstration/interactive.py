@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The night watch with a person at the consoles of both robots, who also says what happens in the building."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from flexbt_demo_behaviors.demonstration import DemoError, console_command, run_console
+
+from .watch import Watch
+from .watch_processes import ROBOTS
+
+INTRODUCTION = """
+Both robots are on their rounds; the door of the archive is jammed. Which robot do you look after, or what happens?
+
+  alpha, beta      its console: "status", "confirm", "force OUTCOME", "switch", "help"; "quit" leads back here
+  mend             the door is mended
+  battery ROBOT    its battery runs low
+  lose ROBOT       its computer dies
+  end              the night is over
+"""
+
+
+def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
+    """Begin the rounds, and do what the operator says until the night is over; lines come from `read`."""
+    watch.start()
+    print(INTRODUCTION, flush=True)
+    while True:
+        try:
+            words = read('night watch> ').split()
+        except EOFError:
+            return
+        try:
+            match words:
+                case ['end']:
+                    return
+                case [robot] if robot in ROBOTS:
+                    run_console(console_command('you are asked again which robot you look after', robot))
+                case ['mend']:
+                    watch.building.mend_door()
+                case ['battery', robot] if robot in ROBOTS:
+                    watch.building.lower_battery(robot)
+                case ['lose', robot] if robot in ROBOTS:
+                    watch.lose(robot)
+                case []:
+                    pass
+                case _:
+                    print(f'{" ".join(words)!r}: expected alpha, beta, mend, battery ROBOT, lose ROBOT, or end')
+        except DemoError as error:
+            print(error)
