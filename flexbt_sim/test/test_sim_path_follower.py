@@ -144,6 +144,18 @@ def test_an_obstacle_on_the_path_stops_the_robot_before_it(patience: float, code
     assert 0.0 < 4.0 - done.robot.pose.x - LIMITS.radius < FOLLOWER.speed * FOLLOWER.collision_time + 0.05
 
 
+def test_patience_does_not_begin_anew_with_each_path() -> None:
+    path = line((1.0, 3.0), (6.0, 3.0))
+    costmap, limits = Costmap(WALL, Inflation()), replace(FOLLOWER, patience=1.0)
+    motion, stopped = PathFollower(path, costmap, limits), Pose(3.7, 3.0, 0.0)
+    for tick in range(10):
+        motion = PathFollower(path, costmap, limits, motion)
+        assert motion.step(stopped, 0.1 * tick) == (0.0, 0.0)
+    with pytest.raises(NavigationError) as raised:
+        PathFollower(path, costmap, limits, motion).step(stopped, 1.1)
+    assert raised.value.code == 'PATIENCE_EXCEEDED'
+
+
 def test_beside_the_map_there_is_no_way() -> None:
     path = line((6.0, 3.0), (10.0, 3.0))
     done = run(OPEN, path[0], follower(path))

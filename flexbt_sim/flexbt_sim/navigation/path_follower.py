@@ -96,9 +96,9 @@ class PathFollower:
         before: PathFollower | None = None,
         drift: Callable[[], Pose] = lambda: STILL,
     ) -> None:
-        """``before`` followed the path that this one replaces: it is gone over to without a stop, and the progress
-        checker goes on, as in Nav2. ``drift()``, asked at each step, tells where in the map the frame that the path is
-        fixed to has come to since the path was given, if it was that of the map then; it may raise NavigationError.
+        """``before`` followed the path that this one replaces: it is gone over to without a stop, and progress checker
+        and patience go on, as in Nav2. ``drift()``, asked at each step, tells where in the map the frame that the path
+        is fixed to has come to since the path was given, if it was that of the map then; it may raise NavigationError.
 
         Raises:
             NavigationError: INVALID_PATH for one without poses, or with one that is not finite.
@@ -115,7 +115,7 @@ class PathFollower:
         self._at = 0.0
         self._has_begun = False
         self._at_goal = False
-        self._blocked_since: float | None = None
+        self._blocked_since: float | None = None if before is None else before._blocked_since
         self.speed: float = 0.0 if before is None else before.speed
         self.speed_limit = math.inf
         """m/s, of the topic of that name."""

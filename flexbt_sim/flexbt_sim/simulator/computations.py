@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who computes something that a robot waits for: goals of the actions of Nav2 whose servers only compute.
+"""Who computes something that a robot waits for: goals of the actions of Nav2 whose servers compute, or are to drive.
 
-A world that goes as fast as possible would be a minute older when a plan is there. Each server of an action says which
+A world that goes as fast as possible would be a minute older when a plan is there, and on a busy machine the time of a
+motion would be over before its first command. Each server of an action says which
 of its goals are being worked on; so it is known without its help, of Nav2's own servers too.
 """
 
@@ -23,8 +24,13 @@ COMPUTING: Final = (
     names.COMPUTE_PATH_THROUGH_POSES,
     names.SMOOTH_PATH,
     names.COMPUTE_ROUTE,
+    names.FOLLOW_PATH,
+    names.SPIN,
+    names.BACKUP,
+    names.DRIVE_ON_HEADING,
 )
-"""Actions whose goals take no simulated time."""
+"""Actions whose goals take no simulated time; and those that drive a robot, which take none before the first command.
+"""
 
 _WORKING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 

@@ -4,8 +4,8 @@
 As fast as possible (factor 0) means as fast as everybody keeps up whose work the world waits for:
 
 - a *driver*, who answers what it hears of its robot by velocity commands: the world goes on when each has answered;
-- whoever *computes* something that the robot waits for, a plan for example: the world goes on in real time meanwhile,
-  since on a robot a plan takes its time too;
+- whoever *computes* something that the robot waits for, a plan for example or the first command of a motion: the world
+  goes on in real time meanwhile, since on a robot a plan takes its time too;
 - with neither, at :data:`IDLE_FACTOR`: faster, and the clock alone would keep the nodes of a robot busy.
 """
 
