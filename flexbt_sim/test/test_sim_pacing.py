@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_sim.world import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
+from flexbt_sim.world import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, STALL_SECONDS, Drivers, Pacer, Schedule
 from flexbt_testing.waiting import uncontended_time
 
 DEADLINE = 60.0
@@ -143,6 +143,26 @@ def test_an_answer_is_waited_for_but_not_long() -> None:
         drive(pacer, 1.03 + 0.03 * tick)
         pacer.wait(3, 0.03, 1.03 + 0.03 * tick)  # it has come already
     assert uncontended_time() - began < 100 * ANSWER_SECONDS / 2
+
+
+def test_who_drives_may_be_held_up_once_and_does_not_make_the_world_slow() -> None:
+    pacer = Pacer(0.0)
+    drive(pacer, 1.0)
+    began = time.monotonic()
+    pacer.wait(3, 0.03, 1.03)
+    assert time.monotonic() - began >= STALL_SECONDS - 0.001
+    began = uncontended_time()
+    for tick in range(2, 7):
+        pacer.wait(3, 0.03, 1.0 + 0.03 * tick)
+    assert uncontended_time() - began < STALL_SECONDS
+
+
+def test_who_was_told_to_stand_is_not_waited_for_any_longer() -> None:
+    pacer = Pacer(0.0)
+    drive(pacer, 1.0, is_stopping=True)
+    began = uncontended_time()
+    pacer.wait(3, 0.03, 1.03)
+    assert uncontended_time() - began < STALL_SECONDS - ANSWER_SECONDS
 
 
 def test_a_driver_that_answers_every_other_time_is_waited_for_every_other_time() -> None:

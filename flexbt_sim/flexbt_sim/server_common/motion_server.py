@@ -26,6 +26,8 @@ from .robot_interface import RobotInterface
 FEEDBACK_EVERY: Final = 3
 """Poses per feedback message."""
 
+CHECK_SECONDS: Final = 0.1
+"""From one look whether poses still come to the next, at least, s of wall time."""
 
 TAKEN_OVER: Final = GoalEnd(message='a newer motion has taken over')
 
@@ -140,11 +142,11 @@ class MotionArbiter:
             self.end(CANCELED)
 
     def _check_pose_after(self, seconds: float, running: RunningMotion) -> None:
-        clock = self._runtime.clock
-        # By a post: a pose that has come together with the time is seen before.
-        self._watch = clock.call_at(
-            clock.now() + seconds, lambda: self._runtime.post(lambda: self._check_pose(running))
-        )
+        # On the wall's clock, by which a pose has to be old, too: a timer of simulated time would wake the node for
+        # each message of /clock. Under a clock that stands still it comes again and again.
+        steady = self._runtime.steady
+        when = steady.now() + max(seconds, CHECK_SECONDS)
+        self._watch = steady.call_at(when, lambda: self._runtime.post(lambda: self._check_pose(running)))
 
     def _check_pose(self, running: RunningMotion) -> None:
         if self.running is not running:

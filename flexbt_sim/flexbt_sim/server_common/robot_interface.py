@@ -74,7 +74,7 @@ class RobotInterface:
         return self.silence < self._parameters.pose_timeout and self._has_map
 
     def _tell_waiting(self) -> None:
-        if self._is_known:
+        if self._waiting and self._is_known:
             waiting, self._waiting = self._waiting, []
             for go_on in waiting:
                 go_on()

@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Final
 
 import numpy
@@ -249,7 +250,8 @@ class RobotTopics:
 
         ``moves``: odometry, pose and transforms are due.
         """
-        for message in self._made(now, stamp, moves):
+        made = chain(self._moves(now, stamp) if moves else (), self._sensed(stamp))
+        for message in made:
             if not self._is_lost(message[0]):
                 late = self.robot.faults.get(MessagesLate.name)
                 if isinstance(late, MessagesLate) and late.topic == message[0]:
@@ -267,18 +269,20 @@ class RobotTopics:
             and bool(self._loss.random() < dropped.probability)
         )
 
-    def _made(self, now: float, stamp: Stamp, moves: bool) -> Iterator[Message]:
-        robot = self.robot
-        scan = robot.scan
+    def _sensed(self, stamp: Stamp) -> Iterator[Message]:
+        """After the pose: whoever drives answers that, and the world waits for the answer. The scan can be looked at
+        meanwhile."""
+        robot, scan = self.robot, self.robot.scan
+        if self._bumper is not None and robot.in_contact != self._told_contact:
+            self._told_contact = robot.in_contact
+            yield names.BUMPER, self._bumper, Bool(data=robot.in_contact)
         if scan is not None and scan.time > self._scan_time and self.listens_to_scans:
             self._scan_time = scan.time
             self._scan_bytes.fill_array(scan.ranges)
             yield names.SCAN, self._scan, self._scan_bytes.filled(*stamp)
-        if self._bumper is not None and robot.in_contact != self._told_contact:
-            self._told_contact = robot.in_contact
-            yield names.BUMPER, self._bumper, Bool(data=robot.in_contact)
-        if not moves:
-            return
+
+    def _moves(self, now: float, stamp: Stamp) -> Iterator[Message]:
+        robot = self.robot
         if self._odom.get_subscription_count():
             filled = self._odometry_bytes.filled(*stamp, *_place(robot.odometry), robot.linear, robot.angular)
             yield names.ODOM, self._odom, filled

@@ -33,7 +33,16 @@ from .descriptions import (
     fault_parameters,
 )
 from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
-from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, Drivers, Pacer, Schedule
+from .pacing import (
+    ANSWER_SECONDS,
+    COMPUTING_FACTOR,
+    IDLE_FACTOR,
+    MAX_LAG,
+    STALL_SECONDS,
+    Drivers,
+    Pacer,
+    Schedule,
+)
 from .pictures import Frame, Trace, draw_world
 from .plane import (
     FAR,
@@ -82,6 +91,7 @@ __all__ = [
     'NAME',
     'NAVIGATION_SERVERS',
     'OCCUPIED',
+    'STALL_SECONDS',
     'TICK',
     'UNKNOWN',
     'Battery',

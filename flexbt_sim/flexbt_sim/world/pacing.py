@@ -32,6 +32,10 @@ COMPUTING_FACTOR: Final = 1.0
 ANSWER_SECONDS: Final = 0.02
 """How long 'as fast as possible' waits for the command that an odometry message causes, s of wall time."""
 
+STALL_SECONDS: Final = 0.5
+"""How long it waits for that at once where the robot moves: a computer may be busy for so long. On the whole such waits
+make the world no slower than real time."""
+
 OnStepped = Callable[[int, bool], None]
 """See :meth:`Pacer.step`."""
 
@@ -125,6 +129,7 @@ class Pacer:
         self._event = threading.Condition()
         self._drivers = Drivers()
         self._computing: set[object] = set()
+        self._patience = STALL_SECONDS
         self._stopped = False
         self._is_paused = False
         self._steps = self._piece = 0
@@ -252,7 +257,7 @@ class Pacer:
         fastest = IDLE_FACTOR
         if self._schedule.factor == 0.0:
             if self._drivers.acting(now):
-                self._wait_for_answers(now)
+                self._wait_for_answers(simulated, now)
                 return
             if self._computing:
                 fastest = COMPUTING_FACTOR
@@ -264,12 +269,21 @@ class Pacer:
                 return
             self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)
 
-    def _wait_for_answers(self, now: float) -> None:
+    def _wait_for_answers(self, simulated: float, now: float) -> None:
         """Let those who drive answer, for a short time. Simulated time goes on from then."""
-        self._event.wait_for(lambda: self._stopped or not self._drivers.due(now), ANSWER_SECONDS)
-        for robot in self._drivers.due(now):
-            self._drivers.did_not_answer(robot)
-        self._schedule = Schedule(self._schedule.factor, time.monotonic())
+        schedule, began = self._schedule, time.monotonic()
+
+        def is_over() -> bool:
+            return self._stopped or self._is_paused or self._schedule is not schedule or not self._drivers.due(now)
+
+        self._patience = min(STALL_SECONDS, self._patience + simulated)
+        if not self._event.wait_for(is_over, ANSWER_SECONDS):
+            for robot in self._drivers.due(now):
+                self._drivers.did_not_answer(robot)
+            self._event.wait_for(is_over, self._patience - ANSWER_SECONDS)
+        ended = time.monotonic()
+        self._patience = max(0.0, self._patience - (ended - began))
+        self._schedule = Schedule(self._schedule.factor, ended)
 
     def _sleep(self, seconds: float) -> None:
         # Conditions wake up late by more than this on some machines.
