@@ -7,6 +7,12 @@
    (serialized messages, without the headers of the middleware).
 3. All operators command at the same time: from the command to the picture that shows its effect.
 
+With --trees, each robot has a BT server too, and all of them are in one simulated world, in real time, by whose clock
+everything goes:
+
+4. Each BT server ticks a tree with a deadline each 0.1 s: how late it is, by the stamps of its stream of transitions
+   (the clock itself comes each 0.05 s); how fast the simulated time goes; and processor time of the whole fleet.
+
 All consoles are nodes in this process, so that the third figure has their contention for one interpreter in it.
 
 Each robot and each console is a DDS participant. By simple discovery, each tells each of all that it has; on two cores
@@ -14,7 +20,7 @@ the time until all are live grows with the cube of their number (20 robots: 37 s
 localhost alone Fast DDS shows no more than 32 participants of a domain to each other. So there is a discovery server of
 Fast DDS, as a fleet would have, through which each hears of what it shares topics with; --simple does without it.
 
-Usage: fleet.py [--robots N] [--rounds N] [--simple] [--output FILE.json]
+Usage: fleet.py [--robots N] [--rounds N] [--trees] [--simple] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -43,7 +49,14 @@ DEADLINE = 400.0
 REST_SECONDS = 10.0
 AT_A_TIME = 5
 BETWEEN_ROUNDS = 0.3  # a picture is sent 20 times a second at most, on average
-ROS_ARGUMENTS = ('--ros-args', '--log-level', 'error', '-p', 'peers:=[""]', '-p', 'event_log_directory:=""')
+DEADLINE_MS = 100
+TREE = f"""
+<root BTCPP_format="4">
+  <BehaviorTree ID="Deadlines"><Repeat num_cycles="-1"><Sleep msec="{DEADLINE_MS}"/></Repeat></BehaviorTree>
+</root>
+"""
+LOGGING = ('--ros-args', '--log-level', 'error')
+ROS_ARGUMENTS = (*LOGGING, '-p', 'peers:=[""]', '-p', 'event_log_directory:=""')
 
 
 class Station:
@@ -71,6 +84,38 @@ class Station:
                 runtime.node.create_subscription(type, topic, count, names.latched())
 
         runtime.call(subscribe)
+        self._runtime = runtime
+        self.waits: list[tuple[float, float]] = []
+        """Begin and length of what lasts until a deadline in the tree, s of the simulated time."""
+        self._waits_since = 0.0
+
+    def run_tree(self) -> Any:
+        """Have the BT server of the robot run the tree of deadlines; the goal."""
+        from flexbt_common import names
+        from flexbt_common.calls import ActionLinks, SentGoal
+        from flexbt_msgs.action import BtExecute, BtLoad
+        from flexbt_msgs.msg import TreeStatus
+
+        links = ActionLinks(self._runtime)
+        loaded = SentGoal(links.link(BtLoad, names.BT_LOADER), BtLoad.Goal(xml=TREE), DEADLINE).result
+        assert loaded.code == BtLoad.Result.SUCCESS, loaded.message
+
+        def on_status(message: TreeStatus) -> None:
+            for change in message.changes:
+                at = change.stamp.sec + 1e-9 * change.stamp.nanosec
+                if change.uid != len(message.statuses):  # the leaf is the last node
+                    continue
+                if change.status == TreeStatus.RUNNING:
+                    self._waits_since = at
+                elif change.status == TreeStatus.SUCCESS:
+                    self.waits.append((self._waits_since, at - self._waits_since))
+
+        node = self._runtime.node
+        self._runtime.call(lambda: node.create_subscription(TreeStatus, names.TREE_STATUS, on_status, 100))
+        executor = links.link(BtExecute, names.BT_EXECUTOR)
+        goal = SentGoal(executor, BtExecute.Goal(behavior_tree='Deadlines'), DEADLINE)
+        assert goal.accepted.wait(DEADLINE), 'the tree was not accepted'
+        return goal
 
     def wait_state(self, path: str) -> None:
         """Until a state is shown as active."""
@@ -118,6 +163,40 @@ def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) 
     }
 
 
+def measure_trees(stations: Sequence[Station], processes: Sequence[int]) -> dict[str, Any]:
+    """The figures of the trees."""
+    goals = [station.run_tree() for station in stations]
+    end = time.monotonic() + DEADLINE
+    while not all(len(station.waits) > 10 for station in stations):
+        assert time.monotonic() < end, 'not all trees run'
+        time.sleep(0.1)
+    cpu, begun = sum(map(cpu_seconds, processes)), time.monotonic()
+    first = [len(station.waits) for station in stations]
+    time.sleep(REST_SECONDS)  # a window to measure in, not a wait for something
+    waits = [station.waits[since:] for station, since in zip(stations, first, strict=True)]
+    seconds = time.monotonic() - begun
+    cpu = sum(map(cpu_seconds, processes)) - cpu
+    for goal in goals:
+        goal.call.cancel()
+    late = [1e3 * length - DEADLINE_MS for one in waits for _, length in one]
+    simulated = statistics.median(one[-1][0] - one[0][0] for one in waits)
+    return {
+        'trees: deadlines': len(late),
+        'trees: later than a period (100 ms)': sum(one > DEADLINE_MS for one in late),
+        'trees: late (ms of simulated time)': {'median': statistics.median(late), 'greatest': max(late)},
+        'trees: simulated time per time': simulated / seconds,
+        'trees: all processes (% of a core)': 100.0 * cpu / seconds,
+    }
+
+
+def write_world(directory: Path, robots: Sequence[str]) -> Path:
+    """A world file with robots in rows."""
+    file = directory / 'fleet.yaml'
+    lines = [f'  {name}: {{model: burger, pose: [{n % 10}, {n // 10}, 0]}}\n' for n, name in enumerate(robots)]
+    file.write_text(f'robots:\n{"".join(lines)}')
+    return file
+
+
 @contextmanager
 def discovery_server() -> Iterator[str]:
     """A discovery server of Fast DDS on this machine; gives its address."""
@@ -148,6 +227,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--robots', type=int, default=10)
     parser.add_argument('--rounds', type=int, default=10)
+    parser.add_argument('--trees', action='store_true', help='with a simulated world and a BT server for each robot')
     parser.add_argument('--simple', action='store_true', help='without a discovery server')
     parser.add_argument('--output', type=Path, default=Path('out/fleet.json'))
     arguments = parser.parse_args()
@@ -165,10 +245,19 @@ def main() -> int:
         stations: list[Station] = []
         stack.callback(stop, processes)
         names = [f'robot{number}' for number in range(arguments.robots)]
+        servers: list[subprocess.Popen[bytes]] = []
+        stack.callback(stop, servers)
+        timed = ['-p', 'use_sim_time:=true'] if arguments.trees else []
+        if arguments.trees:
+            world = ['-p', f'world:={write_world(Path(directory), names)}']
+            servers.append(subprocess.Popen([executable('flexbt_sim', 'simulator'), *LOGGING, *world]))
         for begin in range(0, len(names), AT_A_TIME):
             some = names[begin : begin + AT_A_TIME]
-            command = [executable('flexbt_onboard', 'onboard_executive'), *ROS_ARGUMENTS]
+            command = [executable('flexbt_onboard', 'onboard_executive'), *ROS_ARGUMENTS, *timed]
             processes += [subprocess.Popen([*command, '-r', f'__ns:=/{name}']) for name in some]
+            if arguments.trees:
+                command = [executable('flexbt_server', 'bt_server'), *LOGGING, *timed]
+                servers += [subprocess.Popen([*command, '-r', f'__ns:=/{name}']) for name in some]
             stations += [Station(stack.enter_context(NodeRuntime.open('console', namespace=name))) for name in some]
             for station in stations[begin:]:
                 station.link.live_view(DEADLINE)
@@ -179,6 +268,8 @@ def main() -> int:
             'all live after (s)': all_live,
             **measure(stations, [process.pid for process in processes], arguments.rounds),
         }
+        if arguments.trees:
+            figures |= measure_trees(stations, [process.pid for process in (*processes, *servers)])
     print(json.dumps(figures, indent=2))
     _figures.write(arguments.output, figures)
     return 0
