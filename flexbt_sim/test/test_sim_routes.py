@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise, product
 
+import numpy
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -25,6 +27,7 @@ from flexbt_sim.routes import (
     RouteNode,
     RouteRequest,
     RouteTracker,
+    Scorer,
     blocked_edge,
     edge_scorer,
     find_route,
@@ -33,6 +36,7 @@ from flexbt_sim.routes import (
     route_path,
     speed_limit,
 )
+from flexbt_sim.routes.lines import greatest_costs, line_costs
 from flexbt_sim.world import Pose
 
 DISTANCE = edge_scorer([SCORERS['DistanceScorer']])
@@ -77,7 +81,7 @@ def test_no_route_is_cheaper_and_none_is_missed(graph: RouteGraph, data: st.Data
     some = st.sampled_from([edge.id for edge in graph.edges])
     dynamic = DynamicEdges()
     dynamic.adjust(data.draw(st.lists(some)), data.draw(st.lists(some)), data.draw(st.dictionaries(some, st.just(7.5))))
-    score = edge_scorer([SCORERS['DistanceScorer'], dynamic.score])
+    score = edge_scorer([SCORERS['DistanceScorer'], dynamic])
     for (start, goal), cost in cheapest(graph, dynamic).items():
         try:
             found = route(graph, start, goal, score=score)
@@ -105,6 +109,13 @@ def test_time_that_is_up_ends_the_search() -> None:
         route(SQUARE, 1, 3, check_time=up)
 
 
+def costs(edges: list[RouteEdge], *scorers: Scorer, **request: object) -> list[float]:
+    """Of edges, for a request from the first to the last node."""
+    nodes = {node.id: node for edge in edges for node in (edge.start, edge.end)}
+    asked = RouteRequest(edges[0].start, edges[-1].end, **request)  # type: ignore[arg-type]
+    return edge_scorer(scorers)(RouteGraph(nodes, edges), asked).tolist()
+
+
 def an_edge(**fields: object) -> RouteEdge:
     """3 m long, to the north."""
     return RouteEdge(5, RouteNode(1, 1.0, 1.0), RouteNode(2, 1.0, 4.0), **fields)  # type: ignore[arg-type]
@@ -128,28 +139,32 @@ def an_edge(**fields: object) -> RouteEdge:
 )
 def test_an_edge_costs_what_its_metadata_say(scorer: str, metadata: dict[str, object], cost: float) -> None:
     edge = an_edge(metadata=metadata)
-    assert edge_scorer([SCORERS[scorer]])(edge, RouteRequest(edge.start, edge.end)) == pytest.approx(cost)
+    assert costs([edge], SCORERS[scorer]) == pytest.approx([cost])
 
 
 def test_a_cost_that_is_not_overridable_stands_and_must_be_positive() -> None:
     edge = an_edge(cost=7.0, overridable=False)
-    assert DISTANCE(edge, RouteRequest(edge.start, edge.end)) == 7.0
-    assert edge_scorer([])(an_edge(cost=7.0), RouteRequest(edge.start, edge.end)) == 7.0
+    assert costs([edge], SCORERS['DistanceScorer']) == [7.0]
+    assert costs([an_edge(cost=7.0)]) == [7.0]
     for cost in (0.0, -1.0):
+        wrong = an_edge(cost=cost, overridable=False)
         with pytest.raises(NavigationError) as raised:
-            DISTANCE(an_edge(cost=cost, overridable=False), RouteRequest(edge.start, edge.end))
+            route(RouteGraph({1: wrong.start, 2: wrong.end}, [wrong]), 1, 2)
         assert raised.value.code == 'NO_VALID_GRAPH'
 
 
 @pytest.mark.parametrize('name', ['StartPoseOrientationScorer', 'GoalPoseOrientationScorer'])
 def test_scorers_of_headings_need_poses(name: str) -> None:
     edge = an_edge()
-    score = edge_scorer([SCORERS[name]])
     east = Pose(0.0, 0.0, 0.0)
-    assert score(edge, RouteRequest(edge.start, edge.end, east, east)) == pytest.approx(math.pi / 2.0)
-    assert score(edge, RouteRequest(edge.end, edge.start, east, east)) == 0.0
+    assert costs([edge], SCORERS[name], start_pose=east, goal_pose=east) == pytest.approx([math.pi / 2.0])
+    back = replace(edge, start=edge.end, end=edge.start)
+    turns = costs([edge, back], SCORERS[name], start_pose=east, goal_pose=east)
+    assert sorted(turns) == pytest.approx([0.0, math.pi / 2.0])  # the one that leaves the start, or comes to the goal
+    beside = replace(edge, start=RouteNode(3, 0.0, 0.0), end=RouteNode(4, 0.0, 1.0))
+    assert costs([edge, beside, back], SCORERS[name], start_pose=east, goal_pose=east)[1] == 0.0
     with pytest.raises(NavigationError) as raised:
-        score(edge, RouteRequest(edge.start, edge.end))
+        costs([edge], SCORERS[name])
     assert raised.value.code == 'INVALID_EDGE_SCORER_USE'
 
 
@@ -159,11 +174,22 @@ WALL = Costmap(drawn(*['.' * 60 + '#' + '.' * 59] * 60, *['.' * 120] * 60), Infl
 
 def test_an_edge_through_an_obstacle_or_beside_the_map_is_none_for_the_costmap_scorer() -> None:
     places = graph({1: (1.0, 5.0), 2: (5.0, 5.0), 3: (1.0, 1.0), 4: (5.0, 1.0), 5: (9.0, 1.0)}, (1, 2), (3, 4), (4, 5))
-    costs = [
-        edge_scorer([SCORERS['CostmapScorer']])(edge, RouteRequest(edge.start, edge.end, costmap=WALL))
-        for edge in places.edges
-    ]
-    assert costs == [None, 0.0, None]
+    assert costs(list(places.edges), SCORERS['CostmapScorer'], costmap=WALL) == [math.inf, 0.0, math.inf]
+
+
+coordinates = st.floats(-2.0, 8.0)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.tuples(coordinates, coordinates, coordinates, coordinates), min_size=1, max_size=20), st.booleans())
+def test_costs_of_many_lines_are_those_of_each(lines: list[tuple[float, ...]], many: bool) -> None:
+    starts, ends = numpy.array(lines)[:, :2], numpy.array(lines)[:, 2:]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('flexbt_sim.routes.lines.CELLS_AT_A_TIME', 10**6 if many else 100)
+        greatest, is_on_map = greatest_costs(WALL, starts, ends)
+    each = [line_costs(WALL, (a, b), (c, d)) for a, b, c, d in lines]
+    assert greatest.tolist() == [costs.max() for costs, _ in each]
+    assert is_on_map.tolist() == [inside for _, inside in each]
 
 
 def test_a_speed_limit_is_a_part_or_percent() -> None:

@@ -234,22 +234,37 @@ def test_all_recoveries_are_tried_until_the_door_opens(robot: Robot, tree: Tree)
     assert goal.feedback[-1].number_of_recoveries >= recoveries
 
 
+def has_lost_patience(goal: SentGoal) -> bool:
+    """Whether a goal has failed since the controller has waited for too long before the tree has planned anew."""
+    if not goal.ended or goal.wait().status is GoalStatus.SUCCEEDED:
+        return False
+    assert goal.result.error_code == FollowPath.Result.PATIENCE_EXCEEDED, goal.outcomes
+    return True
+
+
 @of_trees(REPLANNING + PLANNING_ONCE)
 def test_the_other_corridor_is_found(robot: Robot, tree: Tree) -> None:
-    """When the controller loses patience before the tree plans anew, the goal is given again."""
-    first = robot.navigate(tree, EAST)
-    if first.wait().status is not GoalStatus.SUCCEEDED or tree in PLANNING_ONCE:
-        assert first.result.error_code == FollowPath.Result.PATIENCE_EXCEEDED, first.outcomes
-        again = robot.navigate(tree, EAST)
-        assert again.wait().status is GoalStatus.SUCCEEDED, again.outcomes
+    """Given again, the goal is reached by trees that plan once, too, and on any machine."""
+    goal = robot.navigate(tree, EAST)
+    goal.wait()
+    assert has_lost_patience(goal) or tree not in PLANNING_ONCE
+    if has_lost_patience(goal):
+        goal = robot.navigate(tree, EAST)
+    assert goal.wait().status is GoalStatus.SUCCEEDED, goal.outcomes
     robot.wait_at(EAST)
 
 
 @of_trees(named(FOLLOW_POINT))
 def test_a_point_is_followed_at_a_distance(robot: Robot, tree: Tree) -> None:
+    def is_near() -> bool:
+        return robot.probe.sightings[-1].distance(EAST) < 1.15
+
     goal = robot.navigate(tree, EAST)
-    robot.probe.wait(lambda: goal.ended or robot.probe.now.distance(EAST) < 1.15, 'the robot near the point')
-    assert 0.85 < robot.probe.wait_at_rest().distance(EAST) < 1.15
+    robot.probe.wait(lambda: goal.ended or is_near(), 'the robot near the point')
+    if has_lost_patience(goal):
+        goal = robot.navigate(tree, EAST)
+        robot.probe.wait(lambda: goal.ended or is_near(), 'the robot near the point')
     assert not goal.ended, goal.outcomes
+    assert 0.85 < robot.probe.wait_at_rest().distance(EAST) < 1.15
     goal.call.cancel()
     assert goal.wait().status is GoalStatus.CANCELED

@@ -76,7 +76,7 @@ class RouteServer:
         self._robot = robot
         self._graph: RouteGraph | None = None
         self._edges = DynamicEdges()
-        scorers = {**SCORERS, DYNAMIC_EDGES: self._edges.score}
+        scorers = {**SCORERS, DYNAMIC_EDGES: self._edges}
         self._score = edge_scorer(scorers[name] for name in parameters.routes.edge_scorers)
         self._computation = Computation(runtime, 'the route planner')
         self._operations = RouteOperations(runtime, parameters, robot)

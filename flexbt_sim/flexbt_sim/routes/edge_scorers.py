@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What edges cost: the edge cost functions of Nav2's route server, with its default weights.
 
-A scorer gives the cost of an edge, or None when the edge must not be used. The costs of several are added up.
+A scorer gives the costs of all edges of a graph, infinite for those that must not be used. Those of several are added
+up.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Protocol
+
+import numpy
+from numpy.typing import NDArray
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import INSCRIBED, Costmap
 from flexbt_sim.world import Pose, wrap
 
-from .graph import RouteEdge, RouteNode, number, speed_limit
-from .lines import line_costs
+from .graph import RouteEdge, RouteGraph, RouteNode, number, speed_limit
+from .lines import greatest_costs
 
 GREATEST_SPEED: Final = 0.5
 """m/s, where no speed is given: max_vel of Nav2's TimeScorer."""
@@ -32,6 +36,17 @@ class RouteRequest:
     costmap: Costmap | None = None
 
 
+Costs = NDArray[numpy.float64]
+"""Of the edges of a graph, in their order; infinite for one that must not be used."""
+
+
+class Scorer(Protocol):
+    """What the edges of a graph cost for a request."""
+
+    def __call__(self, graph: RouteGraph, request: RouteRequest, /) -> Costs:
+        """Raises NavigationError INVALID_EDGE_SCORER_USE."""
+
+
 @dataclass
 class DynamicEdges:
     """Edges that were closed, or made dearer, at run time: Nav2's DynamicEdgesScorer."""
@@ -45,46 +60,64 @@ class DynamicEdges:
         self.closed.difference_update(opened)
         self.costs.update(costs)
 
-    def score(self, edge: RouteEdge, _request: RouteRequest) -> float | None:
-        return None if edge.id in self.closed else self.costs.get(edge.id, 0.0)
+    def __call__(self, graph: RouteGraph, _request: RouteRequest) -> Costs:
+        ids = graph.links.edge_ids
+        costs = numpy.zeros(len(ids))
+        for id, cost in self.costs.items():
+            costs[ids == id] = cost
+        costs[numpy.isin(ids, list(self.closed))] = numpy.inf
+        return costs
 
 
-Scorer = Callable[[RouteEdge, RouteRequest], float | None]
+def _distance(graph: RouteGraph, _request: RouteRequest) -> Costs:
+    return graph.of_edges(_length)
 
 
-def _distance(edge: RouteEdge, _request: RouteRequest) -> float:
+def _time(graph: RouteGraph, _request: RouteRequest) -> Costs:
+    return numpy.array([_seconds(edge) for edge in graph.edges], float)
+
+
+def _penalty(graph: RouteGraph, _request: RouteRequest) -> Costs:
+    return graph.of_edges(_penalty_of)
+
+
+def _length(edge: RouteEdge) -> float:
     """Length, m, longer where the speed is limited."""
     return edge.length / speed_limit(edge)
 
 
-def _time(edge: RouteEdge, _request: RouteRequest) -> float:
-    """Seconds: those that it took the last time, or those at the speed that is given, or at the greatest one."""
+def _seconds(edge: RouteEdge) -> float:
+    """Those that it took the last time, or those at the speed that is given, or at the greatest one."""
     taken, speed = number(edge, 'abs_time_taken'), number(edge, 'abs_speed_limit')
     if taken is not None and taken > 0.0:
         return taken
     return edge.length / (speed if speed is not None and speed > 0.0 else GREATEST_SPEED)
 
 
-def _penalty(edge: RouteEdge, _request: RouteRequest) -> float:
+def _penalty_of(edge: RouteEdge) -> float:
     return number(edge, 'penalty') or 0.0
 
 
-def _costmap(edge: RouteEdge, request: RouteRequest) -> float | None:
-    """The greatest cost on the edge as a part of that of a collision; none in a collision, or beside the map."""
+def _costmap(graph: RouteGraph, request: RouteRequest) -> Costs:
+    """The greatest cost on an edge as a part of that of a collision; none in a collision, or beside the map."""
     if request.costmap is None:
-        return None
-    costs, is_on_map = line_costs(request.costmap, edge.start.point, edge.end.point)
-    return None if not is_on_map or costs.max() >= INSCRIBED else float(costs.max()) / INSCRIBED
+        return numpy.full(len(graph.edges), numpy.inf)
+    greatest, is_on_map = greatest_costs(
+        request.costmap,
+        numpy.array([edge.start.point for edge in graph.edges], float).reshape(-1, 2),
+        numpy.array([edge.end.point for edge in graph.edges], float).reshape(-1, 2),
+    )
+    return numpy.where(is_on_map & (greatest < INSCRIBED), greatest / INSCRIBED, numpy.inf)
 
 
-def _start_orientation(edge: RouteEdge, request: RouteRequest) -> float:
+def _start_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
     """How much the first edge turns away from the heading of the start, rad."""
-    return _turn(edge, _given(request.start_pose, 'StartPoseOrientationScorer'), edge.start is request.start)
+    return _turns(graph, _given(request.start_pose, 'StartPoseOrientationScorer'), graph.links.starts, request.start)
 
 
-def _goal_orientation(edge: RouteEdge, request: RouteRequest) -> float:
+def _goal_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
     """How much the last edge turns away from the heading of the goal, rad."""
-    return _turn(edge, _given(request.goal_pose, 'GoalPoseOrientationScorer'), edge.end is request.goal)
+    return _turns(graph, _given(request.goal_pose, 'GoalPoseOrientationScorer'), graph.links.ends, request.goal)
 
 
 def _given(pose: Pose | None, scorer: str) -> Pose:
@@ -93,8 +126,12 @@ def _given(pose: Pose | None, scorer: str) -> Pose:
     return pose
 
 
-def _turn(edge: RouteEdge, pose: Pose, counts: bool) -> float:
-    return abs(wrap(edge.heading - pose.yaw)) if counts else 0.0
+def _turns(graph: RouteGraph, pose: Pose, nodes: NDArray[numpy.int64], node: RouteNode) -> Costs:
+    """Of the edges whose node is this one; 0 for others."""
+    costs = numpy.zeros(len(graph.edges))
+    for index in numpy.flatnonzero(nodes == graph.links.index[node.id]):
+        costs[index] = abs(wrap(graph.edges[index].heading - pose.yaw))
+    return costs
 
 
 SCORERS: Final[Mapping[str, Scorer]] = {
@@ -109,26 +146,25 @@ SCORERS: Final[Mapping[str, Scorer]] = {
 
 
 def edge_scorer(scorers: Iterable[Scorer]) -> Scorer:
-    """What an edge costs by several scorers, never less than 0.
-
-    Raises, when called:
-        NavigationError: NO_VALID_GRAPH for an edge with a cost of its own that is not positive.
+    """What edges cost by several scorers, never less than 0; NaN for an edge with a cost of its own, which nothing
+    overrides, that is not positive.
     """
     scorers = tuple(scorers)
 
-    def score(edge: RouteEdge, request: RouteRequest) -> float | None:
-        if not edge.overridable or not scorers:
-            if edge.cost <= 0.0:
-                raise NavigationError(
-                    'NO_VALID_GRAPH', f'edge {edge.id} has the cost {edge.cost:g}, which nothing overrides; give more'
-                )
-            return edge.cost
-        total = 0.0
-        for scorer in scorers:
-            cost = scorer(edge, request)
-            if cost is None:
-                return None
-            total += cost
-        return max(0.0, total)
+    def score(graph: RouteGraph, request: RouteRequest) -> Costs:
+        own = graph.of_edges(_own_cost)
+        if not scorers:
+            return numpy.where(own > 0.0, own, numpy.nan)
+        total = numpy.sum([scorer(graph, request) for scorer in scorers], axis=0)
+        is_fixed = graph.of_edges(_is_fixed) > 0.0
+        return numpy.where(is_fixed, numpy.where(own > 0.0, own, numpy.nan), numpy.maximum(0.0, total))
 
     return score
+
+
+def _own_cost(edge: RouteEdge) -> float:
+    return edge.cost
+
+
+def _is_fixed(edge: RouteEdge) -> float:
+    return not edge.overridable

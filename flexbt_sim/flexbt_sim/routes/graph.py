@@ -9,7 +9,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
 
+import numpy
 import scipy
+from numpy.typing import NDArray
 
 from flexbt_sim.world import Pose
 
@@ -45,7 +47,7 @@ class RouteNode:
 
 @dataclass(frozen=True, eq=False)
 class RouteEdge:
-    """A way from one node to another. ``metadata`` may be written: what has been learnt on the way.
+    """A way from one node to another. ``metadata`` may be written: ``abs_time_taken``, which was learnt on the way.
 
     When it is not ``overridable``, ``cost`` is what it costs; otherwise the edge scorers say that.
     """
@@ -69,6 +71,47 @@ class RouteEdge:
         return math.atan2(self.end.y - self.start.y, self.end.x - self.start.x)
 
 
+class Links:
+    """A graph as arrays, for searches. Nodes and edges are the numbers of their places in the graph.
+
+    ``starts`` and ``ends`` are the nodes of the edges, ``edge_ids`` and ``end_ids`` ids of edges and of their ends.
+    """
+
+    def __init__(self, graph: RouteGraph) -> None:
+        self.index = {id: index for index, id in enumerate(graph.nodes)}
+        self.starts = numpy.array([self.index[edge.start.id] for edge in graph.edges], int)
+        self.ends = numpy.array([self.index[edge.end.id] for edge in graph.edges], int)
+        self.edge_ids = numpy.array([edge.id for edge in graph.edges], int)
+        self.end_ids = numpy.array([edge.end.id for edge in graph.edges], int)
+        # Edges with the same ends are side by side in this order; each of these groups is one entry of the matrix.
+        self._order = numpy.lexsort((self.ends, self.starts))
+        starts, ends = self.starts[self._order], self.ends[self._order]
+        is_first = numpy.ones(len(starts), bool)
+        is_first[1:] = (numpy.diff(starts) != 0) | (numpy.diff(ends) != 0)
+        self._groups = numpy.flatnonzero(is_first)
+        self._columns = ends[self._groups]
+        self._rows = numpy.searchsorted(starts[self._groups], numpy.arange(len(self.index) + 1))
+
+    def search(self, costs: NDArray[numpy.float64], start: int) -> tuple[NDArray[numpy.float64], NDArray[numpy.int32]]:
+        """By Dijkstra's algorithm, what it costs to get from a node to each, and the last node before it on the way.
+
+        ``costs`` are those of the edges, none negative; infinite for one that is not used.
+        """
+        count = len(self.index)
+        cheapest = numpy.minimum.reduceat(costs[self._order], self._groups) if len(costs) else costs
+        matrix = scipy.sparse.csr_array((cheapest, self._columns, self._rows), shape=(count, count))
+        distances, before = scipy.sparse.csgraph.dijkstra(matrix, indices=start, return_predecessors=True)
+        return distances, before
+
+    def cheapest(self, costs: NDArray[numpy.float64], start: int, end: int) -> int:
+        """The cheapest of the edges from one node to another."""
+        row = self._columns[self._rows[start] : self._rows[start + 1]]
+        group = int(self._rows[start] + numpy.searchsorted(row, end))
+        limits = [*self._groups[group : group + 2].tolist(), len(self._order)][:2]
+        edges = self._order[slice(*limits)]
+        return int(edges[numpy.argmin(costs[edges])])
+
+
 class RouteGraph:
     """Nodes by their ids, at least one, and edges. Edges may share an id: what is said of it is said of all of them."""
 
@@ -78,10 +121,23 @@ class RouteGraph:
         self._leaving: dict[int, list[RouteEdge]] = {id: [] for id in nodes}
         for edge in self.edges:
             self._leaving[edge.start.id].append(edge)
+        self._of_edges: dict[Callable[[RouteEdge], float], NDArray[numpy.float64]] = {}
 
     def leaving(self, node: RouteNode) -> list[RouteEdge]:
         """The edges that begin at a node."""
         return self._leaving[node.id]
+
+    def of_edges(self, value: Callable[[RouteEdge], float]) -> NDArray[numpy.float64]:
+        """A value of each edge that never changes, in their order. It is kept; not to be written to."""
+        found = self._of_edges.get(value)
+        if found is None:
+            found = self._of_edges[value] = numpy.array([value(edge) for edge in self.edges], float)
+        return found
+
+    @cached_property
+    def links(self) -> Links:
+        """The same graph as arrays."""
+        return Links(self)
 
     def nearest(self, pose: Pose, count: int) -> list[RouteNode]:
         """So many nodes, or all there are, the nearest one first."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from flexbt_sim.navigation import Costmap
 
 Point = tuple[float, float]
 """x and y, m."""
+
+CELLS_AT_A_TIME: Final = 1_000_000
+"""Of many lines; more take as long, and more memory."""
 
 
 def line_costs(costmap: Costmap, start: Point, end: Point) -> tuple[NDArray[numpy.uint8], bool]:
@@ -23,6 +27,32 @@ def line_costs(costmap: Costmap, start: Point, end: Point) -> tuple[NDArray[nump
     inside = (rows >= 0) & (rows < world.height) & (columns >= 0) & (columns < world.width)
     costs = costmap.costs[rows[inside], columns[inside]]
     return (costs if costs.size else numpy.zeros(1, numpy.uint8)), bool(inside.all())
+
+
+def greatest_costs(
+    costmap: Costmap, starts: NDArray[numpy.float64], ends: NDArray[numpy.float64]
+) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_]]:
+    """Of many lines, N x 2, m: the greatest cost of each, see :func:`line_costs`, and whether it is on the map."""
+    world = costmap.world
+    begin, end = (numpy.stack(world.grid_position(*points.T), axis=1) for points in (starts, ends))
+    counts = numpy.maximum(1, numpy.ceil(2.0 * numpy.hypot(*(end - begin).T))).astype(int)
+    greatest, is_on_map = numpy.zeros(len(counts)), numpy.ones(len(counts), bool)
+    pieces = numpy.flatnonzero(numpy.diff(numpy.cumsum(counts + 1) // CELLS_AT_A_TIME)) + 1
+    for lines in numpy.split(numpy.arange(len(counts)), pieces):
+        points = counts[lines] + 1
+        last = numpy.cumsum(points) - 1
+        first = last - counts[lines]
+        steps = numpy.arange(points.sum()) - numpy.repeat(first, points)
+        places = numpy.repeat(begin[lines], points, axis=0)
+        places += steps[:, None] * numpy.repeat((end[lines] - begin[lines]) / counts[lines, None], points, axis=0)
+        places[last] = end[lines]
+        rows, columns = numpy.floor(places).astype(int).T
+        inside = (rows >= 0) & (rows < world.height) & (columns >= 0) & (columns < world.width)
+        costs = numpy.zeros(len(rows), numpy.uint8)
+        costs[inside] = costmap.costs[rows[inside], columns[inside]]
+        greatest[lines] = numpy.maximum.reduceat(costs, first)
+        is_on_map[lines] = numpy.logical_and.reduceat(inside, first)
+    return greatest, is_on_map
 
 
 def closest_point(place: Point, start: Point, end: Point) -> Point:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Finds the cheapest route: Dijkstra's algorithm on the graph."""
+"""Finds the cheapest route."""
 
 from __future__ import annotations
 
-import heapq
-import itertools
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+
+import numpy
 
 from flexbt_sim.errors import NavigationError
 
@@ -41,42 +41,33 @@ def find_route(
 ) -> Route:
     """The cheapest route. Edges, and nodes, with an id among the ``blocked`` are not used.
 
-    ``check_time()`` is called now and then.
+    ``check_time()`` is called before and after the search.
 
     Raises:
-        NavigationError: NO_VALID_ROUTE; what ``score`` and ``check_time`` raise.
+        NavigationError: NO_VALID_ROUTE; NO_VALID_GRAPH for an edge on the way whose own cost is not positive; what
+            ``score`` and ``check_time`` raise.
     """
-    start, goal = request.start, request.goal
-    best = {start.id: 0.0}
-    by: dict[int, tuple[RouteEdge, float]] = {}
-    done: set[int] = set()
-    order = itertools.count()  # nodes cannot be compared
-    queue = [(0.0, next(order), start)]
-    while queue:
-        cost, _, node = heapq.heappop(queue)
-        if node is goal:
-            return _route(start, goal, by)
-        if node.id in done:
-            continue
-        done.add(node.id)
-        check_time()
-        for edge in graph.leaving(node):
-            if edge.id in blocked or edge.end.id in blocked or edge.end.id in done:
-                continue
-            step = score(edge, request)
-            if step is not None and cost + step < best.get(edge.end.id, float('inf')):
-                best[edge.end.id] = cost + step
-                by[edge.end.id] = edge, step
-                heapq.heappush(queue, (cost + step, next(order), edge.end))
-    raise NavigationError('NO_VALID_ROUTE', f'no open route leads from node {start.id} to node {goal.id}')
-
-
-def _route(start: RouteNode, goal: RouteNode, by: dict[int, tuple[RouteEdge, float]]) -> Route:
-    steps = []
-    node = goal
-    while node is not start:
-        edge, cost = by[node.id]
-        steps.append((edge, cost))
-        node = edge.start
+    start, goal, links = request.start, request.goal, graph.links
+    check_time()
+    costs = score(graph, request)
+    avoided = list(blocked)
+    costs = numpy.where(numpy.isin(links.edge_ids, avoided) | numpy.isin(links.end_ids, avoided), numpy.inf, costs)
+    is_wrong = numpy.isnan(costs)
+    costs[is_wrong] = numpy.inf
+    first, last = links.index[start.id], links.index[goal.id]
+    distances, before = links.search(costs, first)
+    check_time()
+    met = is_wrong & (distances[links.starts] < distances[last]) & (distances[links.starts] <= distances[links.ends])
+    for index in numpy.flatnonzero(met):
+        edge = graph.edges[index]
+        raise NavigationError(
+            'NO_VALID_GRAPH', f'edge {edge.id} has the cost {edge.cost:g}, which nothing overrides; give more'
+        )
+    if numpy.isinf(distances[last]):
+        raise NavigationError('NO_VALID_ROUTE', f'no open route leads from node {start.id} to node {goal.id}')
+    steps: list[int] = []
+    while last != first:
+        steps.append(links.cheapest(costs, int(before[last]), last))
+        last = int(before[last])
     steps.reverse()
-    return Route(start, tuple(edge for edge, _ in steps), tuple(cost for _, cost in steps))
+    return Route(start, tuple(graph.edges[step] for step in steps), tuple(costs[steps].tolist()))
