@@ -48,7 +48,8 @@ def test_a_finding_and_a_loss_are_matters_for_a_person_below_full_autonomy() -> 
 
 
 @pytest.mark.parametrize(
-    ('parameter', 'value'), [('rooms', 'store cellar'), ('home', 'cellar'), ('places', 'flexbt_sim/none.yaml')]
+    ('parameter', 'value'),
+    [('rooms', 'store cellar'), ('rooms', ''), ('home', 'cellar'), ('places', 'flexbt_sim/none.yaml')],
 )
 def test_what_is_no_place_is_refused_when_the_behavior_is_built(parameter: str, value: str) -> None:
     behavior = NightWatch()

@@ -69,7 +69,7 @@ def unexpected_points(
     ranges = np.asarray(scan.ranges, dtype=float)
     yaw = 2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w)
     angles = yaw + scan.angle_min + scan.angle_increment * np.arange(len(ranges))
-    seen = np.isfinite(ranges) & (ranges <= reach)
+    seen = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= reach)
     ends = np.stack([np.cos(angles[seen]), np.sin(angles[seen])], axis=1) * ranges[seen, None]
     ends += pose.pose.position.x, pose.pose.position.y
 

@@ -52,7 +52,9 @@ class NextRoomState(EventState):
             desired_rate=None,
         )
         self._rooms = tuple(rooms)
-        self._places = load_places(resolve_file(places, allowed=[Path('/')]))
+        self._places = places_in(places)
+        if not self._rooms:
+            raise StateParameterError(self, 'rooms', 'there are none; give at least one')
         for room in self._rooms:
             if room not in self._places:
                 raise StateParameterError(self, 'rooms', f'{room!r} is no place of {places}')
@@ -63,11 +65,7 @@ class NextRoomState(EventState):
         self._publisher = runtime.call(lambda: runtime.node.create_publisher(String, ROOMS_LEFT, names.latched()))
 
     def execute(self, userdata: UserData) -> str:
-        left = rooms_left(
-            [*self._rooms, *(room for room in userdata.inherited if room in self._places)],
-            userdata.checked,
-            userdata.postponed,
-        )
+        left = rooms_left([*self._rooms, *userdata.inherited], userdata.checked, userdata.postponed)
         assert self._publisher is not None
         self._publisher.publish(String(data=' '.join(left)))
         if not left:
@@ -84,6 +82,16 @@ class NextRoomState(EventState):
         if publisher is not None:
             runtime = state_services(self).runtime
             runtime.post(lambda: runtime.node.destroy_publisher(publisher))
+
+
+def places_in(file: str) -> dict[str, Place]:
+    """The places of a file package/path.yaml.
+
+    Raises:
+        ResourceError: there is no such file.
+        ValueError: it is no file of places.
+    """
+    return load_places(resolve_file(file, allowed=[Path('/')]))
 
 
 def rooms_left(rooms: Iterable[str], checked: Sequence[str], postponed: Sequence[str]) -> list[str]:

@@ -3,11 +3,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from flexbt_common.runtime import resolve_file
 from flexbt_core.state_machine import Autonomy, ConcurrencyContainer, OperatableStateMachine, PriorityContainer
-from flexbt_core.values import load_places
 from flexbt_flexbe.states import FlexibleCalculationState
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import (
@@ -21,7 +17,7 @@ from flexbt_states import (
 )
 
 from .compare_scan_state import CompareScanState
-from .next_room_state import NextRoomState, pose_of
+from .next_room_state import NextRoomState, places_in, pose_of
 from .open_door_state import OpenDoorState
 from .watch_partner_state import WatchPartnerState
 
@@ -44,7 +40,7 @@ class NightWatch(Behavior):
         parameters=[
             BehaviorParameter('rooms', 'office store', 'rooms of this robot, in order, apart by spaces'),
             BehaviorParameter('home', 'alpha_dock', 'place of its charging station'),
-            BehaviorParameter('partner', '', 'namespace of the other robot, as in /beta; empty for none'),
+            BehaviorParameter('partner', '', 'namespace of the other robot, as in beta; empty for none'),
             BehaviorParameter('places', 'flexbt_demo_night_watch/config/places.yaml', 'file of the places'),
         ],
     )
@@ -56,7 +52,7 @@ class NightWatch(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Load the trees, get the map, and watch."""
-        places = load_places(resolve_file(self.places, allowed=[Path('/')]))
+        places = places_in(self.places)
         if self.home not in places:
             raise ValueError(f'home: {self.home!r} is no place of {self.places}')
         machine = OperatableStateMachine(outcomes=['finished', 'failed'])
@@ -118,9 +114,10 @@ class NightWatch(Behavior):
                 'DriveToDoor',
                 BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
                 transitions={'done': 'OpenDoor', 'canceled': 'Postpone', 'failed': 'Postpone'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.High},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
                 remapping={'goal': 'entrance'},
             )
+            # What fails, here and below, is always a matter for a person: tried again at once, it fails again.
             OperatableStateMachine.add(
                 'OpenDoor',
                 OpenDoorState(),
@@ -132,10 +129,9 @@ class NightWatch(Behavior):
                 OperatorDecisionState(
                     outcomes=['again', 'later'],
                     hint='The door is jammed. again: try it once more, later: the other rooms first',
-                    suggestion='later',
                 ),
                 transitions={'again': 'OpenDoor', 'later': 'Postpone'},
-                autonomy={'again': Autonomy.Full, 'later': Autonomy.High},
+                autonomy={'again': Autonomy.Full, 'later': Autonomy.Full},
             )
             OperatableStateMachine.add(
                 'Postpone',
@@ -151,7 +147,7 @@ class NightWatch(Behavior):
                 'Drive',
                 BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
                 transitions={'done': 'GetPose', 'canceled': 'Postpone', 'failed': 'Postpone'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.High},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
             )
             OperatableStateMachine.add(
                 'GetPose',
@@ -211,15 +207,22 @@ class NightWatch(Behavior):
             OperatableStateMachine.add(
                 'ForgetRound',
                 CalculationState(lambda _checked: []),
-                transitions={'done': 'NextRoom'},
+                transitions={'done': 'ForgetPostponed'},
                 autonomy={'done': Autonomy.Off},
                 remapping={'input_value': 'checked', 'output_value': 'checked'},
+            )
+            OperatableStateMachine.add(
+                'ForgetPostponed',
+                CalculationState(lambda _postponed: []),
+                transitions={'done': 'NextRoom'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'input_value': 'postponed', 'output_value': 'postponed'},
             )
             OperatableStateMachine.add(
                 'DriveHome',
                 BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
                 transitions={'done': 'finished', 'canceled': 'failed', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.High},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
                 remapping={'goal': 'home'},
             )
         return tour
@@ -232,7 +235,7 @@ class NightWatch(Behavior):
                 'DriveAndCharge',
                 BtExecuteGoalState(bt_file=CHARGE, blackboard='battery'),
                 transitions={'done': 'done', 'canceled': 'failed', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.High},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
                 remapping={'goal': 'home'},
             )
         battery = OperatableStateMachine(outcomes=['failed'], input_keys=['home'])
@@ -241,7 +244,7 @@ class NightWatch(Behavior):
                 'WaitUntilLow',
                 BtExecuteState(bt_file=BATTERY_LOW, blackboard='battery'),
                 transitions={'done': 'Charge', 'canceled': 'failed', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.High},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
             )
             OperatableStateMachine.add(
                 'Charge',
@@ -257,7 +260,7 @@ class NightWatch(Behavior):
         with partner:
             OperatableStateMachine.add(
                 'WatchPartner',
-                WatchPartnerState(self.partner),
+                WatchPartnerState(partner=self.partner, places=self.places),
                 transitions={'lost': 'JudgeLoss'},
                 autonomy={'lost': Autonomy.Off},
             )

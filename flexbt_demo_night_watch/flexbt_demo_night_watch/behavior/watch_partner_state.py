@@ -17,7 +17,7 @@ from flexbt_core.state_machine import EventState, UserData
 from flexbt_onboard.behaviors import state_services
 from flexbt_states.support import checked_topic
 
-from .next_room_state import ROOMS_LEFT
+from .next_room_state import ROOMS_LEFT, places_in
 
 
 class WatchPartnerState(EventState):
@@ -25,16 +25,19 @@ class WatchPartnerState(EventState):
     Wait until the executive of another robot is gone: by the token that each node holds on NAME/alive.
 
     -- partner      string      Namespace of the other robot; empty for none, which is never lost
+    -- places       string      File of the places, as package/path.yaml: what it says of others is left aside
 
     #> left_behind  string[]    Rooms that it had still to look at, as it said last
 
     <= lost                     It was there, and is gone.
     """
 
-    def __init__(self, partner: str) -> None:
+    def __init__(self, partner: str, places: str) -> None:
         super().__init__(outcomes=['lost'], output_keys=['left_behind'], desired_rate=None)
-        self._executive = checked_topic(self, 'partner', f'{partner}/{names.ONBOARD_EXECUTIVE}') if partner else ''
-        self._topic = f'{partner}/{ROOMS_LEFT}'
+        namespace = '/' + partner.strip('/')
+        self._executive = checked_topic(self, 'partner', f'{namespace}/{names.ONBOARD_EXECUTIVE}') if partner else ''
+        self._topic = f'{namespace}/{ROOMS_LEFT}'
+        self._places = places_in(places)
         self._watch: LivelinessWatch | None = None
         self._subscription: Subscription | None = None
         self._lock = threading.Lock()
@@ -76,5 +79,5 @@ class WatchPartnerState(EventState):
 
     def _hear(self, message: Any) -> None:
         with self._lock:
-            self._left = message.data.split()
+            self._left = [room for room in dict.fromkeys(message.data.split()) if room in self._places]
         state_services(self).changed()

@@ -62,7 +62,7 @@ def night_watch(watch: Watch, report: DemoReport) -> None:
     watch.lose('alpha')
     beta.choose(_wait_choice(watch, 'beta', '/Watch/Partner/JudgeLoss'), 'take_over')
 
-    beta.switch('Night Watch', rooms='archive lobby workshop', home='beta_dock', partner='/alpha')
+    beta.switch('Night Watch', rooms='archive lobby workshop', home='beta_dock', partner='alpha')
     beta.choose(_wait_choice(watch, 'beta', '/Watch/Round/JudgeFinding'), 'harmless')
     report.take(HARMLESS)
 

@@ -26,8 +26,8 @@ from .building import Building
 from .watch_processes import ROBOTS, log_name, robot_processes, watch_processes
 
 ROUNDS: Mapping[str, Mapping[str, str]] = {
-    'alpha': {'rooms': 'lab store office', 'home': 'alpha_dock', 'partner': '/beta'},
-    'beta': {'rooms': 'archive lobby', 'home': 'beta_dock', 'partner': '/alpha'},
+    'alpha': {'rooms': 'lab store office', 'home': 'alpha_dock', 'partner': 'beta'},
+    'beta': {'rooms': 'archive lobby', 'home': 'beta_dock', 'partner': 'alpha'},
 }
 """The arguments with which the behavior of each robot is started."""
 

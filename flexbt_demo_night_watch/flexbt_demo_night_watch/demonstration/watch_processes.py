@@ -13,7 +13,7 @@ from flexbt_demo_behaviors.demonstration import Pose, Process
 
 ROBOTS: Final = ('alpha', 'beta')
 
-SPEED: Final = 0.5
+SPEED: Final = 0.7
 """On a free and straight way, m/s: the greatest speed of the robots in the world file."""
 
 
@@ -24,7 +24,8 @@ def config_file(name: str) -> str:
 
 def watch_processes(speed: float) -> tuple[Process, ...]:
     """The simulator, and navigation, BT server and executive of each robot; ``speed`` in seconds per second."""
-    world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': config_file('building.yaml')})
+    parameters = {'speed_factor': speed, 'world': config_file('building.yaml'), 'odom_rate': 20.0}
+    world = Process('flexbt_sim', 'simulator', parameters)
     return (world, *(process for robot in ROBOTS for process in robot_processes(robot)))
 
 

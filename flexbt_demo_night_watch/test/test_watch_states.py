@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The states of the night watch that talk with others: doors, and the other robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from flexbt_common import names
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import NodeRuntime
+from flexbt_demo_night_watch.behavior import NextRoomState, OpenDoorState, WatchPartnerState
+from flexbt_testing.nodes.state_bench import StateBench
+from flexbt_testing.waiting import wait_until
+
+PLACES = 'flexbt_demo_night_watch/config/places.yaml'
+
+
+@pytest.fixture
+def bench() -> Iterator[StateBench]:
+    """Runs states."""
+    bench = StateBench()
+    yield bench
+    bench.close()
+
+
+@pytest.mark.parametrize(('success', 'outcome'), [(True, 'open'), (False, 'jammed')])
+def test_a_door_opens_or_is_jammed_and_the_operator_is_told(bench: StateBench, success: bool, outcome: str) -> None:
+    asked: list[bool] = []
+
+    def answer(request: Any, response: Any) -> Any:
+        asked.append(request.data)
+        response.success, response.message = success, '' if success else 'rust'
+        return response
+
+    runtime = bench.runtime
+    runtime.call(lambda: runtime.node.create_service(SetBool, 'doors/archive_door', answer))
+    run = bench.run_state(lambda: OpenDoorState('doors', seconds=0.05), {'room': 'archive'})
+    assert run.wait() == outcome
+    assert asked == [True]
+    assert ('rust' in run.errors()) is not success
+
+
+def test_rooms_are_told_to_the_partner_and_left_behind_when_it_is_lost(bench: StateBench) -> None:
+    """The state of one robot tells, that of the other hears; what is no room is left aside."""
+    with NodeRuntime.open(names.ONBOARD_EXECUTIVE, namespace='alpha') as alpha:
+        LivelinessToken(alpha).set_ready(True)
+        publisher = alpha.call(lambda: alpha.node.create_publisher(String, 'rooms_left', names.latched()))
+        publisher.publish(String(data='store cellar office store'))
+        run = bench.run_state(lambda: WatchPartnerState('alpha', PLACES), {'left_behind': []})
+        wait_until(
+            lambda: any('store, office' in line for leaf in run.active() for line in leaf.activity), 'rooms heard'
+        )
+        assert run.outcome is None
+    assert run.wait() == 'lost'
+    assert 'it had left: store, office' in run.errors()
+
+
+def test_without_a_partner_nothing_is_ever_lost(bench: StateBench) -> None:
+    run = bench.run_state(lambda: WatchPartnerState('', PLACES), {'left_behind': []})
+    wait_until(run.active, 'active')
+    assert run.stop() == 'preempted'
+
+
+def test_the_next_room_is_one_with_a_door_when_there_is_a_place_to_open_it_from(bench: StateBench) -> None:
+    userdata = {'inherited': ['store'], 'checked': ['lobby'], 'postponed': []}
+    for room, outcome in (('archive', 'door'), ('lobby', 'room')):
+        run = bench.run_state(lambda room=room: NextRoomState([room], PLACES), userdata)  # type: ignore[misc]
+        assert run.wait() == outcome
+    done = bench.run_state(lambda: NextRoomState(['lobby'], PLACES), {**userdata, 'inherited': []})
+    assert done.wait() == 'done'
