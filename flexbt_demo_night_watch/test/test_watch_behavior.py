@@ -48,13 +48,18 @@ def test_a_finding_and_a_loss_are_matters_for_a_person_below_full_autonomy() -> 
 
 
 @pytest.mark.parametrize(
-    ('parameter', 'value'),
-    [('rooms', 'store cellar'), ('rooms', ''), ('home', 'cellar'), ('places', 'flexbt_sim/none.yaml')],
+    ('parameter', 'value', 'why'),
+    [
+        ('rooms', 'store cellar', 'cellar'),
+        ('rooms', '', 'none'),
+        ('home', 'cellar', 'cellar'),
+        ('places', 'flexbt_sim/missing.yaml', 'missing'),
+    ],
 )
-def test_what_is_no_place_is_refused_when_the_behavior_is_built(parameter: str, value: str) -> None:
+def test_what_is_no_place_is_refused_when_the_behavior_is_built(parameter: str, value: str, why: str) -> None:
     behavior = NightWatch()
     behavior.set_parameter(parameter, value)
-    with pytest.raises(Exception, match=value.rpartition(' ')[2]):
+    with pytest.raises(Exception, match=why):
         define(behavior.create())
 
 

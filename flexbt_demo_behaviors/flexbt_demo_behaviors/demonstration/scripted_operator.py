@@ -32,8 +32,8 @@ from .robot_track import Pose, RobotTrack
 T = TypeVar('T')
 
 # Deadlines in seconds of wall time; generous, as they only bound how long a failure takes to be noticed.
-ANSWER_TIMEOUT_S = 10.0
-DRIVE_TIMEOUT_S = 120.0
+ANSWER_TIMEOUT_S = 30.0
+DRIVE_TIMEOUT_S = 300.0
 
 # A place in this distance of the robot, in metres, is no goal to drive to.
 FAR_ENOUGH = 2.5

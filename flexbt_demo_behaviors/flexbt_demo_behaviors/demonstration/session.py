@@ -24,7 +24,7 @@ from .robot_track import RobotTrack
 from .scripted_operator import ScriptedOperator
 
 # From the start of the first process until the demonstration is ready, in seconds of wall time.
-READY_TIMEOUT_S = 40.0
+READY_TIMEOUT_S = 180.0
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ def config_file(name: str) -> str:
 
 def watch_processes(speed: float) -> tuple[Process, ...]:
     """The simulator, and navigation, BT server and executive of each robot; ``speed`` in seconds per second."""
-    parameters = {'speed_factor': speed, 'world': config_file('building.yaml'), 'odom_rate': 20.0}
-    world = Process('flexbt_sim', 'simulator', parameters)
+    building = config_file('building.yaml')
+    world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': building, 'odom_rate': 20.0})
     return (world, *(process for robot in ROBOTS for process in robot_processes(robot)))
 
 
