@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy
 import pytest
 from closed_loop import FOLLOWER, LIMITS, PERIOD, ROLLING, Run, assert_arrived, check_following, run
 from hypothesis import assume, given, settings
@@ -15,8 +16,8 @@ from sim_maps import drawn, free_places, worlds
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, FollowerLimits, GridPlanner, Inflation, PathFollower, ProgressChecker
+from flexbt_sim.world import MODELS, OccupancyMap, Pose, World, compose, wrap
 from flexbt_sim.world import MapRobot as Robot
-from flexbt_sim.world import OccupancyMap, Pose, compose
 
 OPEN = drawn(*['.' * 160] * 120)
 WALL = drawn(*['.' * 80 + '##' + '.' * 78] * 120)
@@ -247,3 +248,64 @@ def test_a_drift_that_is_not_known_ends_it() -> None:
     path = line((1.0, 1.0), (3.0, 1.0))
     done = run(OPEN, path[0], PathFollower(path, Costmap(OPEN, Inflation()), FOLLOWER, drift=drift))
     assert (done.code, done.commands) == ('TF_ERROR', [])
+
+
+# -- a car -----------------------------------------------------------------------------------------------------------
+
+FIELD = OccupancyMap(numpy.zeros((400, 400), numpy.int8), 0.25, Pose(-50.0, -50.0, 0.0))
+CAR = FollowerLimits(
+    speed=3.0,
+    lookahead_max=8.0,
+    approach_distance=4.0,
+    approach_speed=0.3,
+    angular_speed=1.0,
+    xy_tolerance=0.5,
+    yaw_tolerance=0.4,
+    turning_radius=MODELS['car'].drive.turning_radius,
+)
+
+
+def drive_car(start: Pose, goal: Pose, limits: FollowerLimits = CAR) -> Pose:
+    """Where it gets to. Raises NavigationError; no command asks for a bend that a car cannot drive."""
+    world = World(FIELD)
+    world.add('car', MODELS['car'], start)
+    car = world.robots['car']
+    costmap = Costmap(FIELD, Inflation.of(car.model.footprint))
+    motion = PathFollower(GridPlanner(costmap).plan(start, goal), costmap, limits)
+    while world.time < 120.0:
+        velocity = motion.step(car.pose, world.time)
+        if velocity is None:
+            return car.pose
+        assert abs(velocity.angular) * limits.turning_radius <= velocity.linear + 1e-9
+        car.command(*velocity, world.time)
+        world.step(0.05)
+    raise AssertionError('neither there nor given up')
+
+
+@pytest.mark.parametrize(
+    ('start', 'goal'),
+    [
+        (Pose(0.0, 0.0, 0.0), Pose(30.0, 0.0, 0.0)),
+        (Pose(0.0, 0.0, math.pi / 2.0), Pose(30.0, 0.0, 0.0)),
+        (Pose(0.0, 0.0, math.pi), Pose(30.0, 0.0, 0.0)),
+        (Pose(0.0, 0.0, 0.0), Pose(30.0, 20.0, 0.6)),
+    ],
+)
+def test_a_car_gets_there_in_bends_that_it_can_drive(start: Pose, goal: Pose) -> None:
+    there = drive_car(start, goal)
+    assert there.distance(goal) <= CAR.xy_tolerance + 0.1
+    assert abs(wrap(there.yaw - goal.yaw)) <= CAR.yaw_tolerance
+
+
+def test_a_car_does_not_turn_on_the_spot_at_a_goal_with_another_heading() -> None:
+    start, goal = Pose(0.0, 0.0, 0.0), Pose(30.0, 0.0, 2.0)
+    with pytest.raises(NavigationError, match='yaw_goal_tolerance') as raised:
+        drive_car(start, goal)
+    assert raised.value.code == 'NO_VALID_CONTROL'
+    assert drive_car(start, goal, replace(CAR, yaw_tolerance=math.pi)).distance(goal) <= CAR.xy_tolerance + 0.1
+
+
+def test_a_car_does_not_circle_for_ever_round_a_goal_within_its_turning_radius() -> None:
+    with pytest.raises(NavigationError) as raised:
+        drive_car(Pose(0.0, 0.0, 0.0), Pose(0.0, 4.0, 0.0))
+    assert raised.value.code == 'FAILED_TO_MAKE_PROGRESS'

@@ -46,6 +46,9 @@ class FollowerLimits:
     less than ``curve_speed``, and so it does where an obstacle is nearer than ``proximity_distance`` to its centre.
     A turn of more than ``rotate_angle`` is made on the spot. No progress means less than
     ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle ahead is waited for.
+
+    With a ``turning_radius`` the robot steers as a car does: no bend is narrower, nothing is turned on the spot, and
+    the point that it is directed to is no nearer than that. A goal whose heading it does not have there is not reached.
     """
 
     speed: float = 0.26
@@ -65,6 +68,7 @@ class FollowerLimits:
     progress_time: float = 10.0
     patience: float = 0.3
     collision_time: float = 1.0
+    turning_radius: float = 0.0
 
 
 class ProgressChecker:
@@ -82,6 +86,28 @@ class ProgressChecker:
             raise NavigationError(
                 'FAILED_TO_MAKE_PROGRESS',
                 f'moved less than {self._limits.progress_distance:g} m in {self._limits.progress_time:g} s',
+            )
+
+
+class CircleChecker:
+    """Notices when a robot that cannot turn on the spot drives in circles round a goal."""
+
+    def __init__(self, progress_distance: float) -> None:
+        self._distance = progress_distance
+        self._least = math.inf
+        self._heading: float | None = None
+        self._turned = 0.0
+
+    def check(self, heading: float, left: float) -> None:
+        """``left``: m to the goal. Raises NavigationError FAILED_TO_MAKE_PROGRESS after a circle that led no nearer."""
+        self._turned += 0.0 if self._heading is None else wrap(heading - self._heading)
+        self._heading = heading
+        if left < self._least - self._distance:
+            self._least, self._turned = left, 0.0
+        elif abs(self._turned) > math.tau:
+            raise NavigationError(
+                'FAILED_TO_MAKE_PROGRESS',
+                'the robot has driven in a circle and is no nearer to the goal: it lies within its turning radius',
             )
 
 
@@ -111,6 +137,9 @@ class PathFollower:
         self._costmap = costmap
         self._limits = limits
         self.progress: ProgressChecker = ProgressChecker(limits) if before is None else before.progress
+        self._circles = CircleChecker(limits.progress_distance)
+        if before is not None and before._given[0] == self._given[0]:
+            self._circles = before._circles
         self._turn = TurnLimits(maximum=limits.angular_speed)
         self._at = 0.0
         self._has_begun = False
@@ -136,11 +165,19 @@ class PathFollower:
         near_end = left <= 2.0 * limits.xy_tolerance
         self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= limits.xy_tolerance)
         self.progress.check(pose, now, self._at_goal)
+        if limits.turning_radius:
+            self._circles.check(pose.yaw, self.distance_to_goal)
         if self._at_goal:
             self.speed = 0.0
             angle = wrap(self._goal.yaw - pose.yaw)
             if abs(angle) <= limits.yaw_tolerance:
                 return None
+            if limits.turning_radius:
+                raise NavigationError(
+                    'NO_VALID_CONTROL',
+                    f'the robot is at the goal, {math.degrees(abs(angle)):.0f} degrees off its heading, and cannot '
+                    'turn on the spot: give a goal with another heading, or a greater yaw_goal_tolerance',
+                )
             turn = self._turn_by(angle)
             seconds = min(limits.collision_time, abs(angle / turn.angular))
             return self._wait_for_way(now) if collides(self._costmap, pose, turn, seconds) else turn
@@ -178,6 +215,7 @@ class PathFollower:
         """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""
         limits = self._limits
         reach = min(limits.lookahead_max, max(limits.lookahead_min, self.speed * limits.lookahead_time))
+        reach = max(reach, limits.turning_radius)
         end = self._at + reach
         while reach >= NEAREST_LOOKAHEAD:
             carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
@@ -198,15 +236,21 @@ class PathFollower:
         limits = self._limits
         bearing = pose.bearing(carrot.x, carrot.y)
         at_rest = abs(self.speed) < 0.01
-        if abs(bearing) > (limits.rotate_angle / 3.0 if at_rest else limits.rotate_angle):
+        if not limits.turning_radius and abs(bearing) > limits.rotate_angle / (3.0 if at_rest else 1.0):
             return self._turn_by(bearing)
         curvature = 2.0 * math.sin(bearing) / max(pose.distance(carrot), 0.05)
+        if limits.turning_radius:
+            sharpest = 1.0 / limits.turning_radius
+            is_behind = abs(bearing) > math.pi / 2.0
+            curvature = math.copysign(sharpest, bearing) if is_behind else max(-sharpest, min(sharpest, curvature))
         top = min(limits.speed, self.speed_limit)
         bend = abs(curvature) * limits.curvature_radius
         near = self._costmap.known_distance(pose.x, pose.y) / limits.proximity_distance
         speed = min(top, max(limits.curve_speed, top * min(1.0, 1.0 / bend if bend else 1.0, near)))
         if self.distance_to_goal < limits.approach_distance:
             speed = max(limits.approach_speed, speed * self.distance_to_goal / limits.approach_distance)
+        if limits.turning_radius and abs(speed * curvature) > limits.angular_speed:
+            speed = limits.angular_speed / abs(curvature)  # the bend stays as wide as it is
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
         return Velocity(speed, angular)
 

@@ -101,6 +101,13 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
                 'nearer to an obstacle than this the robot drives slower, in proportion, m',
             ),
             xy_tolerance=declare.real('xy_goal_tolerance', follower.xy_tolerance, 0.01, 2.0, 'm'),
+            turning_radius=declare.real(
+                'minimum_turning_radius',
+                0.0,
+                0.0,
+                100.0,
+                'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
+            ),
             yaw_tolerance=declare.real('yaw_goal_tolerance', follower.yaw_tolerance, 0.01, 3.2, 'rad'),
             progress_distance=declare.real('required_movement_radius', follower.progress_distance, 0.01, 10.0, 'm'),
             progress_time=declare.real('movement_time_allowance', follower.progress_time, 0.1, 1000.0, 's'),
