@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, LinkNeed, Send
+from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, LinkNeed, Mode, Send
+from flexbt_console.ui.screen import KEYS
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
 HEAD: Final = """\
 # Console
 
-Every command of the operator's console, on the command line and at the interactive prompt. The text comes from the
+Every command of the operator's console, on the command line, at the interactive prompt and on the screen. The text comes from the
 registry of commands (`docs/tools/make_console.py` writes this page); `console COMMAND --help` shows the same.
 
 | command | what it does |
@@ -57,6 +58,9 @@ def section(spec: CommandSpec) -> Iterator[str]:
     for paragraph in spec.details:
         yield ''
         yield paragraph
+    if spec.action is Mode.SCREEN:
+        yield from ('', '| key | | what it does |', '|---|---|---|')
+        yield from (f'| `{key.shown}` | {_cell(key.label)} | {_cell(key.help)} |' for key in KEYS)
     if spec.options:
         yield ''
         yield '| option | meaning |'

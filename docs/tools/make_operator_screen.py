@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes docs/images/operator_screen.svg: the operator's prompt while a robot drives, as it is in a terminal.
+"""Makes docs/images/operator_screen.svg: the operator's screen while a robot drives, as it is in a terminal.
 
-The second demonstration runs in tmux; a goal is given, the plan is confirmed, and a command is begun. What the
-terminal then shows is the picture.
+The second demonstration runs in tmux; a goal is given, and the plan is confirmed. What the terminal shows while the
+robot drives is the picture.
 
 Usage: python3 docs/tools/build.py --tool make_operator_screen.py [FILE]     (needs tmux)
 """
@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.text import Text
 
 PICTURE: Final = Path(__file__).parents[1] / 'images' / 'operator_screen.svg'
-COLUMNS: Final = 112
-ROWS: Final = 25
+COLUMNS: Final = 120
+ROWS: Final = 32
 DEADLINE: Final = 120.0  # seconds for each thing that the terminal is to show
 TMUX: Final = ['tmux', '-L', 'flexbt-operator-screen', '-f', '/dev/null']
 
@@ -46,17 +46,18 @@ def operate() -> str:
     tmux('new-session', '-d', '-x', str(COLUMNS), '-y', str(ROWS), 'demo --demo 2 --speed 3')
     try:
         wait_for(r'Where shall the robot go\?')
-        wait_for('> /AskGoal')
+        tmux('send-keys', ':')
+        wait_for('a command; Tab completes')
         tmux('send-keys', 'kitchen', 'Enter')
         wait_for(r'Is the path good\?')
-        wait_for('> /JudgePath')
-        tmux('send-keys', 'confirm', 'Enter')
-        wait_for('> /FollowPath\n +FollowWithRetry')
-        tmux('send-keys', 'force canceled')
-        wait_for(r'> force canceled\nLIVE.*(\n.*)+robot  x [1-9]')
+        time.sleep(1.0)  # a key that comes at once is not taken for an answer
+        tmux('send-keys', 'Enter')
+        wait_for(r'x [3-9]\.\d+ m .*plan')
         return tmux('capture-pane', '-e', '-p')
     finally:
-        tmux('send-keys', 'C-u', 'quit', 'Enter')
+        tmux('send-keys', 'q')
+        time.sleep(0.5)
+        tmux('send-keys', 'q')
         wait_for_end()
 
 

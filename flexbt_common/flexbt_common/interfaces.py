@@ -119,7 +119,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(ONBOARD_EXECUTIVE,),
     ),
     *_services(names.CONTROL_TREE, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
-    *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(RECORDER,)),
+    *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(*CONSOLES, RECORDER)),
     *_topics('/diagnostics', by=(BT_SERVER, ONBOARD_EXECUTIVE)),
     # What Nav2's clients find there
     *_actions(
@@ -189,7 +189,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(BT_SERVER,),
     ),
     *_topics(names.CMD_VEL_TELEOP, names.PREEMPT_TELEOP, to=(NAVIGATION,)),
-    *_topics(names.PLAN, by=(NAVIGATION,), to=(RECORDER,)),
+    *_topics(names.PLAN, by=(NAVIGATION,), to=(*CONSOLES, RECORDER)),
     *_topics(names.PLAN_SMOOTHED, names.ROUTE_GRAPH, by=(NAVIGATION,)),
     *_topics(names.SPEED_LIMIT, by=(NAVIGATION,), to=(NAVIGATION,)),
     *_topics(names.DOCK_POSE, names.STAGING_POSE, names.COLLISION_MONITOR_STATE, by=(NAVIGATION,)),
@@ -199,7 +199,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
     *_services(names.RESET, by=(SIMULATOR,)),
-    *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, RECORDER)),
+    *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
     *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),

@@ -28,7 +28,8 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_console.present import behaviors_lines, encode_json, log_lines, status_json, status_lines, structure_lines
-from flexbt_console.ui.prompt import cut, cut_middle, fold, toolbar
+from flexbt_console.ui.interaction import cut, cut_middle, fold
+from flexbt_console.ui.prompt import toolbar
 from flexbt_core.values import lines, one_line
 
 HOSTILE = st.one_of(

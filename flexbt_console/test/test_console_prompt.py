@@ -37,7 +37,8 @@ from flexbt_console.mirror import (
     UserdataScope,
     View,
 )
-from flexbt_console.ui.prompt import Bound, Local, Prompt, ShownDecision, interpret, toolbar
+from flexbt_console.ui.interaction import Bound, Local, ShownDecision, interpret
+from flexbt_console.ui.prompt import Prompt, toolbar
 from flexbt_core.clock import ManualClock
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)

@@ -30,4 +30,4 @@ def modules_after(statement: str) -> set[str]:
 def test_is_free_of_ros_and_of_a_user_interface(statement: str) -> None:
     loaded = modules_after(statement)
     assert 'flexbt_console' in loaded
-    assert not loaded & {'rclpy', 'flexbt_msgs', 'prompt_toolkit', 'numpy', 'yaml'}
+    assert not loaded & {'rclpy', 'flexbt_msgs', 'prompt_toolkit', 'textual', 'rich', 'numpy', 'yaml'}

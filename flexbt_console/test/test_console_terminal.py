@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_console.ui.prompt import REACTION_SECONDS
+from flexbt_console.ui.interaction import REACTION_SECONDS
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 
 DEADLINE = 60.0

@@ -23,7 +23,9 @@ ROSDEP_KEYS = {
     'numpy': 'python3-numpy',
     'prompt_toolkit': 'python3-prompt-toolkit',
     'pytest': 'python3-pytest',
+    'rich': 'python3-textual-pip',  # which brings it
     'scipy': 'python3-scipy',
+    'textual': 'python3-textual-pip',
     'yaml': 'python3-yaml',
     'zmq': 'python3-zmq',
 }

@@ -245,6 +245,7 @@ _REASON = Option('--reason', 'why, for the event log', 'TEXT')
 _DECISION = Option(
     DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=_decisions
 )
+_LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
     '--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
@@ -528,12 +529,17 @@ COMMANDS: Final = (
         has_arrived=_places_known,
     ),
     CommandSpec(
+        'screen',
+        'the whole screen: machine, trees, map, decisions and log at a glance, one key for each command',
+        Mode.SCREEN,
+        options=(_LEAVING,),
+        link=LinkNeed.NONE,
+    ),
+    CommandSpec(
         'prompt',
         'the interactive console, also without any command in a terminal',
         Mode.PROMPT,
-        options=(
-            Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT'),
-        ),
+        options=(_LEAVING,),
         link=LinkNeed.NONE,
     ),
 )

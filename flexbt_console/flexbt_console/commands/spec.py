@@ -141,6 +141,7 @@ class Mode(Enum):
 
     WATCH = 'watch'
     PROMPT = 'prompt'
+    SCREEN = 'screen'
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The console's side of the operator link: messages of ROS to the records of the mirror, and commands to messages.
 
-A room of four files, as it is the one place of the console where ROS is spoken.
+The one place of the console where ROS is spoken.
 """
 
 from .interface_check import interface_problem
@@ -14,9 +14,11 @@ from .messages import (
     structure_record,
 )
 from .operator_link import OperatorLink
+from .surroundings_link import SurroundingsLink
 
 __all__ = [
     'OperatorLink',
+    'SurroundingsLink',
     'behaviors_record',
     'command_message',
     'interface_problem',

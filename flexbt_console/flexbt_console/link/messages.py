@@ -31,7 +31,7 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
         executive_id=message.executive_id,
         sequence=message.sequence,
         heartbeat_period=message.heartbeat_period,
-        state=_known(records.ExecutiveState, message.state),
+        state=known_constant(records.ExecutiveState, message.state),
         run_id=message.run_id,
         behavior=message.behavior,
         outcome=message.outcome,
@@ -39,17 +39,17 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
         autonomy=message.autonomy,
         active_states=tuple(
             records.ActiveState(
-                state.path, _seconds(state.entered), tuple(state.activity), state.paused, tuple(state.not_paused)
+                state.path, seconds_of(state.entered), tuple(state.activity), state.paused, tuple(state.not_paused)
             )
             for state in message.active_states
         ),
         decisions=tuple(_decision(decision) for decision in message.decisions),
         results=tuple(
-            records.CommandResult(result.command_id, _known(records.ResultCode, result.code), result.reason)
+            records.CommandResult(result.command_id, known_constant(records.ResultCode, result.code), result.reason)
             for result in message.results
         ),
         peers=tuple(
-            records.Peer(peer.name, peer.alive, _seconds(peer.since), peer.ready, peer.late, peer.age, peer.problem)
+            records.Peer(peer.name, peer.alive, seconds_of(peer.since), peer.ready, peer.late, peer.age, peer.problem)
             for peer in message.peers
         ),
         robot_pose=_pose(message.robot_pose),
@@ -58,7 +58,7 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
         autonomy_levels=tuple((entry.path, int(entry.level)) for entry in message.autonomy_levels),
         authority=message.authority,
         authority_requests=tuple(message.authority_requests),
-        stamp=_seconds(message.stamp),
+        stamp=seconds_of(message.stamp),
     )
 
 
@@ -70,7 +70,7 @@ def structure_record(message: BehaviorStructure) -> records.Structure:
         states=tuple(
             records.StateStructure(
                 path=state.path,
-                kind=_known(records.StateKind, state.kind),
+                kind=known_constant(records.StateKind, state.kind),
                 type=state.type,
                 children=tuple(state.children),
                 outcomes=tuple(state.outcomes),
@@ -120,11 +120,11 @@ def log_record(message: ExecutiveLog) -> records.LogLine:
     return records.LogLine(
         executive_id=message.executive_id,
         sequence=message.sequence,
-        severity=_known(records.Severity, message.severity),
+        severity=known_constant(records.Severity, message.severity),
         text=message.text,
         path=message.path,
         run_id=message.run_id,
-        stamp=_seconds(message.stamp),
+        stamp=seconds_of(message.stamp),
     )
 
 
@@ -156,7 +156,7 @@ def command_message(record: records.Command, now: float) -> ExecutiveCommand:
 def _decision(message: Any) -> records.Decision:
     return records.Decision(
         id=message.id,
-        kind=_known(records.DecisionKind, message.kind),
+        kind=known_constant(records.DecisionKind, message.kind),
         path=message.path,
         outcome=message.outcome,
         outcomes=tuple(message.outcomes),
@@ -164,7 +164,7 @@ def _decision(message: Any) -> records.Decision:
         prompt=message.prompt,
         input_type=message.input_type,
         input_choices=tuple(message.input_choices),
-        since=_seconds(message.since),
+        since=seconds_of(message.since),
     )
 
 
@@ -176,13 +176,14 @@ def _pose(message: Any) -> records.Pose | None:
     return records.Pose(position.x, position.y, yaw, message.header.frame_id)
 
 
-def _known(constants: type[E], value: int) -> E:
-    """A constant of the message; one that a newer sender may have added is UNKNOWN."""
+def known_constant(constants: type[E], value: int) -> E:
+    """A constant of a message; one that a newer sender may have added is the first of them, UNKNOWN or IDLE."""
     try:
         return constants(value)
     except ValueError:
         return constants(0)
 
 
-def _seconds(stamp: Any) -> float:
+def seconds_of(stamp: Any) -> float:
+    """A time of a message in seconds."""
     return float(stamp.sec) + stamp.nanosec * 1e-9

@@ -31,6 +31,8 @@ from .records import (
     UserdataScope,
     plain_type,
 )
+from .surroundings import GridMap, Points, Surroundings
+from .trees import NodeStatus, StatusChange, TreeNode, TreeRun, Trees
 from .view import View
 
 __all__ = [
@@ -55,20 +57,28 @@ __all__ = [
     'DecisionKind',
     'ExecutiveState',
     'Freshness',
+    'GridMap',
     'InputValue',
     'LinkState',
     'LogLine',
     'Mirror',
+    'NodeStatus',
     'Peer',
+    'Points',
     'Pose',
     'ResultCode',
     'Severity',
     'Snapshot',
     'StateKind',
     'StateStructure',
+    'StatusChange',
     'Structure',
+    'Surroundings',
     'TrackedCommand',
     'Transit',
+    'TreeNode',
+    'TreeRun',
+    'Trees',
     'UserdataScope',
     'View',
     'plain_type',

@@ -4,24 +4,32 @@
 from __future__ import annotations
 
 import bisect
+import math
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final
+from typing import Any, Final
 
 from flexbt_core.clock import Clock
 
 from .command_tracker import CommandTracker, TrackedCommand
 from .freshness import LOST_SECONDS, Freshness
 from .records import Behavior, BehaviorList, Command, DecisionKind, LogLine, Pose, Snapshot, Structure
+from .surroundings import GridMap, Points, Surroundings
+from .trees import NodeStatus, StatusChange, TreeNode, Trees
 from .view import View
 
 LOG_LENGTH: Final = 500
 REMEMBERED_EXECUTIVES: Final = 16
 REMEMBERED_STRUCTURES: Final = 4
 REMEMBERED_LOGS: Final = 3
+
+TRACE_STEP: Final = 0.05
+"""Metres from one point of the driven path that is kept to the next."""
+
+TRACE_LENGTH: Final = 2000
 
 REASON_SECONDS: Final = 1.0
 """What a container says about its outcome may be so much older than its decision."""
@@ -37,6 +45,8 @@ class Change(Enum):
     LOG = 'log'
     LINK = 'link'
     COMMAND = 'command'
+    TREE = 'tree'
+    SURROUNDINGS = 'surroundings'
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +88,8 @@ class Mirror:
         self._behaviors: BehaviorList | None = None
         self._logs: OrderedDict[str, list[LogLine]] = OrderedDict()
         self._problem = ''
+        self._trees = Trees()
+        self._surroundings = Surroundings()
 
     def add_listener(self, listener: Callable[[Change], None]) -> None:
         """Call ``listener`` after each change, on the thread that brought it."""
@@ -95,6 +107,7 @@ class Mirror:
             current = self._snapshot
             if current is not None and current.executive_id != snapshot.executive_id:
                 self._freshness.start_over()
+            self._follow(snapshot)
             self._snapshot = snapshot
             self._sent = None if transit is None else transit.sent
             self._newest[snapshot.executive_id] = snapshot.sequence
@@ -144,6 +157,44 @@ class Mirror:
                 self._logs.popitem(last=False)
         self._tell(Change.LOG)
         return True
+
+    def receive_tree_structure(self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float) -> None:
+        """Take the nodes of a run of a tree."""
+        with self._lock:
+            self._trees.receive_structure(run_id, tree, nodes, stamp)
+        self._tell(Change.TREE)
+
+    def receive_tree_status(
+        self,
+        run_id: str,
+        sequence: int,
+        statuses: Sequence[NodeStatus],
+        changes: Sequence[StatusChange],
+        stamp: float,
+        *,
+        finished: bool,
+        paused: bool,
+    ) -> None:
+        """Take what has happened in a run of a tree since the message before."""
+        with self._lock:
+            is_newer = self._trees.receive_status(
+                run_id, sequence, statuses, changes, stamp, finished=finished, paused=paused
+            )
+        if is_newer:
+            self._tell(Change.TREE)
+
+    def receive_map(self, map: GridMap) -> None:
+        """Take the map."""
+        self._surround(map=map)
+
+    def receive_plan(self, plan: Points) -> None:
+        """Take the path that is followed, or was asked for last."""
+        self._surround(plan=plan)
+
+    def _surround(self, **parts: Any) -> None:
+        with self._lock:
+            self._surroundings = replace(self._surroundings, **parts)
+        self._tell(Change.SURROUNDINGS)
 
     def wants_ping(self) -> bool:
         """Whether an echo of the executive would tell more of the age of the picture, see :meth:`receive_pong`."""
@@ -221,6 +272,8 @@ class Mirror:
                 reasons=self._reasons(snapshot),
                 places={**self._own_places, **(self._places or {})},
                 has_places=self._places is not None,
+                trees=self._trees.runs(),
+                surroundings=self._surroundings,
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:
@@ -233,6 +286,16 @@ class Mirror:
         """Time at which the link state changes if nothing arrives, or None."""
         with self._lock:
             return self._freshness.next_change(self._clock.now())
+
+    def _follow(self, snapshot: Snapshot) -> None:
+        """Keep where the robot has been since its run began."""
+        pose, driven = snapshot.robot_pose, self._surroundings.driven
+        if self._snapshot is not None and self._snapshot.run_id != snapshot.run_id:
+            driven = ()
+        if pose is not None and (not driven or math.dist(driven[-1], (pose.x, pose.y)) >= TRACE_STEP):
+            driven = (*driven[-TRACE_LENGTH + 1 :], (pose.x, pose.y))
+        if driven is not self._surroundings.driven:
+            self._surroundings = replace(self._surroundings, driven=driven)
 
     def _current_behaviors(self, snapshot: Snapshot | None) -> tuple[Behavior, ...] | None:
         known = self._behaviors

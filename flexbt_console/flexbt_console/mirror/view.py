@@ -18,6 +18,8 @@ from .records import (
     StateStructure,
     Structure,
 )
+from .surroundings import Surroundings
+from .trees import TreeRun
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +29,8 @@ class View:
     ``structure`` belongs to the run of the snapshot, ``behaviors`` to its executive; each is None while it has
     not arrived. ``problem`` says what is wrong with the link. ``reasons`` is why a state wants what it wants, by the
     identifier of the decision, as far as it has said so. ``places`` are those of the robot (of which it has told if
-    ``has_places``) and our own; where both have one of the same name, that of the robot counts.
+    ``has_places``) and our own; where both have one of the same name, that of the robot counts. ``trees`` are
+    those that go on, and the latest that have ended; they and ``surroundings`` are known where somebody asked for them.
     """
 
     link: LinkState
@@ -40,6 +43,8 @@ class View:
     reasons: Mapping[str, LogLine] = field(default_factory=dict)
     places: Mapping[str, Pose] = field(default_factory=dict)
     has_places: bool = False
+    trees: tuple[TreeRun, ...] = ()
+    surroundings: Surroundings = field(default_factory=Surroundings)
 
     @property
     def live(self) -> bool:

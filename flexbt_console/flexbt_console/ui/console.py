@@ -11,7 +11,7 @@ import faulthandler
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -42,6 +42,12 @@ if TYPE_CHECKING:
 PLACES_PARAMETER = 'places'
 DEFAULT_TIMEOUT = 5.0
 """Seconds to wait for the executive, and for its answer, when no --timeout is given."""
+
+_INTERACTIVE = {Mode.PROMPT: 'prompt_toolkit', Mode.SCREEN: 'textual'}
+"""The modes that need a terminal, and the library of each."""
+
+LEAVING = 'the robot goes on'
+"""What happens when the operator leaves."""
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _CLOSE_SECONDS = 10.0
@@ -94,8 +100,8 @@ def _flush() -> None:
 
 
 def _run(line: CommandLine) -> ExitCode:
-    if line.spec is not None and line.spec.action is Mode.PROMPT:
-        return _run_prompt(line)
+    if line.spec is not None and line.spec.action in _INTERACTIVE:
+        return _run_interactive(line, _INTERACTIVE[line.spec.action])
     from .line import Session, run
 
     with _open_runtime(line) as runtime:
@@ -103,23 +109,43 @@ def _run(line: CommandLine) -> ExitCode:
         return run(Session(mirror, link, make, line, line.seconds('--timeout') or DEFAULT_TIMEOUT))
 
 
-def _run_prompt(line: CommandLine) -> ExitCode:
+def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
+    assert line.spec is not None
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise UsageError('the interactive prompt needs a terminal; use a command, see console --help')
+        raise UsageError(f'the interactive {line.spec.name} needs a terminal; use a command, see console --help')
     try:
-        from .prompt import LEAVING, run_prompt
+        run = _interactive(line.spec.action)
     except ModuleNotFoundError as error:
-        if error.name is None or not error.name.startswith('prompt_toolkit'):
+        if error.name is None or not error.name.startswith(needs):
             raise
         raise UsageError(
-            'the interactive prompt needs prompt_toolkit: install python3-prompt-toolkit, or use a command '
-            '(console --help)'
+            f'the interactive {line.spec.name} needs {needs}: install it, or use a command (console --help)'
         ) from None
     with _open_runtime(line) as runtime:
         mirror, link, make = _parts(line, runtime)
         leaving = line.value('--leaving') or LEAVING
-        run_prompt(mirror, link, make, line.seconds('--timeout') or DEFAULT_TIMEOUT, runtime.steady, leaving)
+        run(runtime, mirror, link, make, line.seconds('--timeout') or DEFAULT_TIMEOUT, leaving)
         return ExitCode.OK
+
+
+def _interactive(mode: object) -> Callable[..., None]:
+    if mode is Mode.PROMPT:
+        from .prompt import run_prompt
+
+        return lambda runtime, mirror, link, make, timeout, leaving: run_prompt(
+            mirror, link, make, timeout, runtime.steady, leaving
+        )
+    from flexbt_console.link import SurroundingsLink
+
+    from .screen import run_screen
+
+    def run(
+        runtime: NodeRuntime, mirror: Mirror, link: OperatorLink, make: CommandBuilder, timeout: float, leaving: str
+    ) -> None:
+        SurroundingsLink(runtime, mirror)
+        run_screen(mirror, link, make, timeout, runtime.steady, leaving)
+
+    return run
 
 
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:

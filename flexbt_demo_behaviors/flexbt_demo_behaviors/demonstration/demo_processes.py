@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,11 +76,13 @@ def first_place(places: str) -> tuple[float, float, float]:
 
 
 def console_command(leaving: str = 'the demonstration ends', namespace: str = '') -> list[str]:
-    """The command line of the operator's console, which runs in the terminal: what it tells of leaving it, and the
-    namespace of its robot.
+    """The command line of the operator's console, which runs in the terminal: the screen, where its toolkit is.
+
+    ``leaving`` is what it tells of leaving it, ``namespace`` that of its robot.
     """
     executable, *parameters = Process('flexbt_console', 'console', namespace=namespace).command()
-    return [executable, 'prompt', '--leaving', leaving, *parameters]
+    mode = 'screen' if importlib.util.find_spec('textual') is not None else 'prompt'
+    return [executable, mode, '--leaving', leaving, *parameters]
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:

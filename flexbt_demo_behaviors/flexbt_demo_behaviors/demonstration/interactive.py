@@ -18,19 +18,8 @@ from .scripts import Demonstration
 from .session import open_session
 
 INTRODUCTION = """
-The robot is ready, and the behavior "{behavior}" asks you where to go.
-
-  {place:<16} answer with a place ("places" lists them), or x y yaw: 1.5 2.0 0
-  force canceled   take the goal back while the robot drives, to give another
-  autonomy full    let the robot decide alone; low: decide more yourself
-  stop             end the behavior; "start {behavior}" begins it again
-  quit             end the demonstration
-  help             all commands
-"""
-
-SPLIT_INTRODUCTION = """\
-  confirm          accept the plan that is shown, or choose another outcome:
-                   canceled asks for another goal, failed begins the recovery
+The robot is ready, and the behavior "{behavior}" asks you where to go: ":" and "{place}" answers, "g" points at the map.
+"?" shows the keys, "!" stops the robot, "q" ends the demonstration.
 """
 
 
@@ -45,8 +34,6 @@ def run_interactive(
         session.operator.wait_state('/AskGoal')
     group.watch(lambda process: ended.update({process.name: process}))
     print(INTRODUCTION.format(behavior=demonstration.behavior, place=place), end='')
-    if demonstration.number == 2:
-        print(SPLIT_INTRODUCTION, end='')
     print(flush=True)
     exit_code = run_console(console_command())
     for process in ended.values():

@@ -38,12 +38,10 @@ from flexbt_console.present import (
     has_colours,
     tone_of,
 )
+from flexbt_console.ui.interaction import Bound, Local, Meaning, NoLiveLinkError, ShownDecision, fold, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
-from .cells import fold
-from .short_form import Bound, Local, Meaning, NoLiveLinkError, interpret
-from .shown_decision import ShownDecision
 from .terminal import RawInput, is_gone
 from .toolbar import toolbar
 
@@ -77,13 +75,8 @@ STYLE: Final = Style.from_dict(
     }
 )
 
-LEAVING: Final = 'the robot goes on'
-"""What happens when the operator leaves the prompt."""
 
-
-def run_prompt(
-    mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str = LEAVING
-) -> None:
+def run_prompt(mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str) -> None:
     """Run the prompt in this terminal until the operator quits, the terminal goes away, or SIGINT or SIGTERM comes."""
     asyncio.run(Prompt(mirror, link, make, timeout, clock, leaving, input=RawInput()).run())
 
@@ -111,7 +104,7 @@ class Prompt:
         make: CommandBuilder,
         timeout: float,
         clock: Clock,
-        leaving: str = LEAVING,
+        leaving: str,
         *,
         input: Input | None = None,
         output: Output | None = None,

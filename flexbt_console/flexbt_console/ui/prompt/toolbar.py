@@ -23,9 +23,8 @@ from flexbt_console.present import (
     tone_of,
     what_runs,
 )
+from flexbt_console.ui.interaction import cut, cut_middle, fold
 from flexbt_core.values import one_line
-
-from .cells import cut, cut_middle, fold
 
 MOST_STATES: Final = 3
 MOST_ACTIVITIES: Final = 3

@@ -148,10 +148,21 @@ def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> 
         if not 1 <= number <= len(choices):
             raise RefusedError(f'{number} is none of the choices 1 to {len(choices)}')
         chosen = choices[number - 1]
+    if decision.kind is DecisionKind.INPUT and not choices and decision.wants_text:
+        # Any mistyped command would be a valid answer.
+        raise RefusedError(f'{text!r} is no command; a text is answered by: input "..."')
+    return choose(chosen, view, make, decision)
+
+
+def choose(chosen: str, view: View, make: CommandBuilder, decision: Decision) -> Meaning:
+    """The command by which a decision is answered: one of its choices, or the value that it asks for, as text.
+
+    Raises:
+        UsageError: the value is not written as its type has to be.
+        RefusedError: it cannot work now; nothing is sent.
+    """
+    _require_live(view)
     if decision.kind is DecisionKind.INPUT:
-        if not choices and decision.wants_text:
-            # Any mistyped command would be a valid answer.
-            raise RefusedError(f'{text!r} is no command; a text is answered by: input "..."')
         return Meaning(command=make.answer(view, decision.id, chosen), label=f'input {chosen}')
     command = make.choose(view, decision, chosen)
     verb = 'confirm' if command.kind is CommandKind.CONFIRM else 'force'

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a screen shows beside the executive: the trees of the BT server, the map and the plan; into the mirror.
+
+A console that only commands does without: it is several times what the operator link itself carries.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_console.mirror import GridMap, Mirror, NodeStatus, StatusChange, TreeNode
+from flexbt_core.values import one_line
+from flexbt_msgs.msg import TreeStatus, TreeStructure
+
+from .messages import known_constant, seconds_of
+
+MOST_CELLS: Final = 16_000_000
+"""Cells of a map at most, which is 4,000 in a row and as many rows."""
+
+MOST_POINTS: Final = 500
+"""Points of a plan that are kept; of a longer one, every so many."""
+
+MESSAGE_BYTES: Final = 32_000_000
+STATUS_DEPTH: Final = 16
+TELL_SECONDS: Final = 10.0
+
+
+class SurroundingsLink:
+    """Feeds a mirror with trees, map and plan of a robot."""
+
+    def __init__(self, runtime: NodeRuntime, mirror: Mirror) -> None:
+        self._node = runtime.node
+        self._mirror = mirror
+        runtime.call(self._join)
+
+    def _join(self) -> None:
+        from nav_msgs.msg import OccupancyGrid, Path  # what only a screen needs
+
+        for type, topic, receive, qos in (
+            (TreeStructure, names.TREE_STRUCTURE, self._on_structure, names.latched(STATUS_DEPTH)),
+            (TreeStatus, names.TREE_STATUS, self._on_status, names.latched(STATUS_DEPTH)),
+            (OccupancyGrid, names.MAP, self._on_map, names.latched()),
+            (Path, names.PLAN, self._on_plan, names.unacknowledged(1)),
+        ):
+            ReceivedMessages(self._node, type, topic, qos, self._reader(type, topic, receive), MESSAGE_BYTES)
+
+    def _reader(self, type: Any, topic: str, receive: Any) -> Any:
+        def read(received: Received) -> None:
+            try:
+                receive(received.unpack(type))
+            except ValueError as error:
+                text = f'{topic}: left aside: {one_line(str(error))}'
+                self._node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
+
+        return read
+
+    def _on_structure(self, message: Any) -> None:
+        nodes = [TreeNode(node.uid, node.parent, node.name, node.registration, node.path) for node in message.nodes]
+        if [node.uid for node in nodes] != list(range(1, len(nodes) + 1)):
+            raise ValueError(f'the nodes of tree {message.behavior_tree!r} are not in the order of their identifiers')
+        self._mirror.receive_tree_structure(message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp))
+
+    def _on_status(self, message: Any) -> None:
+        self._mirror.receive_tree_status(
+            message.run_id,
+            message.sequence,
+            [known_constant(NodeStatus, status) for status in message.statuses],
+            [_change(one) for one in message.changes],
+            seconds_of(message.stamp),
+            finished=message.finished,
+            paused=message.paused,
+        )
+
+    def _on_map(self, message: Any) -> None:
+        info = message.info
+        cells = message.data.tobytes()
+        if info.width * info.height != len(cells) or len(cells) > MOST_CELLS or not info.resolution > 0.0:
+            raise ValueError(
+                f'a map of {info.width} x {info.height} cells of {info.resolution:g} m, with {len(cells)} values; '
+                f'at most {MOST_CELLS} are taken'
+            )
+        origin = info.origin.position
+        self._mirror.receive_map(GridMap(info.width, info.height, info.resolution, origin.x, origin.y, cells))
+
+    def _on_plan(self, message: Any) -> None:
+        points = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
+        step = -(-len(points) // MOST_POINTS) or 1
+        kept = points[::step]
+        self._mirror.receive_plan(tuple(kept if not points or kept[-1] == points[-1] else [*kept, points[-1]]))
+
+
+def _change(message: Any) -> StatusChange:
+    return StatusChange(seconds_of(message.stamp), message.uid, known_constant(NodeStatus, message.status))

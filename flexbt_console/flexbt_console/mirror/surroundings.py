@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is around the robot, as far as its operator sees it: the map, the plan, and what the lidar meets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+OCCUPIED: Final = 65
+"""Percent from which on a cell of a map is occupied (nav_msgs/OccupancyGrid, map_server)."""
+
+Points = tuple[tuple[float, float], ...]
+"""Points in the frame of the map, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class GridMap:
+    """A map (nav_msgs/OccupancyGrid): ``cells`` row by row from ``x``, ``y`` (m) on, a byte each; 255 is unknown."""
+
+    width: int
+    height: int
+    resolution: float
+    x: float
+    y: float
+    cells: bytes
+
+    def is_occupied(self, column: int, row: int) -> bool:
+        """Whether a cell is occupied; what is outside is not."""
+        if not (0 <= column < self.width and 0 <= row < self.height):
+            return False
+        return OCCUPIED <= self.cells[row * self.width + column] <= 100
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, m."""
+        return self.width * self.resolution, self.height * self.resolution
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """The newest of each, in the frame of the map; ``None`` or empty while it is not known."""
+
+    map: GridMap | None = None
+    plan: Points = ()
+    driven: Points = ()
+
+    @property
+    def goal(self) -> tuple[float, float] | None:
+        """The end of the plan."""
+        return self.plan[-1] if self.plan else None
+
+    @property
+    def plan_length(self) -> float:
+        """Length of the plan, m."""
+        return sum(math.dist(a, b) for a, b in pairwise(self.plan))

@@ -1,0 +1,584 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The screen, on Textual: panes of what the mirror knows, and keys that give the commands of the registry."""
+
+from __future__ import annotations
+
+import functools
+import math
+import shlex
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Final, ParamSpec, Protocol
+
+from rich.text import Text
+from textual import events
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.suggester import Suggester
+from textual.widgets import Input
+
+from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.errors import ConsoleError
+from flexbt_console.mirror import Behavior, Command, CommandState, LogLine, Mirror, UserdataScope, View
+from flexbt_console.present import (
+    Line,
+    Tone,
+    age_text,
+    authority_text,
+    autonomy_text,
+    command_result_lines,
+    log_lines,
+    missed_peers,
+    peer_line,
+    pose_text,
+    tone_of,
+    what_runs,
+)
+from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, cut, interpret
+from flexbt_core.clock import Clock
+from flexbt_core.values import lines, one_line
+
+from .decision_bar import ROWS, Picking, decision_lines
+from .dialogs import ChoiceList, Reading, StartForm
+from .glyphs import glyphs
+from .keys import KEYS, Key, help_lines, line_for
+from .machine_lines import machine_lines, outcome_texts
+from .map_canvas import Frame, MapCanvas
+from .panes import Pane, drawn, styled
+from .tree_lines import tree_lines
+
+P = ParamSpec('P')
+
+REDRAW_SECONDS: Final = 0.1
+"""Shortest time between two drawings, which limits what goes over a slow connection."""
+
+AGE_SECONDS: Final = 0.5
+"""How often what time alone changes is looked at."""
+
+TOLD_LINES: Final = 200
+"""Lines that the console itself has told, and are remembered."""
+
+CURSOR_STEPS: Final = {'left': (-1, 0), 'right': (1, 0), 'up': (0, -1), 'down': (0, 1)}
+CURSOR_TURNS: Final = {'less_than_sign': math.tau / 16.0, 'greater_than_sign': -math.tau / 16.0}
+
+ZOOMED: Final = ('machine', 'map', 'log')
+
+
+class Link(Protocol):
+    """The operator link, as far as the screen uses it."""
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """The userdata of the run; not on the executor thread. Raises ConsoleError."""
+
+
+class _Completing(Suggester):
+    def __init__(self, mirror: Mirror) -> None:
+        super().__init__(use_cache=False, case_sensitive=True)
+        self._mirror = mirror
+
+    async def get_suggestion(self, value: str) -> str | None:
+        """The line with its last word completed."""
+        found = candidates(value, self._mirror.view())
+        head = value[: len(value) - len(value.rpartition(' ')[2])]
+        return f'{head}{found[0]}' if value and found else None
+
+
+def _told(method: Callable[P, None]) -> Callable[P, None]:
+    """A fault of the screen is told, and the screen goes on: the operator still has to be able to stop the robot."""
+
+    @functools.wraps(method)
+    def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            method(*args, **kwargs)
+        except Exception as error:
+            screen: Any = args[0]
+            text = ['fault in the console, which goes on:', *lines(''.join(traceback.format_exception(error)))]
+            screen.tell([Line(line, Tone.ERROR) for line in text])
+
+    return guarded
+
+
+class OperatorScreen(App[None]):
+    """One operator at one terminal. ``timeout``: seconds for each answer; ``leaving``: what happens when it is left."""
+
+    ENABLE_COMMAND_PALETTE = False
+    AUTO_FOCUS = None
+    CSS = f"""
+    Screen {{ layout: vertical; }}
+    #status {{ height: 1; }}
+    #alarm {{ height: auto; max-height: 3; }}
+    #panes {{ height: 3fr; }}
+    #machine {{ width: 1fr; height: 100%; }}
+    #map {{ width: 1fr; height: 100%; border-left: solid $primary-darken-2; }}
+    #decision {{ height: {ROWS}; border-top: solid $primary-darken-2; box-sizing: content-box; }}
+    #log {{ height: 1fr; min-height: 3; border-top: solid $primary-darken-2; }}
+    #lines {{ height: 100%; }}
+    #line {{ height: 1; border: none; padding: 0; display: none; }}
+    #line.typing {{ display: block; }}
+    #keys {{ height: 1; }}
+    .zoom-machine #map, .zoom-machine #log, .zoom-map #machine, .zoom-map #log, .zoom-log #panes {{ display: none; }}
+    .zoom-map #map {{ border-left: none; }}
+    ModalScreen {{ align: center middle; }}
+    .dialog {{ width: 70; max-width: 90%; height: auto; max-height: 90%; padding: 0 1; border: round $primary;
+               background: $surface; }}
+    .wide {{ width: 90%; }}
+    .dim {{ text-style: dim; }}
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(Binding(','.join(key.keys), f'press("{key.action}")', show=False) for key in KEYS if key.action != 'pick'),
+        *(Binding(str(number), f'pick({number})', show=False) for number in range(1, 10)),
+        Binding('f8', 'press("stop")', show=False, priority=True),
+        Binding('escape', 'leave_mode', show=False),
+        *(Binding(key, f'cursor("{key}")', show=False) for key in (*CURSOR_STEPS, *CURSOR_TURNS)),
+    ]
+
+    def __init__(
+        self, mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str
+    ) -> None:
+        super().__init__()
+        self._mirror = mirror
+        self._link = link
+        self._make = make
+        self._timeout = timeout
+        self._clock = clock
+        self._leaving = leaving
+        self._signs = glyphs()
+        self._canvas = MapCanvas(self._signs)
+        self._picking = Picking(clock)
+        self._told: deque[tuple[float, str]] = deque(maxlen=TOLD_LINES)
+        self._pending: list[str] = []
+        self._is_planned = False
+        self._drawn_at = -math.inf
+        self._zoomed = 0
+        self._frame: Frame | None = None
+        self._cursor: tuple[float, float] | None = None
+        self._cursor_yaw = 0.0
+        self._cursor_decision = ''
+        self._is_quitting = False
+        self._line_bound = Bound(None)
+
+    def compose(self) -> ComposeResult:
+        """See :class:`textual.app.App`."""
+        yield Pane(id='status')
+        yield Pane(id='alarm')
+        with Horizontal(id='panes'):
+            yield Pane(id='machine')
+            yield Pane(id='map')
+        yield Pane(id='decision')
+        with Vertical(id='log'):
+            yield Pane(id='lines')
+        yield Input(
+            id='line',
+            suggester=_Completing(self._mirror),
+            placeholder='a command; Tab completes, Esc leaves',
+            disabled=True,
+        )
+        yield Pane(id='keys')
+
+    def on_mount(self) -> None:
+        """Follow the mirror."""
+        self._mirror.add_listener(lambda change: self._wake())
+        self.set_interval(AGE_SECONDS, self.draw)
+        self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
+        self.draw()
+
+    def on_resize(self) -> None:
+        """Draw for the new size, when the panes have theirs."""
+        self.call_after_refresh(self.draw)
+
+    # What is shown
+
+    def tell(self, text: Sequence[str]) -> None:
+        """Add lines of the console's own to the log."""
+        stamp = self._mirror.view().snapshot.stamp if self._mirror.view().snapshot else 0.0  # type: ignore[union-attr]
+        self._told.extend((stamp, line) for line in text)
+        self._wake()
+
+    def _wake(self) -> None:
+        # From any thread; many changes make one drawing.
+        if not self._is_planned:
+            self._is_planned = True
+            self.call_later(self._plan)
+
+    def _plan(self) -> None:
+        wait = self._drawn_at + REDRAW_SECONDS - self._clock.now()
+        if wait > 0.0:
+            self.set_timer(wait, self.draw)
+        else:
+            self.draw()
+
+    @_told
+    def draw(self) -> None:
+        self._is_planned = False
+        self._drawn_at = self._clock.now()
+        view = self._mirror.view()
+        self._settle()
+        self._picking.drawn(view)
+        if self._cursor is not None and (view.decision is None or view.decision.id != self._cursor_decision):
+            self._cursor = None
+            self.tell([Line('the question is gone; nothing was sent', Tone.WARNING)])
+        base = self.screen_stack[0]
+        for name, draw in self._parts():
+            pane = base.query_one(f'#{name}', Pane)
+            if name == 'alarm' or (pane.size.width > 0 and pane.size.height > 0):
+                pane.show(draw(view, pane.content_size.width or self.size.width, pane.content_size.height))
+
+    def _parts(self) -> tuple[tuple[str, Callable[[View, int, int], Text]], ...]:
+        return (
+            ('status', self._status),
+            ('alarm', self._alarm),
+            ('machine', self._machine),
+            ('map', self._map),
+            ('decision', self._decision),
+            ('lines', self._lines),
+            ('keys', self._keys),
+        )
+
+    def _status(self, view: View, columns: int, rows: int) -> Text:
+        snapshot = view.snapshot
+        if snapshot is None:
+            return styled([Line(' NO EXECUTIVE: is it running, in this namespace and domain?', Tone.ERROR)])
+        link = 'LIVE' if view.live else f'{view.link.name} {age_text(view.age or 0.0)}'
+        authority = f'  authority {authority_text(snapshot)}' if snapshot.authority else ''
+        text = f' {link}  {what_runs(view)}  autonomy {autonomy_text(snapshot.autonomy)}{authority}'
+        shown = styled([Line(cut(text, columns).ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
+        shown.stylize('reverse')
+        return shown
+
+    def _alarm(self, view: View, columns: int, rows: int) -> Text:
+        shown: list[str] = []
+        snapshot = view.snapshot
+        if view.problem:
+            shown.append(Line(f' {one_line(view.problem)}', Tone.ERROR))
+        if snapshot is not None and not view.live:
+            shown.append(Line(' BLIND: this is how it was then; only STOP is sent', Tone.ERROR))
+        if snapshot is not None:
+            shown += [Line(f' {peer_line(peer)}', tone_of(peer_line(peer))) for peer in missed_peers(snapshot)]
+            shown += [Line(f' {one_line(snapshot.message)}', Tone.WARNING)] if snapshot.message else []
+        return styled([Line(cut(line, columns), tone_of(line)) for line in shown[:3]])
+
+    def _machine(self, view: View, columns: int, rows: int) -> Text:
+        running = [run for run in view.trees if run.is_running]
+        shown = machine_lines(view, columns, rows, self._signs) if view.running else []
+        room = max(4, rows // 2) if running else rows
+        if len(shown) > room:
+            shown = machine_lines(view, columns, room, self._signs)
+        for number, run in enumerate(running):
+            left = rows - len(shown)
+            shown += tree_lines(run, columns, left // (len(running) - number), self._signs)
+        if not shown and view.snapshot is not None and not view.running:
+            shown = [Line('no behavior runs; "s" starts one', Tone.DIM)]
+        text = styled(shown)
+        if not view.live:
+            text.stylize('dim')
+        return text
+
+    def _map(self, view: View, columns: int, rows: int) -> Text:
+        snapshot = view.snapshot
+        robot = snapshot.robot_pose if snapshot else None
+        room = rows - 1
+        if columns < 8 or room < 3:
+            return Text('')
+        self._frame, cells = self._canvas.draw(view.surroundings, robot, view.places, self._cursor, columns, room)
+        text = drawn(cells)
+        where = pose_text(robot).partition('  (')[0]
+        plan = f'  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else ''
+        if self._cursor is not None:
+            where = f'cursor x {self._cursor[0]:.2f}  y {self._cursor[1]:.2f}  yaw {self._cursor_yaw:.2f}'
+            plan = '  Enter answers, Esc leaves'
+        text.append('\n' + cut(f'{where}{plan}', columns), 'bold' if self._cursor is not None else '')
+        if not view.live:
+            text.stylize('dim')
+        return text
+
+    def _decision(self, view: View, columns: int, rows: int) -> Text:
+        return styled(decision_lines(view, self._picking.picked(view.decision), columns, self._signs))
+
+    def _lines(self, view: View, columns: int, rows: int) -> Text:
+        told = [(stamp, 1, [line]) for stamp, line in self._told]
+        known = [(line.stamp, 0, log_lines(line, with_time=True)) for line in self._mirror.log(max(1, rows))]
+        shown = [line for _, _, text in sorted(known + told, key=lambda one: one[:2])[-max(1, rows) :] for line in text]
+        return styled([Line(cut(line, columns), tone_of(line)) for line in shown[-max(1, rows) :]])
+
+    def _keys(self, view: View, columns: int, rows: int) -> Text:
+        room = columns
+        chosen: set[str] = set()
+        for key in sorted(KEYS, key=lambda one: (one.rank, bool(one.blocked(view)))):
+            needed = len(key.shown) + len(key.label) + 3
+            if key.rank < 3 and needed <= room:
+                chosen.add(key.action)
+                room -= needed
+        text = Text(no_wrap=True, end='')
+        for key in KEYS:
+            if key.action in chosen:
+                is_blocked = bool(key.blocked(view))
+                text.append(f'{key.shown} ', 'dim' if is_blocked else 'bold')
+                text.append(f'{key.label}  ', 'dim' if is_blocked else '')
+        return text
+
+    # What is done
+
+    @_told
+    def action_press(self, action: str) -> None:
+        """A key of the table was pressed."""
+        key = next(key for key in KEYS if key.action == action)
+        view = self._mirror.view()
+        if len(self.screen_stack) > 1 and action != 'stop':
+            return
+        if action == 'confirm' and self._cursor is not None:
+            self._answer_by_cursor(view)
+            return
+        if why := key.blocked(view):
+            self._warn(f'{key.label}: {why}')
+            return
+        own: Callable[[Key, View], None] | None = getattr(self, f'_do_{action}', None)
+        if own is not None:
+            own(key, view)
+        else:
+            self.do(line_for(action, view))
+
+    @_told
+    def action_pick(self, number: int) -> None:
+        """A number was pressed."""
+        try:
+            self._picking.pick(number, self._mirror.view())
+        except ConsoleError as error:
+            self._warn(str(error))
+        self.draw()
+
+    @_told
+    def action_cursor(self, key: str) -> None:
+        """Move or turn the cursor on the map."""
+        if self._cursor is None or self._frame is None:
+            return
+        if key in CURSOR_STEPS:
+            across, down = CURSOR_STEPS[key]
+            x, y = self._cursor
+            self._cursor = x + across * 2.0 * self._frame.step, y - down * 4.0 * self._frame.step
+        else:
+            self._cursor_yaw = math.remainder(self._cursor_yaw + CURSOR_TURNS[key], math.tau)
+        self.draw()
+
+    @_told
+    def action_leave_mode(self) -> None:
+        """Leave what was begun; nothing is sent."""
+        self._cursor = None
+        self._is_quitting = False
+        self._close_line()
+        self.draw()
+
+    @_told
+    def do(self, text: str) -> None:
+        """Do what a line says, as at the prompt; it is bound to the decision on the screen."""
+        view = self._mirror.view()
+        decision = view.decision
+        try:
+            self._carry_out(interpret(text, view, self._make, Bound(decision.id if decision else None)), view)
+        except ConsoleError as error:
+            self._warn(str(error))
+
+    def _carry_out(self, meaning: Meaning, view: View) -> None:
+        if meaning.command is not None:
+            self._pending.append(meaning.command.id)
+            self._link.send(meaning.command, self._timeout, meaning.label)
+        elif meaning.local is Local.QUIT:
+            self.exit()
+        elif meaning.local is Local.HELP:
+            spec = meaning.line.spec if meaning.line else None
+            self._read('help', prompt_help(self._leaving) if spec is None else prompt_command_help(spec))
+        elif meaning.local is Local.SHOW:
+            assert meaning.line is not None and meaning.line.spec is not None
+            action = meaning.line.spec.action
+            assert isinstance(action, Show)
+            self._read(meaning.line.spec.name, action.show(meaning.line, view, _Known(self._mirror)).text)
+        elif meaning.local is Local.ASK:
+            threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
+
+    def _ask(self, meaning: Meaning) -> None:
+        assert meaning.line is not None and meaning.line.spec is not None
+        action = meaning.line.spec.action
+        assert isinstance(action, Ask)
+        try:
+            text = action.ask(meaning.line, self._link, self._timeout).text
+        except ConsoleError as error:
+            text = [Line(line, Tone.WARNING) for line in lines(str(error))]
+        self.call_later(self._read, meaning.line.spec.name, text)
+
+    def _settle(self) -> None:
+        """Tell what became of the commands."""
+        for command_id in list(self._pending):
+            tracked = self._mirror.command(command_id)
+            if tracked is None or tracked.state is not CommandState.PENDING:
+                self._pending.remove(command_id)
+                self.tell(command_result_lines(tracked) if tracked is not None else [])
+
+    def _warn(self, text: str) -> None:
+        self.tell([Line(line, Tone.WARNING) for line in lines(text)])
+
+    def _read(self, title: str, text: Sequence[str]) -> None:
+        self.push_screen(Reading(title, styled(text)))
+
+    def _do_confirm(self, key: Key, view: View) -> None:
+        decision = view.decision
+        if decision is not None and not self._picking.picked(decision):
+            if decision.wants_pose:
+                self._do_point(key, view)
+            elif not decision.choices:
+                self._open_line('input ')
+            else:
+                self._warn('pick an answer by its number; Enter sends it')
+            return
+        try:
+            self._carry_out(self._picking.confirm(view, self._make), view)
+        except ConsoleError as error:
+            self._warn(str(error))
+
+    def _do_point(self, key: Key, view: View) -> None:
+        robot = view.snapshot.robot_pose if view.snapshot else None
+        if view.decision is None or self._frame is None:
+            self._warn('there is no map to point at yet; ":" types a place, or x y yaw')
+            return
+        middle = self._frame.centre(self._frame.columns // 2, self._frame.rows // 2)
+        self._cursor = (robot.x, robot.y) if robot is not None else middle
+        self._cursor_yaw = robot.yaw if robot is not None else 0.0
+        self._cursor_decision = view.decision.id
+        self.draw()
+
+    def _answer_by_cursor(self, view: View) -> None:
+        assert self._cursor is not None
+        decision = view.pending(self._cursor_decision)
+        text = f'{self._cursor[0]:.3f} {self._cursor[1]:.3f} {self._cursor_yaw:.3f}'
+        self._cursor = None
+        try:
+            if decision is None:
+                self._warn('the question is gone; nothing was sent')
+            else:
+                self._carry_out(choose(text, view, self._make, decision), view)
+        except ConsoleError as error:
+            self._warn(str(error))
+
+    def _do_force(self, key: Key, view: View) -> None:
+        choices = [(path, outcome) for path in view.active_paths for outcome in view.outcomes(path)]
+        shown = [f'{path}: {outcome}' for path, outcome in choices]
+        for number, (path, outcome) in enumerate(choices):
+            state = view.state(path)
+            texts = outcome_texts(state, self._signs) if state else []
+            place = state.outcomes.index(outcome) if state else -1
+            shown[number] = f'{path}: {texts[place] if 0 <= place < len(texts) else outcome}'
+        if not choices:
+            self._warn('the outcomes of the active state are not known yet')
+            return
+
+        def forced(number: int | None) -> None:
+            if number is not None:
+                path, outcome = choices[number]
+                self._do_words('force', path, outcome)
+
+        self.push_screen(ChoiceList('leave a state by', shown), forced)
+
+    def _do_words(self, *words: str) -> None:
+        self.do(shlex.join(words))
+
+    def _do_start(self, key: Key, view: View) -> None:
+        usable = [behavior for behavior in view.behaviors or () if not behavior.error]
+        if not usable:
+            self._warn('the robot has not said which behaviors it has')
+            return
+
+        def chosen(number: int | None) -> None:
+            if number is not None:
+                self._fill_in(key.action, usable[number])
+
+        shown = [f'{behavior.name}  {behavior.description}' for behavior in usable]
+        self.push_screen(ChoiceList(f'{key.action} a behavior', shown), chosen)
+
+    _do_switch = _do_start
+
+    def _fill_in(self, verb: str, behavior: Behavior) -> None:
+        def filled(line: str | None) -> None:
+            if line is not None:
+                self.do(line)
+
+        self.push_screen(StartForm(verb, behavior), filled)
+
+    def _do_note(self, key: Key, view: View) -> None:
+        self._open_line('note ')
+
+    def _do_command_line(self, key: Key, view: View) -> None:
+        self._open_line('')
+
+    def _do_zoom(self, key: Key, view: View) -> None:
+        base = self.screen_stack[0]
+        self._zoomed = (self._zoomed + 1) % (len(ZOOMED) + 1)
+        for number, name in enumerate(ZOOMED, 1):
+            base.set_class(number == self._zoomed, f'zoom-{name}')
+        self.call_after_refresh(self.draw)
+
+    def _do_help(self, key: Key, view: View) -> None:
+        self._read('keys', [*help_lines(), '', *prompt_help(self._leaving)])
+
+    def _do_leave(self, key: Key, view: View) -> None:
+        if view.running and not self._is_quitting:
+            self._is_quitting = True
+            self._warn(f'q again leaves: {self._leaving}; Esc stays')
+        else:
+            self.exit()
+
+    # The line that is typed
+
+    def _open_line(self, text: str) -> None:
+        line = self.query_one('#line', Input)
+        decision = self._mirror.view().decision
+        self._line_bound = Bound(decision.id if decision else None)
+        line.disabled = False
+        line.value = text
+        line.cursor_position = len(text)
+        line.add_class('typing')
+        line.focus()
+
+    def _close_line(self) -> None:
+        line = self.screen_stack[0].query_one('#line', Input)
+        line.remove_class('typing')
+        line.disabled = True
+        self.screen_stack[0].set_focus(None)
+
+    @_told
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """A line was typed; it belongs to the decision that was on the screen when it was begun."""
+        if event.input.id != 'line':
+            return
+        self._close_line()
+        view = self._mirror.view()
+        try:
+            self._carry_out(interpret(event.value, view, self._make, self._line_bound), view)
+        except ConsoleError as error:
+            self._warn(str(error))
+
+    def on_key(self, event: events.Key) -> None:
+        """Tab completes the line that is typed."""
+        line = self.screen_stack[0].query_one('#line', Input)
+        if event.key == 'tab' and line.has_focus:
+            event.stop()
+            event.prevent_default()
+            line.action_cursor_right()
+
+
+class _Known:
+    def __init__(self, mirror: Mirror) -> None:
+        self._mirror = mirror
+
+    def log(self, count: int) -> tuple[LogLine, ...]:
+        """See :class:`flexbt_console.commands.spec.Known`."""
+        return self._mirror.log(count)
+
+
+def run_screen(mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str) -> None:
+    """Run the screen in this terminal until the operator leaves it."""
+    app: Any = OperatorScreen(mirror, link, make, timeout, clock, leaving)
+    app.run()

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What comes over the panes: a list to choose from, the form of a behavior, a text to read. Escape leaves each."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Input, Label, OptionList, Select, Static
+from textual.widgets.option_list import Option
+
+from flexbt_console.mirror import Behavior
+from flexbt_core.values import one_line
+
+
+class ChoiceList(ModalScreen[int | None]):
+    """A list; gives the number of the line that was chosen, from 0 on, or None."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding('escape', 'dismiss(None)', 'leave')]
+
+    def __init__(self, title: str, lines: Sequence[str]) -> None:
+        super().__init__()
+        self._title = title
+        self._lines = lines
+
+    def compose(self) -> ComposeResult:
+        """See :class:`textual.screen.Screen`."""
+        with Vertical(classes='dialog'):
+            yield Label(Text(self._title))
+            yield OptionList(*(Option(Text(one_line(line))) for line in self._lines))
+            yield Label(Text('Enter chooses, Esc leaves'), classes='dim')
+
+    def on_mount(self) -> None:
+        """The list has the keys."""
+        self.query_one(OptionList).focus()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """A line was chosen."""
+        self.dismiss(event.option_index)
+
+
+class StartForm(ModalScreen[str | None]):
+    """The parameters of a behavior; gives the line that starts it, or None.
+
+    ``verb`` is ``start`` or ``switch``.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding('escape', 'dismiss(None)', 'leave'),
+        Binding('ctrl+s', 'send', 'start', priority=True),
+    ]
+
+    def __init__(self, verb: str, behavior: Behavior) -> None:
+        super().__init__()
+        self._verb = verb
+        self._behavior = behavior
+
+    def compose(self) -> ComposeResult:
+        """See :class:`textual.screen.Screen`."""
+        with VerticalScroll(classes='dialog'):
+            yield Label(Text(f'{self._verb} {one_line(self._behavior.name)}'))
+            if self._behavior.description:
+                yield Label(Text(one_line(self._behavior.description)), classes='dim')
+            for number, parameter in enumerate(self._behavior.parameters):
+                told = f'{one_line(parameter.name)} ({one_line(parameter.type)})  {one_line(parameter.description)}'
+                yield Label(Text(told))
+                if parameter.choices:
+                    choices = [(one_line(choice), choice) for choice in parameter.choices]
+                    known = parameter.default in parameter.choices
+                    first = parameter.default if known else parameter.choices[0]
+                    yield Select(choices, value=first, allow_blank=False, id=f'parameter-{number}')
+                else:
+                    yield Input(parameter.default, id=f'parameter-{number}')
+            yield Label(Text(f'Enter or Ctrl-S: {self._verb}; Tab: the next field; Esc leaves'), classes='dim')
+
+    def on_mount(self) -> None:
+        """The first field is ready to be typed into."""
+        fields = self.query('Input, Select')
+        if fields:
+            fields.first().focus()
+
+    def on_key(self, event: Any) -> None:
+        """Without a field, Enter starts."""
+        if event.key == 'enter' and not self._behavior.parameters:
+            event.stop()
+            self.action_send()
+
+    def on_input_submitted(self) -> None:
+        """Enter in a field."""
+        self.action_send()
+
+    def action_send(self) -> None:
+        """Give the line."""
+        words = [self._verb, self._behavior.name]
+        for number, parameter in enumerate(self._behavior.parameters):
+            field: Any = self.query_one(f'#parameter-{number}')
+            if field.value != parameter.default:
+                words.append(f'{parameter.name}={field.value}')
+        self.dismiss(shlex.join(words))
+
+
+class Reading(ModalScreen[None]):
+    """A text to be read."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding('escape,enter,q,question_mark', 'dismiss(None)', 'leave'),
+    ]
+
+    def __init__(self, title: str, text: Text) -> None:
+        super().__init__()
+        self._title = title
+        self._text = text
+
+    def compose(self) -> ComposeResult:
+        """See :class:`textual.screen.Screen`."""
+        with VerticalScroll(classes='dialog wide'):
+            yield Label(Text(f'{self._title}  (Esc leaves)'))
+            yield Static(self._text)

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The keys of the screen: one table, from which the footer, the help and the documentation are made.
+
+No key depends on which pane has the focus. A key whose command cannot work now says why.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from flexbt_console.mirror import AutonomyLevel, DecisionKind, ExecutiveState, View
+
+Possible = Callable[[View], str]
+"""Why it cannot work now; '' when it can."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key, or several; ``action`` is what the screen does, or what :func:`line_for` knows as a line.
+
+    ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only.
+    """
+
+    keys: tuple[str, ...]
+    shown: str
+    label: str
+    help: str
+    action: str
+    blocked: Possible = lambda view: ''
+    rank: int = 1
+
+
+def _runs(view: View) -> str:
+    return '' if view.running else 'no behavior runs'
+
+
+def _is_idle(view: View) -> str:
+    return 'a behavior runs; "w" goes on with another one' if view.running else ''
+
+
+def _waits(view: View) -> str:
+    return '' if view.decision is not None else 'nothing waits for you'
+
+
+def _wants_pose(view: View) -> str:
+    return '' if view.decision is not None and view.decision.wants_pose else 'no pose is asked for'
+
+
+def _wants_value(view: View) -> str:
+    is_input = view.decision is not None and view.decision.kind is DecisionKind.INPUT
+    return '' if is_input else 'no value is asked for'
+
+
+def _is_active(view: View) -> str:
+    return '' if view.active_paths else 'no state is active'
+
+
+_OF_DECISION: Final = (
+    Key(('enter',), 'Enter', 'confirm', 'send the answer in brackets to the decision on the screen', 'confirm', _waits),
+    Key(tuple('123456789'), '1-9', 'pick', 'pick an answer of the decision; Enter sends it', 'pick', _waits),
+    Key(('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2),
+    Key(('d',), 'd', 'decline', 'decline to give the value that is asked for', 'decline', _wants_value, rank=3),
+)
+
+_OF_RUN: Final = (
+    Key(('exclamation_mark', 'f8'), '! F8', 'STOP', 'stop the run, bring the robot to rest; F8 from anywhere', 'stop'),
+    Key(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs),
+    Key(('f',), 'f', 'force', 'leave an active state by an outcome of your choice', 'force', _is_active, rank=2),
+    Key(('plus',), '+', 'more', 'let the robot decide more alone', 'more_autonomy', rank=2),
+    Key(('minus',), '-', 'less autonomy', 'let the robot decide less alone', 'less_autonomy', rank=2),
+    Key(('s',), 's', 'start', 'start a behavior', 'start', _is_idle),
+    Key(('w',), 'w', 'switch', 'go on with another behavior, keeping the active states', 'switch', _runs, rank=3),
+    Key(('l',), 'l', 'lock', 'keep the active state from being left, or let it go', 'lock', _is_active, rank=3),
+    Key(('b',), 'b', 'break', 'set or clear a breakpoint at the active state', 'breakpoint', _is_active, rank=3),
+    Key(('r',), 'r', 'repeat', 'leave the active state and enter it again', 'repeat', _is_active, rank=3),
+)
+
+_OF_SCREEN: Final = (
+    Key(('colon', 'slash'), ':', 'command', 'type any command; Tab completes it, Esc leaves', 'command_line'),
+    Key(('question_mark', 'f1'), '?', 'keys', 'show the keys and the commands', 'help'),
+    Key(('z',), 'z', 'zoom', 'the next pane alone on the screen; after the last, all of them', 'zoom', rank=2),
+    Key(('q',), 'q', 'quit', 'leave the screen', 'leave'),
+    Key(('u',), 'u', 'userdata', 'show what the states have handed to each other', 'userdata', _runs, rank=3),
+    Key(('n',), 'n', 'note', 'write a remark into the log', 'note', rank=3),
+    Key(('c',), 'c', 'claim', 'claim the authority to command, or give it back', 'claim', rank=3),
+)
+
+KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
+
+
+def line_for(action: str, view: View) -> str:
+    """The line that a key stands for, as it would be typed; '' for what is no line."""
+    snapshot = view.snapshot
+    path = view.active_paths[0] if view.active_paths else ''
+    if action == 'pause':
+        stands = snapshot is not None and snapshot.state in (ExecutiveState.PAUSED, ExecutiveState.INTERRUPTED)
+        return 'resume' if stands else 'pause'
+    if action in ('more_autonomy', 'less_autonomy'):
+        level = (snapshot.autonomy if snapshot else AutonomyLevel.LOW) + (1 if action == 'more_autonomy' else -1)
+        return f'autonomy {min(max(level, AutonomyLevel.OFF), AutonomyLevel.FULL)}'
+    if action == 'lock':
+        return f'{"unlock" if snapshot and path in snapshot.locked else "lock"} {shlex.quote(path)}'
+    if action == 'breakpoint':
+        return f'{"clear" if snapshot and path in snapshot.breakpoints else "breakpoint"} {shlex.quote(path)}'
+    if action == 'repeat':
+        return f'repeat {shlex.quote(path)}'
+    if action == 'claim':
+        return 'release' if snapshot and snapshot.authority else 'claim'
+    return {'stop': 'stop', 'decline': 'decline', 'userdata': 'userdata'}.get(action, '')
+
+
+def help_lines() -> list[str]:
+    """The table, for people."""
+    return [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The map in the cells of a terminal: walls, the plan, the driven path, places, the goal, and the robot.
+
+A cell has 2 x 4 dots of braille, which are square where a cell is twice as high as wide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+from typing import Final
+
+from flexbt_console.mirror import GridMap, Pose, Surroundings
+from flexbt_core.values import one_line
+
+from .glyphs import Glyphs
+
+_DOTS: Final = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+"""Bits of a braille character by row and column of the dot (Unicode, Braille Patterns)."""
+
+_MARGIN: Final = 0.5
+"""Metres around what is known, where there is no map."""
+
+_SAMPLES: Final = 4
+"""Cells of the map that are looked at for one dot, in each direction at most: a wall that is thinner than a dot is
+seen, and a large map costs no more than a small one."""
+
+
+class Layer(Enum):
+    """What a character of the map shows; the value is its style in a terminal."""
+
+    NOTHING = ''
+    WALL = 'wall'
+    DRIVEN = 'driven'
+    PLAN = 'plan'
+    PLACE = 'place'
+    GOAL = 'goal'
+    CURSOR = 'cursor'
+    ROBOT = 'robot'
+
+
+Cell = tuple[str, Layer]
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The part of the world that ``columns`` x ``rows`` characters show: dots of ``step`` m from ``x``, ``y`` on."""
+
+    columns: int
+    rows: int
+    x: float
+    y: float
+    step: float
+
+    def dot(self, point: Point) -> tuple[int, int] | None:
+        """Column and row (from the top) of the dot at a point; None outside."""
+        column = math.floor((point[0] - self.x) / self.step)
+        row = 4 * self.rows - 1 - math.floor((point[1] - self.y) / self.step)
+        if 0 <= column < 2 * self.columns and 0 <= row < 4 * self.rows:
+            return column, row
+        return None
+
+    def cell(self, point: Point) -> tuple[int, int] | None:
+        """Column and row (from the top) of the character at a point; None outside."""
+        dot = self.dot(point)
+        return None if dot is None else (dot[0] // 2, dot[1] // 4)
+
+    def centre(self, column: int, row: int) -> Point:
+        """The point in the middle of a character."""
+        return self.x + (2 * column + 1) * self.step, self.y + (4 * (self.rows - row) - 2) * self.step
+
+
+def frame_for(map: GridMap | None, others: Iterable[Point], columns: int, rows: int) -> Frame:
+    """The smallest frame that shows all of the map, or all other points where there is none."""
+    if map is not None:
+        (left, bottom), (width, height) = (map.x, map.y), map.size
+    else:
+        points = list(others) or [(0.0, 0.0)]
+        left, bottom = (min(one[axis] for one in points) - _MARGIN for axis in (0, 1))
+        width, height = (max(one[axis] for one in points) + _MARGIN - low for axis, low in ((0, left), (1, bottom)))
+    step = max(width / (2 * columns), height / (4 * rows), 1e-3) * 1.0001
+    return Frame(
+        columns, rows, left - (2 * columns * step - width) / 2.0, bottom - (4 * rows * step - height) / 2.0, step
+    )
+
+
+class MapCanvas:
+    """Draws maps; the walls are kept as long as map and frame stay the same."""
+
+    def __init__(self, signs: Glyphs) -> None:
+        self._signs = signs
+        self._walls: tuple[GridMap, Frame, frozenset[tuple[int, int]]] | None = None
+
+    def draw(
+        self,
+        around: Surroundings,
+        robot: Pose | None,
+        places: Mapping[str, Pose],
+        cursor: Point | None,
+        columns: int,
+        rows: int,
+    ) -> tuple[Frame, list[list[Cell]]]:
+        """The frame, and its characters row by row from the top."""
+        points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
+        frame = frame_for(around.map, [*points, *around.plan, *around.driven], columns, rows)
+        dots: dict[tuple[int, int], Layer] = {}
+        if around.map is not None:
+            dots.update(dict.fromkeys(self._walls_of(around.map, frame), Layer.WALL))
+        for path, layer in ((around.driven, Layer.DRIVEN), (around.plan, Layer.PLAN)):
+            dots.update(dict.fromkeys(_line_dots(path, frame), layer))
+        drawn = self._characters(dots, frame)
+        for name, pose in places.items():
+            self._write(drawn, frame, (pose.x, pose.y), self._signs.place + one_line(name), Layer.PLACE)
+        if around.goal is not None:
+            self._write(drawn, frame, around.goal, self._signs.goal, Layer.GOAL)
+        if robot is not None:
+            heading = round(robot.yaw / (math.tau / 8.0)) % 8
+            self._write(drawn, frame, (robot.x, robot.y), self._signs.robot[heading], Layer.ROBOT)
+        if cursor is not None:
+            self._write(drawn, frame, cursor, self._signs.cursor, Layer.CURSOR)
+        return frame, drawn
+
+    def _characters(self, dots: Mapping[tuple[int, int], Layer], frame: Frame) -> list[list[Cell]]:
+        order = list(Layer)
+        bits: dict[tuple[int, int], int] = {}
+        layers: dict[tuple[int, int], Layer] = {}
+        for (column, row), layer in dots.items():
+            at = column // 2, row // 4
+            bits[at] = bits.get(at, 0) | _DOTS[row % 4][column % 2]
+            layers[at] = max(layers.get(at, layer), layer, key=order.index)
+        nothing: Cell = ' ', Layer.NOTHING
+        drawn = [[nothing] * frame.columns for _ in range(frame.rows)]
+        for (column, row), layer in layers.items():
+            ascii_sign = '#' if layer is Layer.WALL else '.'
+            sign = chr(0x2800 + bits[column, row]) if self._signs.has_braille else ascii_sign
+            drawn[row][column] = sign, layer
+        return drawn
+
+    @staticmethod
+    def _write(drawn: list[list[Cell]], frame: Frame, point: Point, text: str, layer: Layer) -> None:
+        at = frame.cell(point)
+        if at is None:
+            return
+        for place, sign in enumerate(text, at[0]):
+            if place < frame.columns:
+                drawn[at[1]][place] = sign, layer
+
+    def _walls_of(self, map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
+        if self._walls is None or self._walls[0] is not map or self._walls[1] != frame:
+            self._walls = map, frame, frozenset(_wall_dots(map, frame))
+        return self._walls[2]
+
+
+def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:
+    count = min(_SAMPLES, max(1, math.ceil(frame.step / map.resolution)))
+    offsets = [(number + 0.5) / count * frame.step for number in range(count)]
+    columns = [
+        {math.floor((frame.x + column * frame.step + offset - map.x) / map.resolution) for offset in offsets}
+        for column in range(2 * frame.columns)
+    ]
+    for row in range(4 * frame.rows):
+        bottom = frame.y + (4 * frame.rows - 1 - row) * frame.step
+        lines = {math.floor((bottom + offset - map.y) / map.resolution) for offset in offsets}
+        for column, cells in enumerate(columns):
+            if any(map.is_occupied(cell, line) for line in lines for cell in cells):
+                yield column, row
+
+
+def _line_dots(points: tuple[Point, ...], frame: Frame) -> Iterable[tuple[int, int]]:
+    for start, end in pairwise(points):
+        count = max(1, min(1000, math.ceil(math.dist(start, end) / frame.step)))
+        for number in range(count + 1):
+            share = number / count
+            dot = frame.dot((start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])))
+            if dot is not None:
+                yield dot

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A running tree as lines: statuses, times, and the nodes that act always among the lines that are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from flexbt_console.mirror import NodeStatus, TreeNode, TreeRun
+from flexbt_console.present import Line, Tone, tone_of
+from flexbt_console.ui.interaction import cut
+from flexbt_core.values import one_line
+
+from .glyphs import Glyphs
+
+_TONES: Final = {
+    NodeStatus.IDLE: Tone.DIM,
+    NodeStatus.RUNNING: Tone.DECISION,
+    NodeStatus.SUCCESS: Tone.GOOD,
+    NodeStatus.FAILURE: Tone.ERROR,
+    NodeStatus.SKIPPED: Tone.DIM,
+}
+
+SHOWN_SECONDS: Final = 1.0
+"""A status that has held for less time is shown without it."""
+
+
+def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str]:
+    """The tree in at most so many rows of so many cells: a title, then the nodes around those that act.
+
+    A node that was halted shows, dimmed, how it had ended before: the reason of a failure stays to be seen.
+    """
+    if rows <= 0:
+        return []
+    state = 'paused' if run.paused else 'finished' if run.finished else 'running'
+    title: str = Line(cut(f'tree {one_line(run.tree)}  {state}', columns), Tone.WARNING if run.paused else Tone.PLAIN)
+    nodes = _in_order(run, lambda node: True)
+    if len(nodes) > rows - 1:  # what is below a node that does not run is not of now
+        nodes = _in_order(run, lambda node: run.status(node.uid) is NodeStatus.RUNNING)
+    lines = [_node_line(run, node, depth, signs) for node, depth in nodes]
+    acting = set(run.running_leaves)
+    marked = [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
+    shown = window(lines, marked[-1] if marked else 0, rows - 1)
+    return [title, *(_cut_line(line, columns) for line in shown)]
+
+
+def window(lines: list[str], marked: int, rows: int) -> list[str]:
+    """At most so many of the lines, the marked one among them; what is left out is counted."""
+    if len(lines) <= rows:
+        return lines
+    if rows <= 2:
+        return lines[marked : marked + max(0, rows)]
+    begin = min(max(0, marked - (rows - 2) // 2), len(lines) - rows)
+    shown = lines[begin : begin + rows]
+    if begin > 0:
+        shown[0] = Line(f'  ({begin + 1} above)', Tone.DIM)
+    below = len(lines) - begin - rows
+    if below > 0:
+        shown[-1] = Line(f'  ({below + 1} below)', Tone.DIM)
+    return shown
+
+
+def _in_order(run: TreeRun, is_open: Callable[[TreeNode], bool]) -> list[tuple[TreeNode, int]]:
+    """The nodes with their depth, each before its children, those below nodes that are not open left out."""
+    children: dict[int, list[TreeNode]] = {}
+    for node in run.nodes:
+        children.setdefault(node.parent, []).append(node)
+    ordered: list[tuple[TreeNode, int]] = []
+    waiting = [(node, 0) for node in reversed(children.get(0, []))]
+    while waiting:
+        node, depth = waiting.pop()
+        ordered.append((node, depth))
+        if is_open(node):
+            waiting += [(child, depth + 1) for child in reversed(children.get(node.uid, []))]
+    return ordered
+
+
+def _node_line(run: TreeRun, node: TreeNode, depth: int, signs: Glyphs) -> str:
+    status = run.status(node.uid)
+    shown = status if status is not NodeStatus.IDLE else run.last_end(node.uid)
+    seconds = run.seconds(node.uid)
+    time = f'  {seconds:.0f} s' if status is NodeStatus.RUNNING and seconds >= SHOWN_SECONDS else ''
+    name = one_line(node.name)
+    kind = f' ({one_line(node.registration)})' if node.registration not in (node.name, '') else ''
+    word = f'  {shown.name}' if shown in (NodeStatus.FAILURE, NodeStatus.RUNNING) else ''
+    tone = _TONES[status] if status is not NodeStatus.IDLE else Tone.ERROR if shown is NodeStatus.FAILURE else Tone.DIM
+    return Line(f'{"  " * depth}{signs.status[shown]} {name}{kind}{word}{time}', tone)
+
+
+def _cut_line(line: str, columns: int) -> str:
+    """What is deep loses of its indent what its name needs; the rest is cut."""
+    text = line.lstrip(' ')
+    indent = min(len(line) - len(text), columns // 3)
+    return Line(cut(' ' * indent + text, columns), tone_of(line))

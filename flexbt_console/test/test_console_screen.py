@@ -1,0 +1,425 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The operator's screen, driven by keys over a link that only notes what is sent."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import os
+import random
+from collections.abc import Awaitable, Callable, Sequence
+
+import pytest
+from textual.pilot import Pilot
+
+from flexbt_console.commands import CommandBuilder
+from flexbt_console.errors import ConsoleError
+from flexbt_console.mirror import (
+    ActiveState,
+    Behavior,
+    BehaviorList,
+    BehaviorParameter,
+    Command,
+    CommandKind,
+    CommandResult,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    GridMap,
+    Mirror,
+    NodeStatus,
+    Peer,
+    Pose,
+    ResultCode,
+    Snapshot,
+    StateKind,
+    StateStructure,
+    Structure,
+    TreeNode,
+    UserdataScope,
+)
+from flexbt_console.ui.screen import KEYS, OperatorScreen
+from flexbt_core.clock import ManualClock
+
+KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '150'))
+
+PLAN = Decision('d1', DecisionKind.TRANSITION, '/Drive', 'done', ('done', 'failed'), 2, prompt='arrived')
+OTHER = dataclasses.replace(PLAN, id='d2', outcome='failed')
+CHOICE = Decision('d3', DecisionKind.CHOICE, '/Drive', outcomes=('left', 'right'))
+WHERE = Decision('d4', DecisionKind.INPUT, '/Ask', input_type='geometry_msgs/msg/PoseStamped', prompt='Where to?')
+STRUCTURE = Structure(
+    'r1',
+    'Patrol',
+    (
+        StateStructure('/', StateKind.MACHINE, 'Patrol', ('Drive', 'Ask'), ('finished',)),
+        StateStructure('/Drive', StateKind.STATE, 'BtExecute', (), ('done', 'failed'), ('/Ask', '=finished'), (2, -1)),
+        StateStructure('/Ask', StateKind.STATE, 'Input', (), ('received',), ('/Drive',), (0,)),
+    ),
+)
+SIZES = [(120, 36), (80, 24), (40, 12), (20, 5), (200, 60)]
+
+
+class NotingLink:
+    """What was sent, in its order."""
+
+    def __init__(self, mirror: Mirror) -> None:
+        self.mirror = mirror
+        self.sent: list[Command] = []
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        self.sent.append(command)
+        return self.mirror.give(command, timeout, label)
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        return ()
+
+    @property
+    def kinds(self) -> list[CommandKind]:
+        return [command.kind for command in self.sent]
+
+
+class Robot:
+    """An executive as the mirror sees it."""
+
+    def __init__(self) -> None:
+        self.clock = ManualClock()
+        self.mirror = Mirror(self.clock, {'kitchen': Pose(3.0, 1.0)})
+        self.link = NotingLink(self.mirror)
+        self.snapshot = Snapshot(
+            'e',
+            0,
+            state=ExecutiveState.RUNNING,
+            run_id='r1',
+            behavior='Patrol',
+            autonomy=1,
+            active_states=(ActiveState('/Drive', 1.0, ('FollowPath',)),),
+            peers=(Peer('bt_server', alive=True),),
+            robot_pose=Pose(2.0, 2.0, 0.0),
+            stamp=5.0,
+        )
+        parameters = (BehaviorParameter('speed', 'float', '0.3'), BehaviorParameter('room', choices=('a', 'b')))
+        self.mirror.receive_structure(STRUCTURE)
+        self.mirror.receive_behaviors(BehaviorList('e', (Behavior('Patrol', parameters=parameters),)))
+        walls = bytes(100 if x in (0, 79) or y in (0, 59) else 0 for y in range(60) for x in range(80))
+        self.mirror.receive_map(GridMap(80, 60, 0.05, 0.0, 0.0, walls))
+        self.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
+        nodes = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'FollowPath', 'FollowPath')]
+        self.mirror.receive_tree_structure('t', 'Drive', nodes, 1.0)
+        running = [NodeStatus.RUNNING] * 2
+        self.mirror.receive_tree_status('t', 1, running, [], 5.0, finished=False, paused=False)
+        self.show()
+        self.show()
+
+    def show(self, *decisions: Decision, **parts: object) -> None:
+        """The executive says that this waits, and what else is given."""
+        changed = {'sequence': self.snapshot.sequence + 1, 'decisions': decisions, **parts}
+        self.snapshot = dataclasses.replace(self.snapshot, **changed)  # type: ignore[arg-type]
+        self.mirror.receive_snapshot(self.snapshot)
+
+
+def on_screen(
+    robot: Robot, steps: Callable[[OperatorScreen, Pilot[None]], Awaitable[None]], size: tuple[int, int] = (100, 30)
+) -> None:
+    """Run the screen, and what an operator does at it."""
+
+    async def run() -> None:
+        app = OperatorScreen(robot.mirror, robot.link, CommandBuilder('ann'), 5.0, robot.clock, 'the robot goes on')
+        async with app.run_test(size=size) as pilot:
+            await seen(robot, pilot)
+            await steps(app, pilot)
+
+    asyncio.run(run())
+
+
+async def seen(robot: Robot, pilot: Pilot[None]) -> None:
+    """What the mirror has is on the screen, and the operator has had the time to see it."""
+    app = pilot.app
+    assert isinstance(app, OperatorScreen)
+    await pilot.pause()
+    app.draw()
+    await pilot.pause()
+    robot.clock.advance(0.5)
+
+
+def text_of(app: OperatorScreen) -> str:
+    """What is on the screen, without colours."""
+    return '\n'.join(''.join(segment.text for segment in line) for line in app.screen._compositor.render_strips())
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_everything_of_now_is_on_the_screen(size: tuple[int, int]) -> None:
+    robot = Robot()
+    robot.show(PLAN, peers=(Peer('navigation', alive=False),))
+
+    async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        shown = text_of(app)
+        assert len(shown.splitlines()) == size[1]
+        assert max(map(len, shown.splitlines())) <= size[0]
+        if size[0] >= 80:
+            for text in ('LIVE', 'RUNNING', 'Patrol', 'navigation GONE', 'Drive', 'FollowPath', '[1 done*', 'kitchen'):
+                assert text in shown, text
+            assert '→ Ask' in shown  # what the answer leads to
+            assert shown.count('→') > 1  # the robot, by its heading
+
+    on_screen(robot, look, size)
+
+
+def test_enter_answers_the_decision_on_the_screen_and_no_later_one() -> None:
+    robot = Robot()
+    robot.show(PLAN)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('2')
+        robot.show(OTHER)  # it is another one now; what was picked is gone with the one before
+        await seen(robot, pilot)
+        assert '[1 done' not in text_of(app) and '[2 failed*' in text_of(app)
+        robot.show(PLAN)
+        await pilot.pause()
+        app.draw()
+        await pilot.press('enter')  # sooner than anybody can have read it
+        assert robot.link.sent == []
+        assert 'just come up' in text_of(app)
+        robot.clock.advance(1.0)
+        await pilot.press('enter')
+        (sent,) = robot.link.sent
+        assert (sent.kind, sent.decision_id, sent.outcome) == (CommandKind.CONFIRM, 'd1', '')
+
+    on_screen(robot, steps)
+
+
+def test_a_decision_that_is_gone_is_not_answered() -> None:
+    robot = Robot()
+    robot.show(PLAN)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        robot.show(CHOICE)  # the status has come, and is not drawn yet
+        await pilot.press('enter')
+        assert robot.link.sent == []
+
+    on_screen(robot, steps)
+
+
+def test_a_choice_has_to_be_picked_first() -> None:
+    robot = Robot()
+    robot.show(CHOICE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('enter', '3')
+        assert robot.link.sent == []
+        await pilot.press('2', 'enter')
+        assert [(one.kind, one.outcome) for one in robot.link.sent] == [(CommandKind.FORCE, 'right')]
+
+    on_screen(robot, steps)
+
+
+def test_a_pose_is_pointed_at_on_the_map() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('g', 'right', 'right', 'up', 'less_than_sign')
+        assert 'cursor x' in text_of(app)
+        await pilot.press('enter')
+        (answer,) = robot.link.sent
+        assert answer.kind is CommandKind.ANSWER and answer.decision_id == 'd4'
+        assert '2.' in answer.inputs[0].text
+
+    on_screen(robot, steps)
+
+
+def test_pointing_ends_with_the_question() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('g', 'right')
+        robot.show(CHOICE)
+        await seen(robot, pilot)
+        await pilot.press('enter')
+        assert robot.link.sent == []
+
+    on_screen(robot, steps)
+
+
+@pytest.mark.parametrize('before', [[], ['colon', 'n', 'o'], ['f'], ['question_mark'], ['z', 'z'], ['g']])
+def test_the_stop_key_works_everywhere(before: list[str]) -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press(*before, 'f8')
+        assert robot.link.kinds == [CommandKind.STOP]
+
+    on_screen(robot, steps)
+
+
+def test_blind_it_says_so_and_refuses_all_but_stop() -> None:
+    robot = Robot()
+    robot.show(PLAN)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        robot.clock.advance(60.0)
+        await seen(robot, pilot)
+        assert 'BLIND' in text_of(app) and 'LOST' in text_of(app)
+        await pilot.press('1', 'enter', 'p', 'plus')
+        assert robot.link.sent == []
+        await pilot.press('exclamation_mark')
+        assert robot.link.kinds == [CommandKind.STOP]
+
+    on_screen(robot, steps)
+
+
+def test_keys_give_the_commands_of_the_registry() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('p', 'plus', 'l', 'b', 'r', 'c')
+        expected = [
+            CommandKind.PAUSE,
+            CommandKind.AUTONOMY,
+            CommandKind.LOCK,
+            CommandKind.BREAKPOINT,
+            CommandKind.REPEAT,
+            CommandKind.CLAIM_AUTHORITY,
+        ]
+        assert robot.link.kinds == expected
+        assert robot.link.sent[1].autonomy == 2 and robot.link.sent[2].path == '/Drive'
+        robot.show(state=ExecutiveState.PAUSED, locked=('/Drive',), breakpoints=('/Drive',), authority='ann')
+        await seen(robot, pilot)
+        await pilot.press('p', 'l', 'b', 'c')
+        expected = [
+            CommandKind.RESUME,
+            CommandKind.UNLOCK,
+            CommandKind.CLEAR_BREAKPOINT,
+            CommandKind.RELEASE_AUTHORITY,
+        ]
+        assert robot.link.kinds[6:] == expected
+
+    on_screen(robot, steps)
+
+
+def test_a_state_is_forced_in_two_steps() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('f')
+        await pilot.pause()
+        assert 'failed' in text_of(app)
+        await pilot.press('escape')
+        assert robot.link.sent == []
+        await pilot.press('f', 'down', 'enter')
+        await pilot.pause()
+        (sent,) = robot.link.sent
+        assert (sent.kind, sent.path, sent.outcome) == (CommandKind.FORCE, '/Drive', 'failed')
+
+    on_screen(robot, steps)
+
+
+def test_a_behavior_is_started_by_its_form() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('s')
+        await pilot.pause()
+        await pilot.press('enter')
+        await pilot.pause()
+        assert 'speed (float)' in text_of(app)
+        await pilot.press(*'0.5', 'ctrl+s')
+        await pilot.pause()
+        (start,) = robot.link.sent
+        assert start.kind is CommandKind.START and start.behavior == 'Patrol'
+        assert start.arguments == (('speed', '0.5'), ('room', 'a'))
+
+    on_screen(robot, steps)
+
+
+def test_any_command_can_be_typed_and_its_fate_is_told() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('colon', *'autonomy f', 'tab', 'enter')
+        (sent,) = robot.link.sent
+        assert (sent.kind, sent.autonomy) == (CommandKind.AUTONOMY, 3)
+        robot.show(results=(CommandResult(sent.id, ResultCode.REFUSED, 'bob has the authority'),))
+        await seen(robot, pilot)
+        assert 'refused: bob has the authority' in text_of(app)
+        await pilot.press('colon', *'fly', 'enter')
+        await seen(robot, pilot)
+        assert len(robot.link.sent) == 1 and "no command 'fly'" in text_of(app)
+
+    on_screen(robot, steps)
+
+
+def test_what_comes_from_the_network_is_escaped() -> None:
+    robot = Robot()
+    hostile = '\x1b[2Jhidden\r\n[red]loud[/red]\u202e'
+    asked = dataclasses.replace(PLAN, path=f'/{hostile}', prompt=hostile, outcome=hostile, outcomes=(hostile,))
+    active = (ActiveState(f'/{hostile}', 1.0, (hostile,)),)
+    robot.show(asked, behavior=hostile, message=hostile, authority=hostile, active_states=active)
+    robot.mirror.receive_places({hostile: Pose(1.0, 1.0)})
+
+    async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        shown = text_of(app)
+        assert not {'\x1b', '\r', '\u202e'} & set(shown)
+        assert '[red]loud' in shown  # no markup of the toolkit either
+        await pilot.press('f', 'question_mark', 'escape', 's')
+
+    on_screen(robot, look)
+
+
+def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot()
+
+    def fail(*_: object) -> str:
+        raise ConsoleError.__base__('a fault on purpose')  # type: ignore[misc]
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr('flexbt_console.ui.screen.app.line_for', fail)
+            await pilot.press('p')
+        await seen(robot, pilot)
+        assert 'a fault on purpose' in text_of(app)
+        await pilot.press('exclamation_mark')
+        assert robot.link.kinds == [CommandKind.STOP]
+
+    on_screen(robot, steps)
+
+
+def test_an_idle_screen_draws_nothing() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        updates: list[object] = []
+        for pane in app.query('Pane'):
+            pane.update = updates.append  # type: ignore[method-assign, assignment, attr-defined]
+        for _ in range(20):
+            robot.show()  # heartbeats
+            await seen(robot, pilot)
+        assert updates == []
+
+    on_screen(robot, steps)
+
+
+@pytest.mark.parametrize('size', [(80, 24), (30, 8)])
+def test_random_keys_confirm_nothing(size: tuple[int, int]) -> None:
+    """Without Enter, and without the keys that send at once, nothing is sent; and nothing makes it end."""
+    chance = random.Random(size[0])
+    at_once = {'stop', 'pause', 'more_autonomy', 'less_autonomy', 'lock', 'breakpoint', 'repeat', 'claim', 'decline'}
+    keys = [name for key in KEYS if key.action not in at_once | {'confirm', 'leave'} for name in key.keys]
+    keys += ['tab', 'shift+tab', 'left', 'right', 'up', 'down', 'escape', 'less_than_sign', 'x', 'k', 'backspace', 'f2']
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for number in range(KEY_COUNT):
+            if number % 10 == 0:
+                waiting = chance.choice([(), (PLAN,), (CHOICE,), (WHERE,), (OTHER, WHERE)])
+                state = chance.choice([ExecutiveState.RUNNING, ExecutiveState.IDLE, ExecutiveState.PAUSED])
+                robot.show(*waiting, state=state)
+            await pilot.press(chance.choice(keys))
+        assert app.is_running
+        assert robot.link.sent == []
+        await pilot.press('f8')
+        assert robot.link.kinds == [CommandKind.STOP]
+
+    on_screen(robot, steps, size)
