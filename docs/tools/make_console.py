@@ -18,8 +18,9 @@ PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
 HEAD: Final = """\
 # Console
 
-Every command of the operator's console, on the command line, at the interactive prompt and on the screen. The text comes from the
-registry of commands (`docs/tools/make_console.py` writes this page); `console COMMAND --help` shows the same.
+Every command of the operator's console, on the command line, at the interactive prompt and on the screen. The text
+comes from the registry of commands (`docs/tools/make_console.py` writes this page); `console COMMAND --help` shows the
+same.
 
 | command | what it does |
 |---|---|"""

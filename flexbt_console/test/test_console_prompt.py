@@ -263,7 +263,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
 
     async def operate() -> None:
         with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
-            prompt = Prompt(mirror, link, MAKE, 5.0, clock, input=keys, output=DummyOutput())
+            prompt = Prompt(mirror, link, MAKE, 5.0, clock, 'the robot goes on', input=keys, output=DummyOutput())
             running = asyncio.create_task(prompt.run())
 
             async def until(count: int) -> None:
@@ -302,7 +302,7 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
     async def operate() -> None:
         output = PlainTextOutput(screen)
         with create_pipe_input() as keys, create_app_session(input=keys, output=output):
-            prompt = Prompt(mirror, link, MAKE, 5.0, clock, input=keys, output=output)
+            prompt = Prompt(mirror, link, MAKE, 5.0, clock, 'the robot goes on', input=keys, output=output)
             running = asyncio.create_task(prompt.run())
 
             async def until(text: str) -> None:
@@ -343,6 +343,7 @@ def test_quitting_sends_nothing(keys_to_quit: str) -> None:
                 MAKE,
                 5.0,
                 ManualClock(),
+                'the robot goes on',
                 input=keys,
                 output=DummyOutput(),
             )

@@ -18,7 +18,7 @@ from .scripts import Demonstration
 from .session import open_session
 
 INTRODUCTION = """
-The robot is ready, and the behavior "{behavior}" asks you where to go: ":" and "{place}" answers, "g" points at the map.
+The robot is ready, and the behavior "{behavior}" asks you where to go: ":{place}" answers, "g" points at the map.
 "?" shows the keys, "!" stops the robot, "q" ends the demonstration.
 """
 
