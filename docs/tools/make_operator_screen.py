@@ -51,9 +51,10 @@ def operate() -> str:
         tmux('send-keys', 'kitchen', 'Enter')
         wait_for(r'Is the path good\?')
         time.sleep(1.0)  # a key that comes at once is not taken for an answer
+        tmux('send-keys', '1')
         tmux('send-keys', 'Enter')
         wait_for(r'x [3-9]\.\d+ m .*plan')
-        return tmux('capture-pane', '-e', '-p')
+        return tmux('capture-pane', '-e', '-N', '-p')
     finally:
         tmux('send-keys', 'q')
         time.sleep(0.5)
