@@ -226,8 +226,12 @@ class OperatorScreen(App[None]):
         base = self.screen_stack[0]
         for name, draw in self._parts():
             pane = base.query_one(f'#{name}', Pane)
-            if name == 'alarm' or (pane.size.width > 0 and pane.size.height > 0):
-                pane.show(draw(view, pane.content_size.width or self.size.width, pane.content_size.height))
+            if name != 'alarm' and not (pane.size.width > 0 and pane.size.height > 0):
+                continue
+            text = draw(view, pane.content_size.width or self.size.width, pane.content_size.height)
+            if name == 'alarm':
+                pane.display = bool(text.plain)  # it takes a row only when there is something
+            pane.show(text)
 
     def _parts(self) -> tuple[tuple[str, Callable[[View, int, int], Text]], ...]:
         return (
