@@ -14,6 +14,7 @@ from flexbt_states import (
     OperatorDecisionState,
     PublishOnceState,
     SubscribeOnceState,
+    WaitState,
 )
 
 from .compare_scan_state import CompareScanState
@@ -146,8 +147,15 @@ class NightWatch(Behavior):
             OperatableStateMachine.add(
                 'Drive',
                 BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
-                transitions={'done': 'GetPose', 'canceled': 'Postpone', 'failed': 'Postpone'},
+                transitions={'done': 'ComeToRest', 'canceled': 'Postpone', 'failed': 'Postpone'},
                 autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+            )
+            # Pose and scan have to be of the same moment; those of a robot at rest always are.
+            OperatableStateMachine.add(
+                'ComeToRest',
+                WaitState(1.0),
+                transitions={'done': 'GetPose'},
+                autonomy={'done': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'GetPose',
