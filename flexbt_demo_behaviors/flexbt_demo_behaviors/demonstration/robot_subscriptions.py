@@ -38,7 +38,7 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     def subscribe() -> None:
         node = runtime.node
         node.create_subscription(OccupancyGrid, names.MAP, on_map, names.latched())
-        node.create_subscription(PoseStamped, names.POSE, on_pose, 1000)  # the whole track, also on a busy computer
+        node.create_subscription(PoseStamped, names.POSE, on_pose, 10)
         node.create_subscription(Odometry, names.ODOM, on_odometry, 10)
         node.create_subscription(Path, names.PLAN, on_plan, 10)
 

@@ -31,8 +31,8 @@ BRANCHES: Final = (DOOR_JAMMED, CHARGED, LOST, SWITCHED, HARMLESS, ALARM, DOOR_O
 
 TITLE: Final = 'Demonstration 3: two robots on night watch'
 
-THERE: Final = 0.5
-"""A robot that came so near to the place of a room has looked at it, m."""
+THERE: Final = 1.0
+"""A robot that came so near to the place of a room was in it, m: on a busy computer not every pose is heard."""
 
 NEAR: Final = 1.0
 """An alarm is about something that is so near to where it says, m."""
