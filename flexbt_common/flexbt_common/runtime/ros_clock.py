@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -113,13 +114,14 @@ class RosClock:
         now = self._now()
         with self._lock:
             earliest = self._timers.earliest()
-            if earliest is None:
-                self._timer.cancel()
-                return
-            when = min(earliest, now / _NANOSECONDS + _FARTHEST)
+        when = min(math.inf if earliest is None else earliest, now / _NANOSECONDS + _FARTHEST)
         # Where a float says a little more than the whole nanoseconds, the timer comes twice.
         self._timer.timer_period_ns = max(1, round(when * _NANOSECONDS) - now)
         self._timer.reset()
+        if earliest is None:
+            # Only now: rcl wakes the executor at each step of simulated time for a timer whose time has passed, even
+            # for one that is canceled.
+            self._timer.cancel()
 
     def _fire(self) -> None:
         now = self._now() / _NANOSECONDS

@@ -18,9 +18,10 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 
-LONGEST_WAIT: Final = 0.1
+LONGEST_WAIT: Final = 0.2
 """For so long at most the executor waits under simulated time, s of wall time: no more is the time old by which rclpy's
-own clock goes, when it is read without a :class:`flexbt_common.runtime.RosClock`."""
+own clock goes, when it is read without a :class:`flexbt_common.runtime.RosClock`. Longer than the period by which a
+node at rest is asked whether it answers (health.py), which wakes it anyway."""
 
 
 class SimulatedTime:
