@@ -27,7 +27,7 @@ from prompt_toolkit.styles import Style
 
 from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Command, CommandState, LogLine, Mirror, UserdataScope, View
+from flexbt_console.mirror import Command, CommandState, Mirror, UserdataScope, View
 from flexbt_console.present import (
     SETTLE_SECONDS,
     Follower,
@@ -206,7 +206,7 @@ class Prompt:
             if meaning.local is Local.HELP:
                 self._print(self._help(meaning))
             elif meaning.local is Local.SHOW:
-                self._print(_show(meaning, view, _Known(self._mirror)))
+                self._print(_show(meaning, view, self._mirror))
             elif meaning.local is Local.ASK:
                 threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
         except NoLiveLinkError:
@@ -331,14 +331,6 @@ class Prompt:
         output.write('\n')
 
 
-@dataclass(frozen=True)
-class _Known:
-    _mirror: Mirror
-
-    def log(self, count: int) -> tuple[LogLine, ...]:
-        return self._mirror.log(count)
-
-
 class _PromptCompleter(Completer):
     def __init__(self, mirror: Mirror) -> None:
         self._mirror = mirror
@@ -350,7 +342,7 @@ class _PromptCompleter(Completer):
             yield Completion(word, start_position=-len(last))
 
 
-def _show(meaning: Meaning, view: View, known: _Known) -> list[str]:
+def _show(meaning: Meaning, view: View, known: Mirror) -> list[str]:
     assert meaning.line is not None and meaning.line.spec is not None
     action = meaning.line.spec.action
     assert isinstance(action, Show)

@@ -22,7 +22,7 @@ from textual.widgets import Input
 
 from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Command, CommandState, LogLine, Mirror, UserdataScope, View
+from flexbt_console.mirror import Behavior, Command, CommandState, Mirror, UserdataScope, View
 from flexbt_console.present import (
     Line,
     Tone,
@@ -52,7 +52,7 @@ from .tree_lines import tree_lines
 
 P = ParamSpec('P')
 
-REDRAW_SECONDS: Final = 0.1
+REDRAW_SECONDS: Final = 0.05
 """Shortest time between two drawings, which limits what goes over a slow connection."""
 
 AGE_SECONDS: Final = 0.5
@@ -89,11 +89,11 @@ class _Completing(Suggester):
         return f'{head}{found[0]}' if value and found else None
 
 
-def _told(method: Callable[P, None]) -> Callable[P, None]:
+def _guarded(method: Callable[P, None]) -> Callable[P, None]:
     """A fault of the screen is told, and the screen goes on: the operator still has to be able to stop the robot."""
 
     @functools.wraps(method)
-    def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+    def call(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
             method(*args, **kwargs)
         except Exception as error:
@@ -101,7 +101,7 @@ def _told(method: Callable[P, None]) -> Callable[P, None]:
             text = ['fault in the console, which goes on:', *lines(''.join(traceback.format_exception(error)))]
             screen.tell([Line(line, Tone.ERROR) for line in text])
 
-    return guarded
+    return call
 
 
 class OperatorScreen(App[None]):
@@ -196,7 +196,8 @@ class OperatorScreen(App[None]):
 
     def tell(self, text: Sequence[str]) -> None:
         """Add lines of the console's own to the log."""
-        stamp = self._mirror.view().snapshot.stamp if self._mirror.view().snapshot else 0.0  # type: ignore[union-attr]
+        snapshot = self._mirror.view().snapshot
+        stamp = snapshot.stamp if snapshot is not None else 0.0
         self._told.extend((stamp, line) for line in text)
         self._wake()
 
@@ -213,8 +214,9 @@ class OperatorScreen(App[None]):
         else:
             self.draw()
 
-    @_told
+    @_guarded
     def draw(self) -> None:
+        """Draw what the mirror knows now; what has not changed is not drawn."""
         self._is_planned = False
         self._drawn_at = self._clock.now()
         view = self._mirror.view()
@@ -328,7 +330,7 @@ class OperatorScreen(App[None]):
 
     # What is done
 
-    @_told
+    @_guarded
     def action_press(self, action: str) -> None:
         """A key of the table was pressed."""
         key = next(key for key in KEYS if key.action == action)
@@ -347,7 +349,7 @@ class OperatorScreen(App[None]):
         else:
             self.do(line_for(action, view))
 
-    @_told
+    @_guarded
     def action_pick(self, number: int) -> None:
         """A number was pressed."""
         try:
@@ -356,7 +358,7 @@ class OperatorScreen(App[None]):
             self._warn(str(error))
         self.draw()
 
-    @_told
+    @_guarded
     def action_cursor(self, key: str) -> None:
         """Move or turn the cursor on the map."""
         if self._cursor is None or self._frame is None:
@@ -369,7 +371,7 @@ class OperatorScreen(App[None]):
             self._cursor_yaw = math.remainder(self._cursor_yaw + CURSOR_TURNS[key], math.tau)
         self.draw()
 
-    @_told
+    @_guarded
     def action_leave_mode(self) -> None:
         """Leave what was begun; nothing is sent."""
         self._cursor = None
@@ -377,7 +379,7 @@ class OperatorScreen(App[None]):
         self._close_line()
         self.draw()
 
-    @_told
+    @_guarded
     def do(self, text: str) -> None:
         """Do what a line says, as at the prompt; it is bound to the decision on the screen."""
         view = self._mirror.view()
@@ -400,7 +402,7 @@ class OperatorScreen(App[None]):
             assert meaning.line is not None and meaning.line.spec is not None
             action = meaning.line.spec.action
             assert isinstance(action, Show)
-            self._read(meaning.line.spec.name, action.show(meaning.line, view, _Known(self._mirror)).text)
+            self._read(meaning.line.spec.name, action.show(meaning.line, view, self._mirror).text)
         elif meaning.local is Local.ASK:
             threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
 
@@ -552,7 +554,7 @@ class OperatorScreen(App[None]):
         line.disabled = True
         self.screen_stack[0].set_focus(None)
 
-    @_told
+    @_guarded
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """A line was typed; it belongs to the decision that was on the screen when it was begun."""
         if event.input.id != 'line':
@@ -571,15 +573,6 @@ class OperatorScreen(App[None]):
             event.stop()
             event.prevent_default()
             line.action_cursor_right()
-
-
-class _Known:
-    def __init__(self, mirror: Mirror) -> None:
-        self._mirror = mirror
-
-    def log(self, count: int) -> tuple[LogLine, ...]:
-        """See :class:`flexbt_console.commands.spec.Known`."""
-        return self._mirror.log(count)
 
 
 def run_screen(mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str) -> None:
