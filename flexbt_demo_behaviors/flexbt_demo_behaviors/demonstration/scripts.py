@@ -11,8 +11,9 @@ from flexbt_console.mirror import AutonomyLevel, Decision, DecisionKind
 from .report import DemoError, DemoReport
 from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
 
-# From a stop to rest, in seconds of wall time: 0.5 s, and the braking from full speed at real-time speed.
-STOP_S = 0.5 + 0.3
+# From a stop to rest, in seconds of wall time. It takes 0.1 to 0.5 s; that of a busy machine, which runs the world at
+# several times real time, is no promise of the robot's (benchmarks/latency.py has that), so there is much room.
+STOP_S = 5.0
 
 
 @dataclass(frozen=True)
