@@ -42,7 +42,7 @@ from flexbt_console.mirror import (
 from flexbt_console.ui.screen import KEYS, OperatorScreen
 from flexbt_core.clock import ManualClock
 
-KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '150'))
+KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
 
 PLAN = Decision('d1', DecisionKind.TRANSITION, '/Drive', 'done', ('done', 'failed'), 2, prompt='arrived')
 OTHER = dataclasses.replace(PLAN, id='d2', outcome='failed')

@@ -51,7 +51,7 @@ def test_a_map_of_ones_own_has_the_robot_start_at_its_first_place(tmp_path: Path
 def test_leaving_the_console_is_told_to_end_the_demonstration() -> None:
     file, *words = console_command()
     assert Path(file).is_file()
-    assert words[:3] == ['prompt', '--leaving', 'the demonstration ends']
+    assert words[:3] == ['screen', '--leaving', 'the demonstration ends']
 
 
 def test_a_places_file_without_places_is_refused(tmp_path: Path) -> None:
