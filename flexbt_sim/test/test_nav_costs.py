@@ -12,6 +12,7 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
+from flexbt_testing.waiting import wait_until
 
 GLOBAL, LOCAL = (names.costmap_services(costmap)[-1] for costmap in names.COSTMAPS)
 WALL = (1.0, 3.45)
@@ -21,6 +22,7 @@ WALL = (1.0, 3.45)
 def world() -> Iterator[Probe]:
     with open_world() as probe:
         probe.place(DOCK)
+        wait_until(lambda: cost(probe, GLOBAL, *DOCK[:2]) >= 0.0, 'the map at navigation')
         yield probe
 
 
