@@ -127,6 +127,16 @@ def test_exit_code_5_without_an_executive() -> None:
     assert json.loads(done.stdout)['result'] == 'no_link'
 
 
+def test_what_the_middleware_prints_is_no_part_of_an_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fast DDS writes its errors to standard output: here, that it does not know an element of its profile."""
+    profile = tmp_path / 'profile.xml'
+    profile.write_text('<dds><profiles><participant profile_name="x"><unknown/></participant></profiles></dds>')
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+    done = console('status', '--json', namespace='nobody', timeout='0.5')
+    assert json.loads(done.stdout)['exit_code'] == done.returncode == ExitCode.NO_LINK
+    assert 'Error' in done.stderr or os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp') != 'rmw_fastrtps_cpp'
+
+
 def test_watch_prints_json_lines_and_ends_cleanly(executive: ScriptedExecutive) -> None:
     command = [*COMMAND, 'watch', '--json', '--namespace', NAMESPACE]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:

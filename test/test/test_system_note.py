@@ -69,7 +69,7 @@ def console(*words: str, exit_code: int = 0) -> Any:
     """What a command of ann's console answers."""
     line = [executable('console'), *words, '--json', '--timeout', '30', '--operator', 'ann']
     done = subprocess.run(line, capture_output=True, timeout=DEADLINE, check=False)
-    assert done.returncode == exit_code, (words, done.stdout, done.stderr)
+    assert done.returncode == exit_code and done.stdout.startswith(b'{'), (words, done)
     return json.loads(done.stdout)
 
 

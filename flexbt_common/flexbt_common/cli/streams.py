@@ -19,3 +19,18 @@ def make_streams_safe() -> None:
 def abandon_stdout() -> None:
     """To be called when nobody reads the output any more: nothing may be written any more, at the end neither."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def keep_stdout_for_python() -> None:
+    """What native code writes to standard output goes to standard error from now on; answers are Python's alone.
+
+    Fast DDS writes its errors there, with colours (its default consumer of logs): in front of an answer in JSON, a
+    program could not read that any more. Nothing is done where ``sys.stdout`` is not that of the process.
+    """
+    stdout, stderr = sys.stdout, sys.stderr
+    if stdout is not sys.__stdout__ or stdout is None or stderr is None:
+        return
+    stdout.flush()
+    own = os.dup(stdout.fileno())
+    os.dup2(stderr.fileno(), stdout.fileno())
+    sys.stdout = open(own, 'w', encoding=stdout.encoding, errors=stdout.errors)  # noqa: SIM115, PTH123

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from flexbt_common.cli import abandon_stdout, make_streams_safe
+from flexbt_common.cli import abandon_stdout, keep_stdout_for_python, make_streams_safe
 from flexbt_console.commands import (
     CommandBuilder,
     CommandLine,
@@ -104,6 +104,7 @@ def _run(line: CommandLine) -> ExitCode:
         return _run_interactive(line, _INTERACTIVE[line.spec.action])
     from .line import Session, run
 
+    keep_stdout_for_python()
     with _open_runtime(line) as runtime:
         mirror, link, make = _parts(line, runtime)
         return run(Session(mirror, link, make, line, line.seconds('--timeout') or DEFAULT_TIMEOUT))
