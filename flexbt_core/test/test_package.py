@@ -50,16 +50,18 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return interpreter
 
 
-def test_the_example_of_the_readme_runs_where_nothing_else_is_installed(python: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(('example', 'printed'), list(zip(blocks('python'), blocks('text'), strict=True)))
+def test_each_example_of_the_readme_runs_where_nothing_else_is_installed(
+    python: Path, tmp_path: Path, example: str, printed: str
+) -> None:
     program = tmp_path / 'example.py'
     program.write_text(
-        '\n'.join(blocks('python')) + '\nimport sys\n'
+        example + '\nimport sys\n'
         "files = {name: str(getattr(module, '__file__', '')) for name, module in sys.modules.items()}\n"
         "installed = {name.partition('.')[0] for name, file in files.items() if '-packages' in file}\n"
         "assert installed <= {'flexbt_core', 'yaml', '_yaml'}, installed\n",
         encoding='utf-8',
     )
-    (printed,) = blocks('text')
     assert run(python, '-I', program) == printed
 
 
