@@ -46,7 +46,10 @@ def test_uv_looks_where_pip_is_told_to_look(tmp_path: Path) -> None:
         encoding='utf-8',
     )
     configuration = configuration_of_pip(file, PIP_FIND_LINKS='/wheels /more', PIP_CERT='/ca.pem', PIP_NO_COLOR='1')
-    assert uv_variables(configuration, {'UV_DEFAULT_INDEX': 'https://own.example'}) == {
+    own = {'UV_DEFAULT_INDEX': 'https://own.example'}
+    of_the_computer = uv_variables(configuration_of_pip(tmp_path / 'none'), own)
+    assert uv_variables(configuration, own) == {
+        **of_the_computer,
         'SSL_CERT_FILE': '/ca.pem',
         'UV_FIND_LINKS': '/wheels,/more',
         'UV_HTTP_TIMEOUT': '90',
