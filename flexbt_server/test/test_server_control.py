@@ -238,6 +238,35 @@ def test_a_paused_tree_is_taken_over_and_stays_paused(world: World, operator: Op
     assert from_entry(new.result.outputs[0]) == pose(2)
 
 
+REPLANNING = (
+    '<PipelineSequence><RateController hz="1000.0"><ComputePathToPose goal="{goal}" path="{path}"/></RateController>'
+    '<FollowPath path="{path}"/></PipelineSequence>'
+)
+
+
+def test_whoever_paused_a_tree_resumes_it_however_often_it_was_taken_over_meanwhile(
+    world: World, operator: Operator
+) -> None:
+    world.navigation.hold.add(names.FOLLOW_PATH)
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    world.client.load_tree(REPLANNING)
+    goals = [world.client.execute(goals=[pose(1)])]
+    wait_until(lambda: follow.running)
+    for x in (2, 3):
+        goals.append(world.client.execute(goals=[pose(x)]))
+        assert 'newer goal' in goals[-2].result.message
+        if x == 2:
+            assert operator.ask(PAUSE, goal_id(goals[1])) == ''  # neither the first nor the last
+    wait_until(lambda: not follow.running, 'the robot at rest')
+    sent = len(follow.goals)
+    assert operator.ask(PAUSE, goal_id(goals[2])) == ''
+    assert len(follow.goals) == sent and operator.shown
+    assert operator.ask(RESUME, goal_id(goals[1])) == ''
+    wait_until(lambda: follow.running and follow.goals[-1].path.poses[-1] == pose(3), 'driving to the newest goal')
+    world.navigation.hold.clear()  # the next path is followed to its end
+    assert goals[2].result.code == Result.SUCCESS
+
+
 def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Operator) -> None:
     world.client.load_tree(COUNTING)
     with NodeRuntime.open('owner') as owner:

@@ -9,8 +9,12 @@ from collections.abc import Iterator
 
 import pytest
 from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Header
 
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
 from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.system.hold_up import EXECUTOR, RUN
 from flexbt_testing.system.probe import Probe
@@ -18,6 +22,8 @@ from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import uncontended_time
 
 GOAL = (3.8, 1.2)
+HOME = (0.8, 4.45)
+"""Where the robot is when the simulation begins."""
 REST_SECONDS = 1.0
 """From a stop, or the hang of what drives the robot, to rest."""
 
@@ -121,6 +127,27 @@ def test_a_paused_robot_stands_still_and_goes_on_where_it_was(stack: Stack, prob
     position = probe.pose.pose.position
     assert math.dist((position.x, position.y), GOAL) < 0.3
     assert (probe.run_id, probe.status.state) == (run_id, ExecutiveStatus.RUNNING)
+
+
+def test_a_goal_of_somebody_else_waits_for_the_end_of_the_pause(stack: Stack, probe: Probe) -> None:
+    pause(probe)
+    probe.wait_at_rest()
+    where = probe.moved_stamp
+    elsewhere = PoseStamped(header=Header(frame_id='map'))
+    elsewhere.pose.position.x, elsewhere.pose.position.y, elsewhere.pose.orientation.w = *HOME, 1.0
+    goal = SentGoal(
+        ActionLinks(probe.console).link(BtExecute, names.BT_EXECUTOR),
+        BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/trees/navigate.xml', goals=[elsewhere]),
+    )
+    probe.wait(lambda: goal.feedback, 'the tree works for the other goal')
+    probe.wait_at_rest()
+    assert probe.moved_stamp == where and not goal.ended
+    probe.applied(ExecutiveCommand.RESUME)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert probe.pose is not None
+    assert math.dist((probe.pose.pose.position.x, probe.pose.pose.position.y), HOME) < 0.3
+    replaced = 'a newer goal for the same tree has taken over'
+    probe.wait(lambda: any(replaced in line.text for line in probe.logs), 'why the state has failed')
 
 
 def test_a_paused_robot_is_stopped(stack: Stack, probe: Probe) -> None:

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 
@@ -16,6 +17,9 @@ from flexbt_core.clock import Timer
 from flexbt_server.errors import UnknownRunError
 from flexbt_server.runs import RunOutcome, TreeRun
 from flexbt_server.trees import FoundTree, Value
+
+_GOALS_REMEMBERED: Final = 100
+"""By which a run is known, at most."""
 
 
 class TreeGoal(ABC):
@@ -76,7 +80,9 @@ class TreeGoal(ABC):
 
 @dataclass(eq=False)
 class RunningTree:
-    """The run of one tree on one blackboard, and the goal that it works for."""
+    """The run of one tree on one blackboard, and the goal that it works for; ``goal_ids`` are those that it has worked
+    for, the last ones: whoever has paused the run for one of them has it go on by the same ID.
+    """
 
     id: str
     key: TreeKey
@@ -86,6 +92,15 @@ class RunningTree:
     run: TreeRun[TreeGoal]
     goal: TreeGoal
     feedback: Timer | None = None
+    goal_ids: deque[str] = field(default_factory=lambda: deque(maxlen=_GOALS_REMEMBERED))
+
+    def __post_init__(self) -> None:
+        self.works_for(self.goal)
+
+    def works_for(self, goal: TreeGoal) -> None:
+        """The run has begun, or was taken over."""
+        self.goal = goal
+        self.goal_ids.append(goal.served.id.hex())
 
     @property
     def description(self) -> str:
@@ -124,18 +139,17 @@ class RunningTrees:
         del self._running[running.key, running.blackboard]
 
     def find(self, run_id: str) -> RunningTree:
-        """The run of this ID (TreeStructure.run_id), or that of the goal of this ID; the only one there is for ''.
+        """The run of this ID (TreeStructure.run_id), or that works or has worked for the goal of this ID; the only one
+        there is for ''.
 
         Raises:
             UnknownRunError: there is none, or there are several; says which.
         """
-        runs = {running.id: running for running in self.all()}
-        by_goal = {running.goal.served.id.hex(): running for running in self.all()}
-        only = next(iter(runs.values())) if len(runs) == 1 else None
-        found = (runs | by_goal).get(run_id) if run_id else only
-        if found is not None:
-            return found
-        known = '; '.join(f'{running.id} ({running.description})' for running in runs.values())
+        runs = self.all()
+        found = [running for running in runs if not run_id or run_id == running.id or run_id in running.goal_ids]
+        if len(found) == 1:
+            return found[0]
+        known = '; '.join(f'{running.id} ({running.description})' for running in runs)
         if not known:
             raise UnknownRunError('no tree is running')
         asked = f'no run has the ID {run_id!r}' if run_id else 'several trees are running; say which by run_id'

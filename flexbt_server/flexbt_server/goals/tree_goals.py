@@ -247,7 +247,8 @@ class TreeGoals:
         self._schedule_feedback(running)
 
     def _on_adopted(self, running: RunningTree, newer: TreeGoal) -> None:
-        older, running.goal = running.goal, newer
+        older = running.goal
+        running.works_for(newer)
         running.run.hold(self._reason_to_hold(newer))
         self.end(older, _replaced())
         if newer.stop_reason is not None:
