@@ -252,6 +252,24 @@ def test_what_is_no_status_ends_the_goal_and_names_the_leaf(world: World) -> Non
         assert (result.code, result.failed_node) == (Result.ERROR, 'leaf'), (what, result.message)
 
 
+def test_scripts_that_raise_while_a_tree_halts_hide_nothing(world: World) -> None:
+    """Neither by what the run ended, nor one another."""
+    halted = [f'<AlwaysSuccess name="halted {key}" _onHalted="{key} = 1"/>' for key in 'ab']
+    body = f'<Sequence>{"".join(halted)}{{}}</Sequence>'
+    leaf = '<AlwaysSuccess name="cause" _onSuccess="c = 1"/>'
+    for last, shown, reason in ((leaf, 'cause', '_onSuccess'), ('<AlwaysFailure/>', 'AlwaysFailure::4', 'FAILURE')):
+        world.client.load_tree(body.format(last))
+        result = world.client.execute().result
+        assert (result.code, result.failed_node) == (Result.ERROR, shown), result.message
+        assert reason in result.reasons[0]
+        told = [result.message.index(part) for part in (reason, 'while halting', '[halted a]', '[halted b]')]
+        assert told == sorted(told), result.message
+    world.client.load_tree(body.format('<AlwaysSuccess/>'))
+    result = world.client.execute().result
+    assert (result.code, result.failed_node) == (Result.ERROR, 'halted a')
+    assert result.message.startswith('while halting')
+
+
 @pytest.mark.parametrize(
     'reason', ['a\ud800b', 'a\0b', 'x' * 3_000_000, '\x1b[31mred', ''], ids=['surrogate', 'NUL', 'long', 'ESC', 'none']
 )

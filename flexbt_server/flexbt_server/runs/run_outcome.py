@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flexbt_core.behavior_tree import BehaviorTreeError, NodeExecutionError, NodeStatus, Tree
 from flexbt_msgs.action import BtExecute
@@ -37,15 +37,23 @@ def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:
 
 
 def outcome_after(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
-    """Take a step of halting; gives the outcome, which an error of a leaf changes."""
+    """Take a step of halting; gives the outcome. A leaf that raises makes it an ERROR, and its error is told after what
+    the run has ended by: the failed node stays the one that was first.
+    """
     try:
         step()
     except NodeExecutionError as error:
-        return _error(error, f'{outcome.message}; while halting: {error}')
+        halting = _error(error)
+        return replace(
+            outcome if outcome.failed_node else halting,
+            code=BtExecute.Result.ERROR,
+            message='; '.join(filter(None, (outcome.message, f'while halting: {halting.message}'))),
+        )
     return outcome
 
 
-def _error(error: NodeExecutionError, message: str) -> RunOutcome:
+def _error(error: NodeExecutionError) -> RunOutcome:
+    message = '; '.join((str(error), *getattr(error, '__notes__', ())))
     return RunOutcome(BtExecute.Result.ERROR, message, error.node_path, tuple(error.trace.lines()))
 
 
@@ -54,7 +62,7 @@ def outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
     try:
         return step()
     except NodeExecutionError as error:
-        return _error(error, str(error))
+        return _error(error)
     except BehaviorTreeError as error:
         return RunOutcome(BtExecute.Result.ERROR, str(error))
     except BaseException:  # a fault of ours

@@ -260,6 +260,8 @@ SKIPPING: list[Row] = [
         'Parallel failure_count="1" success_count="-1"', act('s', 'R',
         "_onHalted=\"test = 'halted'\" _post=\"test = 'post'\""),
         '<AlwaysFailure/>')), 'o'),
+    *((f'{attribute} raises at an action that gives {status}', of('Sequence', A, sync('s', status,
+        f'{attribute}="nope = 1"')), 'th') for status in 'RSF' for attribute in ('_post', '_onSuccess', '_onHalted')),
 ]  # fmt: skip
 
 ENTRIES: list[Row] = [
