@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import signal
+import sys
 
 
 def run_main(module: str) -> int:
@@ -12,11 +14,19 @@ def run_main(module: str) -> int:
 
     A SIGINT that comes meanwhile ends the process by that signal (130 for a shell), without a traceback of what was
     being imported. One that is ignored stays so, as in the background of a shell.
+
+    Loading is spared what no executable needs: collections of garbage among modules that stay, and the generator of
+    message code (with its parsers), which each package of messages loads otherwise. rosidl_generator_py is made to
+    work where that cannot be imported.
     """
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.modules.setdefault('rosidl_generator_py.generate_py_impl', None)  # type: ignore[arg-type]  # see sys.modules
+    gc.disable()
     main = importlib.import_module(module).main
+    gc.freeze()
+    gc.enable()
     signal.signal(signal.SIGINT, before)
     exit_code: int = main()
     return exit_code

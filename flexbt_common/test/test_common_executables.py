@@ -66,3 +66,13 @@ def test_a_signal_that_is_ignored_stays_so(tmp_path: Path) -> None:
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     )
     assert done.returncode == 0
+
+
+def test_loading_leaves_out_what_generates_message_code(tmp_path: Path) -> None:
+    (tmp_path / 'slow.py').write_text(
+        'import gc, sys\nfrom std_msgs.msg import String\n\n'
+        'def main():\n'
+        '    String.__class__.__import_type_support__()\n'
+        '    return int(not gc.isenabled() or gc.get_freeze_count() == 0 or "rosidl_parser.parser" in sys.modules)\n'
+    )
+    assert subprocess.run([sys.executable, '-c', START], cwd=tmp_path, check=False).returncode == 0

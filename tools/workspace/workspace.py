@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import compileall
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -49,6 +50,7 @@ class Workspace:
             self.venv.ensure(lock)
         if self._build.ensure(lock):
             self._compile_loops(lock)
+        self._compile_modules()
 
     def _compile_loops(self, lock: int) -> None:
         """What numba compiles: otherwise each of the processes of the first start does it for itself."""
@@ -62,6 +64,13 @@ class Workspace:
                 directory=self.layout.root,
                 keep_open=[lock],
             )
+
+    def _compile_modules(self) -> None:
+        """Those that changed, where Python is told not to: otherwise each start of a program would compile them all."""
+        if self.clean_environment.get('PYTHONDONTWRITEBYTECODE'):
+            for package in self.layout.packages():
+                if package.is_python:
+                    compileall.compile_dir(package.modules, quiet=2)
 
     def inside(self, command: Sequence[str | Path]) -> list[str | Path]:
         """`command` as one that runs with everything of the workspace set up."""
