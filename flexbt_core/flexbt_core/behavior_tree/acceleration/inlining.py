@@ -30,11 +30,11 @@ from __future__ import annotations
 
 import ast
 import functools
-import inspect
 import itertools
 import sys
 import types
 from collections.abc import Iterator
+from importlib.abc import InspectLoader
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, NodeStatus
@@ -87,13 +87,16 @@ def _inlined(function: types.FunctionType) -> types.FunctionType | None:
 @functools.cache
 def _compiled(module: str) -> dict[types.CodeType, types.CodeType]:
     """What becomes of the code of a module. Empty without its source; other keys when that was replaced since."""
-    try:
-        source = inspect.getsource(sys.modules[module])
-    except OSError:
+    loader = sys.modules[module].__loader__
+    if not isinstance(loader, InspectLoader):
         return {}
-    file = sys.modules[module].__file__ or module
-    plain = compile(source, file, 'exec', dont_inherit=True)
-    made = compile(_Inliner().visit(ast.parse(source)), file, 'exec', dont_inherit=True)
+    try:
+        source, plain = loader.get_source(module), loader.get_code(module)
+    except (ImportError, OSError):
+        return {}
+    if source is None or plain is None:
+        return {}
+    made = compile(_Inliner(source).visit(ast.parse(source)), plain.co_filename, 'exec', dont_inherit=True)
     return dict(zip(_inner_code(plain), _inner_code(made), strict=True))
 
 
@@ -110,6 +113,14 @@ _FIRST_PLACES: Final = {'status': 0, _JOINED: FIRST_CHILDREN_IDLE}
 
 
 class _Inliner(ast.NodeTransformer):
+    def __init__(self, source: str) -> None:
+        self._lines = source.split('\n')
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        """Most functions use no status: looking for the word is quicker than visiting them."""
+        lines = self._lines[node.lineno - 1 : node.end_lineno]
+        return self.generic_visit(node) if any('status' in line for line in lines) else node
+
     def generic_visit(self, node: ast.AST) -> ast.AST:
         for block in (getattr(node, 'body', None), getattr(node, 'orelse', None)):
             if isinstance(block, list):
