@@ -99,6 +99,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.EXECUTIVE_STRUCTURE,
         names.EXECUTIVE_BEHAVIORS,
         names.EXECUTIVE_LOG,
+        names.EXECUTIVE_EVENTS,
         names.PLACES,
         by=(ONBOARD_EXECUTIVE,),
         to=(*CONSOLES, RECORDER),

@@ -54,6 +54,7 @@ EXECUTIVE_BEHAVIORS: Final = 'executive/behaviors'
 EXECUTIVE_COMMAND: Final = 'executive/command'
 EXECUTIVE_STOP: Final = 'executive/stop'  # stops, beside executive/command
 EXECUTIVE_LOG: Final = 'executive/log'
+EXECUTIVE_EVENTS: Final = 'executive/events'
 EXECUTIVE_PRESENCE: Final = 'executive/presence'
 EXECUTIVE_PING: Final = 'executive/ping'
 EXECUTIVE_PONG: Final = 'executive/pong'
@@ -61,6 +62,7 @@ PLACES: Final = 'places'
 COMMAND_DEPTH: Final = 50
 STOP_DEPTH: Final = 10
 LOG_DEPTH: Final = 50
+EVENTS_DEPTH: Final = 50
 
 # Robot
 MAP: Final = 'map'

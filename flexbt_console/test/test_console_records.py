@@ -14,6 +14,7 @@ from flexbt_console import mirror
 from flexbt_console.link import (
     behaviors_record,
     command_message,
+    event_records,
     log_record,
     places_record,
     snapshot_record,
@@ -28,6 +29,7 @@ NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
 """Fields of messages that no record has, and why."""
 
 RENAMED: Final[dict[Any, dict[str, str]]] = {
+    msg.Progress: {'distance_remaining': 'distance', 'time_remaining': 'time', 'poses_remaining': 'poses'},
     msg.BehaviorParameter: {'default_value': 'default'},
     msg.ExecutiveCommand: {'operator_id': 'operator'},
     msg.UserdataScope: {'entries': 'values'},
@@ -46,6 +48,7 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.ExecutiveLog: mirror.LogLine,
     msg.ExecutiveStatus: mirror.Snapshot,
     msg.PeerStatus: mirror.Peer,
+    msg.Progress: mirror.Progress,
     msg.PendingDecision: mirror.Decision,
     msg.StateStructure: mirror.StateStructure,
     msg.UserdataScope: mirror.UserdataScope,
@@ -54,6 +57,7 @@ RECORDS: Final[dict[Any, Any]] = {
 CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
     msg.CommandResult: mirror.ResultCode,
     msg.ExecutiveCommand: mirror.CommandKind,
+    msg.ExecutiveEvent: mirror.EventKind,
     msg.ExecutiveLog: mirror.Severity,
     msg.ExecutiveStatus: mirror.ExecutiveState,
     msg.PendingDecision: mirror.DecisionKind,
@@ -91,7 +95,8 @@ def filled(message: Any, numbers: Any) -> Any:
         if hasattr(value, 'get_fields_and_field_types'):
             filled(value, numbers)
         elif type.startswith('sequence<'):
-            setattr(message, name, [element(type.removeprefix('sequence<').removesuffix('>'), numbers)])
+            inside = type.removeprefix('sequence<').removesuffix('>').partition(',')[0]
+            setattr(message, name, [element(inside, numbers)])
         else:
             setattr(message, name, element(type, numbers))
     return message
@@ -140,11 +145,25 @@ def test_what_a_message_says_reaches_the_record(message: Any, convert: Any) -> N
 
 def test_what_a_command_says_reaches_the_message() -> None:
     fields: dict[str, Any] = {field.name: field.name for field in dataclasses.fields(mirror.Command)}
-    fields |= {'kind': mirror.CommandKind.NOTE, 'autonomy': 3, 'arguments': (('a', 'b'),)}
+    fields |= {
+        'kind': mirror.CommandKind.NOTE,
+        'autonomy': 3,
+        'wait_queue': 1.5,
+        'wait_interaction': 2.5,
+        'arguments': (('a', 'b'),),
+    }
     fields['inputs'] = (mirror.InputValue('k', 't', 'x'),)
     sent = command_message(mirror.Command(**fields), 12.5)
     for name in sent.get_fields_and_field_types():
         assert getattr(sent, name) != getattr(msg.ExecutiveCommand(), name), name
+
+
+def test_events_are_numbered_from_the_first_on() -> None:
+    event = filled(msg.ExecutiveEvent(), itertools.repeat(2))
+    first, second = event_records(msg.ExecutiveEvents(executive_id='e', first=7, events=[event, msg.ExecutiveEvent()]))
+    assert (first.sequence, second.sequence, first.executive_id) == (7, 8, 'e')
+    assert first.kind is mirror.EventKind.COMMAND
+    assert [name for name, value in values(first) if value in (None, '', 0, False)] == []
 
 
 def test_the_places_of_the_robot_are_known_by_name() -> None:

@@ -30,6 +30,8 @@ from flexbt_msgs.msg import (
     BehaviorList,
     BehaviorStructure,
     ExecutiveCommand,
+    ExecutiveEvent,
+    ExecutiveEvents,
     ExecutiveLog,
     ExecutiveStatus,
     PlaceList,
@@ -133,6 +135,37 @@ def test_a_late_console_has_the_whole_picture(make_bench: Make, tmp_path: Path) 
         assert kitchen.pose.pose.orientation.z == pytest.approx(0.5**0.5)
     finally:
         late.close()
+
+
+def test_a_late_console_gets_the_latest_transitions_and_the_commands_of_all_operators(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=()))
+    bench.start()
+    bench.wait_active('/A')
+    for path in ('/A', '/B', '/A'):
+        bench.applied(ExecutiveCommand.FORCE, path=path, outcome='on', operator_id='ann')
+    bench.applied(ExecutiveCommand.NOTE, text='all is well', operator_id='ann')
+    bench.refused(ExecutiveCommand.FORCE, path='/A', outcome='off', operator_id='ann')
+    with NodeRuntime.open('late_console') as late:
+        batches: list[ExecutiveEvents] = []
+
+        def numbered() -> dict[int, ExecutiveEvent]:
+            return {batch.first + place: event for batch in batches for place, event in enumerate(batch.events)}
+
+        late.call(
+            lambda: late.node.create_subscription(
+                ExecutiveEvents, names.EXECUTIVE_EVENTS, batches.append, names.latched(names.EVENTS_DEPTH)
+            )
+        )
+        # START, three times a FORCE with its transition, NOTE, and the FORCE that is refused
+        wait_until(lambda: sorted(numbered()) == list(range(1, 10)), numbered)
+        told = [(event.kind, event.path, event.outcome, event.target) for event in numbered().values()]
+        assert told.count((ExecutiveEvent.TRANSITION, '/A', 'on', '/B')) == 2
+        commands = [event for event in numbered().values() if event.kind == ExecutiveEvent.COMMAND]
+        assert [(event.operator_id, event.command, event.applied) for event in commands][-2:] == [
+            ('ann', 'NOTE', True),
+            ('ann', 'FORCE', False),
+        ]
+        assert commands[-2].text == 'all is well' and 'not active' in commands[-1].reason
 
 
 def test_the_pose_of_the_robot_is_part_of_the_status(make_bench: Make) -> None:

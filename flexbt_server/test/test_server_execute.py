@@ -336,6 +336,9 @@ def test_feedback_tells_where_the_tree_and_the_robot_are() -> None:
         assert 'drive' in feedback.active_nodes[0]
         assert feedback.number_of_recoveries == 1
         wait_until(lambda: goal.feedback[-1].distance_remaining == pytest.approx(2.0))
+        assert goal.feedback[-1].goal == pose(3) and goal.feedback[-1].poses_remaining == 1
+        assert goal.feedback[-1].time_remaining == -1.0  # it stands
+        assert goal.feedback[-1].run_id == goal.call.goal_id.hex()
         assert feedback.execution_time.sec + feedback.execution_time.nanosec > 0
         goal.call.cancel(DEADLINE)
         goal.wait()

@@ -243,7 +243,11 @@ def test_a_server_that_refuses_to_cancel_holds_the_run_until_that_is_given_up(be
 
 def test_the_running_nodes_are_the_activity_of_the_state(bench: StateBench) -> None:
     async def script(goal_handle: Any) -> Any:
-        goal_handle.publish_feedback(BtExecute.Feedback(active_nodes=['Root', 'Root/Follow']))
+        goal_handle.publish_feedback(
+            BtExecute.Feedback(
+                active_nodes=['Root', 'Root/Follow'], run_id='tree', distance_remaining=4.5, time_remaining=-1.0
+            )
+        )
         await future
         goal_handle.canceled()
         return RESULT(code=RESULT.CANCELED)
@@ -261,6 +265,8 @@ def test_the_running_nodes_are_the_activity_of_the_state(bench: StateBench) -> N
         return [line for state in run.active() for line in state.activity]
 
     wait_until(lambda: activity() == ['Root', 'Root/Follow'], 'activity shown')
+    (progress,) = [state.progress for state in run.active()]
+    assert progress is not None and (progress.tree_run_id, progress.distance, progress.time) == ('tree', 4.5, -1.0)
     assert any(leaf.activity == ('Root', 'Root/Follow') for told in run.told for leaf in told.active)
     run.stop()
 

@@ -15,6 +15,7 @@ from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
 from flexbt_console.mirror import NOTE_LENGTH, AutonomyLevel, Command, CommandKind, DecisionKind, View
 from flexbt_console.present import (
     behaviors_lines,
+    event_line,
     log_lines,
     places_lines,
     status_json,
@@ -229,6 +230,11 @@ def _show_log(line: CommandLine, view: View, known: Known) -> Shown:
     return Shown(entries, text or ['the log is empty'])
 
 
+def _show_events(line: CommandLine, view: View, known: Known) -> Shown:
+    events = known.events(line_count(line.words[0]) if line.words else LOG_COUNT)
+    return Shown(events, [event_line(event, with_time=True) for event in events] or ['nothing has happened yet'])
+
+
 def _show_places(line: CommandLine, view: View, known: Known) -> Shown:
     return Shown(view.places, places_lines(view.places))
 
@@ -302,6 +308,13 @@ COMMANDS: Final = (
         Show(_show_log),
         (Argument('COUNT', required=False, read=line_count),),
         details=(f'COUNT lines at most, {LOG_COUNT} when it is left out.',),
+    ),
+    CommandSpec(
+        'events',
+        'show the latest transitions, and the commands of all operators',
+        Show(_show_events),
+        (Argument('COUNT', required=False, read=line_count),),
+        details=(f'COUNT of them at most, {LOG_COUNT} when it is left out.',),
     ),
     CommandSpec(
         'start',

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any, Final, NamedTuple, Protocol
 
 from flexbt_console.errors import UsageError
-from flexbt_console.mirror import Command, CommandKind, DecisionKind, LogLine, UserdataScope, View
+from flexbt_console.mirror import Command, CommandKind, DecisionKind, ExecutiveEvent, LogLine, UserdataScope, View
 
 from .command_builder import CommandBuilder
 
@@ -113,6 +113,10 @@ class Known(Protocol):
 
     def log(self, count: int) -> tuple[LogLine, ...]:
         """The latest lines of the log."""
+        ...
+
+    def events(self, count: int) -> tuple[ExecutiveEvent, ...]:
+        """The latest transitions and commands."""
         ...
 
 

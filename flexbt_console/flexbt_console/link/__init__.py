@@ -8,6 +8,7 @@ from .interface_check import interface_problem
 from .messages import (
     behaviors_record,
     command_message,
+    event_records,
     log_record,
     places_record,
     snapshot_record,
@@ -21,6 +22,7 @@ __all__ = [
     'SurroundingsLink',
     'behaviors_record',
     'command_message',
+    'event_records',
     'interface_problem',
     'log_record',
     'places_record',

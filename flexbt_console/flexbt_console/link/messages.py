@@ -17,12 +17,14 @@ from flexbt_msgs.msg import (
     BehaviorStructure,
     BlackboardEntry,
     ExecutiveCommand,
+    ExecutiveEvents,
     ExecutiveLog,
     ExecutiveStatus,
     PlaceList,
 )
 
 E = TypeVar('E', bound=IntEnum)
+N = TypeVar('N', int, float)
 
 
 def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
@@ -39,7 +41,13 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
         autonomy=message.autonomy,
         active_states=tuple(
             records.ActiveState(
-                state.path, seconds_of(state.entered), tuple(state.activity), state.paused, tuple(state.not_paused)
+                state.path,
+                seconds_of(state.entered),
+                tuple(state.activity),
+                state.paused,
+                tuple(state.not_paused),
+                state.tree_run_id,
+                _progress(state.progress[0]) if state.progress else None,
             )
             for state in message.active_states
         ),
@@ -128,6 +136,28 @@ def log_record(message: ExecutiveLog) -> records.LogLine:
     )
 
 
+def event_records(message: ExecutiveEvents) -> list[records.ExecutiveEvent]:
+    """The records of what has happened."""
+    return [
+        records.ExecutiveEvent(
+            executive_id=message.executive_id,
+            sequence=sequence,
+            kind=known_constant(records.EventKind, event.kind),
+            path=event.path,
+            outcome=event.outcome,
+            target=event.target,
+            reason=event.reason,
+            operator=event.operator_id,
+            command=event.command,
+            applied=event.applied,
+            text=event.text,
+            run_id=event.run_id,
+            stamp=seconds_of(event.stamp),
+        )
+        for sequence, event in enumerate(message.events, message.first)
+    ]
+
+
 def command_message(record: records.Command, now: float) -> ExecutiveCommand:
     """The message of a command; ``now`` is the time of this computer in seconds."""
     return ExecutiveCommand(
@@ -150,6 +180,8 @@ def command_message(record: records.Command, now: float) -> ExecutiveCommand:
         grantee=sendable(record.grantee),
         text=sendable(record.text),
         reason=sendable(record.reason),
+        wait_queue=record.wait_queue,
+        wait_interaction=record.wait_interaction,
     )
 
 
@@ -166,6 +198,20 @@ def _decision(message: Any) -> records.Decision:
         input_choices=tuple(message.input_choices),
         since=seconds_of(message.since),
     )
+
+
+def _progress(message: Any) -> records.Progress:
+    return records.Progress(
+        distance=_known(message.distance_remaining),
+        time=_known(message.time_remaining),
+        poses=_known(message.poses_remaining),
+        recoveries=message.recoveries,
+        goal=_pose(message.goal),
+    )
+
+
+def _known(value: N) -> N | None:
+    return value if 0 <= value < math.inf else None
 
 
 def _pose(message: Any) -> records.Pose | None:

@@ -32,13 +32,22 @@ from flexbt_console.mirror import (
 )
 from flexbt_core.clock import Timer
 from flexbt_core.values import one_line
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, PlaceList
+from flexbt_msgs.msg import (
+    BehaviorList,
+    BehaviorStructure,
+    ExecutiveCommand,
+    ExecutiveEvents,
+    ExecutiveLog,
+    ExecutiveStatus,
+    PlaceList,
+)
 
 from .executive_sender import ExecutiveSender
 from .interface_check import interface_problem, senders_problem
 from .messages import (
     behaviors_record,
     command_message,
+    event_records,
     log_record,
     places_record,
     snapshot_record,
@@ -150,6 +159,7 @@ class OperatorLink:
             (BehaviorStructure, names.EXECUTIVE_STRUCTURE, structure_record, self._mirror.receive_structure, 1),
             (BehaviorList, names.EXECUTIVE_BEHAVIORS, behaviors_record, self._mirror.receive_behaviors, 1),
             (PlaceList, names.PLACES, places_record, self._mirror.receive_places, 1),
+            (ExecutiveEvents, names.EXECUTIVE_EVENTS, event_records, self._mirror.receive_events, names.EVENTS_DEPTH),
             (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
         ):
             on_message = self._forward(type, topic, convert, receive)

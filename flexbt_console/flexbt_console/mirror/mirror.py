@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 import threading
 from collections import OrderedDict
@@ -16,7 +15,18 @@ from flexbt_core.clock import Clock
 
 from .command_tracker import CommandTracker, TrackedCommand
 from .freshness import LOST_SECONDS, Freshness
-from .records import Behavior, BehaviorList, Command, DecisionKind, LogLine, Pose, Snapshot, Structure
+from .numbered import NumberedList
+from .records import (
+    Behavior,
+    BehaviorList,
+    Command,
+    DecisionKind,
+    ExecutiveEvent,
+    LogLine,
+    Pose,
+    Snapshot,
+    Structure,
+)
 from .surroundings import GridMap, Points, Surroundings
 from .trees import NodeStatus, StatusChange, TreeNode, Trees
 from .view import View
@@ -24,7 +34,6 @@ from .view import View
 LOG_LENGTH: Final = 500
 REMEMBERED_EXECUTIVES: Final = 16
 REMEMBERED_STRUCTURES: Final = 4
-REMEMBERED_LOGS: Final = 3
 
 TRACE_STEP: Final = 0.05
 """Metres from one point of the driven path that is kept to the next."""
@@ -43,6 +52,7 @@ class Change(Enum):
     BEHAVIORS = 'behaviors'
     PLACES = 'places'
     LOG = 'log'
+    EVENTS = 'events'
     LINK = 'link'
     COMMAND = 'command'
     TREE = 'tree'
@@ -86,7 +96,8 @@ class Mirror:
         self._newest: OrderedDict[str, int] = OrderedDict()
         self._structures: OrderedDict[str, Structure] = OrderedDict()
         self._behaviors: BehaviorList | None = None
-        self._logs: OrderedDict[str, list[LogLine]] = OrderedDict()
+        self._log: NumberedList[LogLine] = NumberedList(LOG_LENGTH)
+        self._events: NumberedList[ExecutiveEvent] = NumberedList(LOG_LENGTH)
         self._problem = ''
         self._trees = Trees()
         self._surroundings = Surroundings()
@@ -145,18 +156,18 @@ class Mirror:
     def receive_log(self, line: LogLine) -> bool:
         """Take a line of the log; False for one that is there already or too old."""
         with self._lock:
-            lines = self._logs.setdefault(line.executive_id, [])
-            place = bisect.bisect_left(lines, line.sequence, key=lambda old: old.sequence)
-            if place < len(lines) and lines[place].sequence == line.sequence:
+            if not self._log.add(line):
                 return False
-            if place == 0 and len(lines) >= LOG_LENGTH:
-                return False
-            lines.insert(place, line)
-            del lines[:-LOG_LENGTH]
-            while len(self._logs) > REMEMBERED_LOGS:
-                self._logs.popitem(last=False)
         self._tell(Change.LOG)
         return True
+
+    def receive_events(self, events: Sequence[ExecutiveEvent]) -> bool:
+        """Take transitions and commands; False when all of them are there already, or too old."""
+        with self._lock:
+            new = [event for event in events if self._events.add(event)]
+        if new:
+            self._tell(Change.EVENTS)
+        return bool(new)
 
     def receive_tree_structure(self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float) -> None:
         """Take the nodes of a run of a tree."""
@@ -279,8 +290,15 @@ class Mirror:
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:
         """The last lines of the log in the order in which they were written, those of an earlier executive first."""
         with self._lock:
-            lines = [line for log in self._logs.values() for line in log]
-        return tuple(lines[-count:]) if count > 0 else ()
+            return self._log.latest(count)
+
+    def events(self, count: int = LOG_LENGTH) -> tuple[ExecutiveEvent, ...]:
+        """The last transitions and commands in their order, those of an earlier executive first.
+
+        A gap in their numbers is what was left out, or lost.
+        """
+        with self._lock:
+            return self._events.latest(count)
 
     def next_link_change(self) -> float | None:
         """Time at which the link state changes if nothing arrives, or None."""
@@ -310,7 +328,7 @@ class Mirror:
         if snapshot is None or not asked:
             return reasons
         entered = {state.path: state.entered for state in snapshot.active_states}
-        told = [line for line in self._logs.get(snapshot.executive_id, ()) if line.run_id == snapshot.run_id]
+        told = [line for line in self._log.of(snapshot.executive_id) if line.run_id == snapshot.run_id]
         for decision in asked:
             since = entered.get(decision.path, decision.since - REASON_SECONDS)
             inside = decision.path.rstrip('/') + '/'

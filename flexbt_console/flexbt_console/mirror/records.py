@@ -110,14 +110,43 @@ class AutonomyLevel(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Pose:
+    """A pose in the plane: metres and radians in ``frame``."""
+
+    x: float
+    y: float
+    yaw: float = 0.0
+    frame: str = 'map'
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the robot has come: m, s and goal poses that are left, None while unknown; recoveries that were started.
+
+    ``goal`` is where it drives to.
+    """
+
+    distance: float | None = None
+    time: float | None = None
+    poses: int | None = None
+    recoveries: int = 0
+    goal: Pose | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class ActiveState:
-    """An active leaf of the state machine, and what it is doing, one line each."""
+    """An active leaf of the state machine, and what it is doing, one line each.
+
+    ``tree_run_id`` is the run of the tree that it runs, '' when it runs none; ``progress`` None when it tells none.
+    """
 
     path: str
     entered: float = 0.0
     activity: tuple[str, ...] = ()
     paused: bool = False
     not_paused: tuple[str, ...] = ()
+    tree_run_id: str = ''
+    progress: Progress | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,16 +200,6 @@ class Peer:
     late: bool = False
     age: float = 0.0
     problem: str = ''
-
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """A pose in the plane: metres and radians in ``frame``."""
-
-    x: float
-    y: float
-    yaw: float = 0.0
-    frame: str = 'map'
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,6 +298,36 @@ class LogLine:
     stamp: float = 0.0
 
 
+class EventKind(IntEnum):
+    """ExecutiveEvent.kind."""
+
+    UNKNOWN = 0
+    TRANSITION = 1
+    COMMAND = 2
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutiveEvent:
+    """A transition (``path`` was left by ``outcome`` to ``target``, for this ``reason``), or what became of a command.
+
+    ``command`` is the name of its kind, ``reason`` why it was refused, ``text`` a remark or why it was given.
+    """
+
+    executive_id: str
+    sequence: int
+    kind: EventKind
+    path: str = ''
+    outcome: str = ''
+    target: str = ''
+    reason: str = ''
+    operator: str = ''
+    command: str = ''
+    applied: bool = True
+    text: str = ''
+    run_id: str = ''
+    stamp: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class InputValue:
     """A typed value as text (BlackboardEntry with ``text``)."""
@@ -315,3 +364,5 @@ class Command:
     grantee: str = ''
     text: str = ''
     reason: str = ''
+    wait_queue: float = -1.0
+    wait_interaction: float = -1.0

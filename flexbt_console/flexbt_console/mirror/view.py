@@ -60,6 +60,13 @@ class View:
         )
 
     @property
+    def running_trees(self) -> list[TreeRun]:
+        """The trees that run for the active states, in their order, or all that run when no state names its own."""
+        named = [state.tree_run_id for state in self.snapshot.active_states] if self.snapshot else []
+        by_state = [run for run_id in named if run_id for run in self.trees if run.run_id == run_id and run.is_running]
+        return by_state or [run for run in self.trees if run.is_running]
+
+    @property
     def decisions(self) -> tuple[Decision, ...]:
         """What waits for the operator, oldest first."""
         return self.snapshot.decisions if self.snapshot else ()

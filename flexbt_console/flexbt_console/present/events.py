@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 from flexbt_console.mirror import (
+    EventKind,
     ExecutiveState,
     LinkState,
     LogLine,
@@ -24,6 +25,7 @@ from .rendering import (
     behavior_line,
     choice_line,
     decision_line,
+    event_line,
     link_word,
     log_lines,
     peer_line,
@@ -54,6 +56,7 @@ class Follower:
         self._told_link: tuple[LinkState, str] | None = None
         self._structure: Structure | None = None
         self._lines: tuple[LogLine, ...] = ()
+        self._told: set[tuple[str, int]] = set()
 
     def events(self, view: View) -> list[Event]:
         """What is new. Heartbeats are no events."""
@@ -75,6 +78,13 @@ class Follower:
                 told: list[str] = [Line(f'log: {text}', tone_of(text)) for text in log_lines(line)]
                 events.append(Event('log', {'line': line}, told))
         self._lines = lines
+        happened = self._mirror.events()
+        for event in happened:
+            if (event.executive_id, event.sequence) not in self._told:
+                name = event.kind.name.lower()
+                is_told = event.kind is EventKind.COMMAND  # what a transition leads to, the status tells
+                events.append(Event(name, {name: event}, [event_line(event)] if is_told else []))
+        self._told = {(event.executive_id, event.sequence) for event in happened}
         if view.snapshot is not None and (before is None or _essence(before) != _essence(view)):
             events.append(Event('status', status_json(view), _changes(before, view)))
         return events

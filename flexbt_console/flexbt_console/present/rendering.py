@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,11 +16,14 @@ from flexbt_console.mirror import (
     CommandState,
     Decision,
     DecisionKind,
+    EventKind,
+    ExecutiveEvent,
     ExecutiveState,
     LinkState,
     LogLine,
     Peer,
     Pose,
+    Progress,
     Severity,
     Snapshot,
     StateKind,
@@ -37,6 +41,9 @@ LABEL_LENGTH: Final = 40
 
 VALUE_LENGTH: Final = 200
 """How many characters of a value of userdata are shown."""
+
+PLACE_RADIUS: Final = 0.5
+"""Metres within which a goal is called by the name of a place."""
 
 FIRST_WALL_TIME: Final = 1e9
 """Seconds since 1970: what is before 2001 is no time of day, but simulated time."""
@@ -194,6 +201,8 @@ def status_lines(view: View) -> list[str]:
         shown.append(f'breaks at {", ".join(map(one_line, snapshot.breakpoints))}')
     for state in snapshot.active_states:
         shown.append(f'active    {one_line(state.path)}{" (paused)" if state.paused else ""}')
+        if state.progress is not None and (text := progress_text(state.progress, view.places)):
+            shown.append(f'            {text}')
         shown += [f'            {one_line(line)}' for line in state.activity]
         shown += [f'            {line}' for line in not_paused_lines(state)]
     for pending in snapshot.decisions:
@@ -262,6 +271,39 @@ def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
     first, *more = lines(line.text)
     tone = _SEVERITY_TONES.get(line.severity, Tone.PLAIN)
     return [Line(text, tone) for text in (f'{stamp}{severity}{where}{first}', *(f'    {text}' for text in more))]
+
+
+def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
+    """A transition, or what became of somebody's command."""
+    stamp = f'{stamp_text(event.stamp)}  ' if with_time else ''
+    if event.kind is EventKind.TRANSITION:
+        way = one_line(event.outcome) or one_line(event.reason)
+        return Line(f'{stamp}{one_line(event.path)}: {way} -> {one_line(event.target) or "?"}', Tone.DIM)
+    text = f'"{event.text}"' if event.text else ''
+    what = ' '.join(filter(None, (event.command.lower(), event.path, event.outcome, text)))
+    end = 'applied' if event.applied else f'refused: {event.reason}'
+    told = one_line(f'{event.operator or "somebody"}: {what}: {end}')
+    return Line(f'{stamp}{told}', Tone.PLAIN if event.applied else Tone.WARNING)
+
+
+def progress_text(progress: Progress, places: Mapping[str, Pose]) -> str:
+    """How far the robot has come, in short: to kitchen  4.2 m  18 s  2 poses  1 recovery; '' when nothing is known."""
+    goal = progress.goal
+    parts = [
+        f'to {place_text(goal, places)}' if goal is not None else '',
+        f'{progress.distance:.1f} m' if progress.distance is not None else '',
+        f'{progress.time:.0f} s' if progress.time is not None else '',
+        f'{progress.poses} poses' if progress.poses is not None and progress.poses > 1 else '',
+        f'{progress.recoveries} recoveries' if progress.recoveries else '',
+    ]
+    return '  '.join(filter(None, parts))
+
+
+def place_text(pose: Pose, places: Mapping[str, Pose]) -> str:
+    """The name of the place that is nearest to a pose, if it is within :data:`PLACE_RADIUS`; or else its x and y."""
+    near = [(math.dist((pose.x, pose.y), (at.x, at.y)), name) for name, at in places.items() if at.frame == pose.frame]
+    distance, name = min(near, default=(math.inf, ''))
+    return one_line(name) if distance <= PLACE_RADIUS else f'x {pose.x:.2f} y {pose.y:.2f}'
 
 
 def stamp_text(stamp: float) -> str:

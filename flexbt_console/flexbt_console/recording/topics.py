@@ -24,6 +24,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.EXECUTIVE_BEHAVIORS: Topic('flexbt_msgs/msg/BehaviorList', names.latched()),
     names.PLACES: Topic('flexbt_msgs/msg/PlaceList', names.latched()),
     names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.latched(names.LOG_DEPTH)),
+    names.EXECUTIVE_EVENTS: Topic('flexbt_msgs/msg/ExecutiveEvents', names.latched(names.EVENTS_DEPTH)),
     names.EXECUTIVE_COMMAND: Topic('flexbt_msgs/msg/ExecutiveCommand', names.command()),
     names.EXECUTIVE_STOP: Topic('flexbt_msgs/msg/ExecutiveCommand', names.stop()),
     names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.latched(16)),

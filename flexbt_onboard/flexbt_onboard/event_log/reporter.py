@@ -50,12 +50,24 @@ class StorageProblems:
 class Reporter:
     """Tells operators and event log what happens. From any thread.
 
-    ``log`` tells the operators a line that is no event; ``event`` writes an event that no operator is told.
+    ``log`` tells the operators a line that is no event. ``stream`` is told each event by its name and fields, and
+    sends the operators those that are for them.
     """
 
-    def __init__(self, log: OperatorLog, event_log: EventLog) -> None:
+    def __init__(
+        self,
+        log: OperatorLog,
+        event_log: EventLog,
+        stream: Callable[[str, Mapping[str, Any]], None] = lambda event, fields: None,
+    ) -> None:
         self.log = log
-        self.event = event_log.add
+        self._event_log = event_log
+        self._stream = stream
+
+    def event(self, event: str, **fields: Any) -> None:
+        """Write an event."""
+        self._event_log.add(event, **fields)
+        self._stream(event, fields)
 
     # -- the executive ------------------------------------------------------------------------------------------------
 

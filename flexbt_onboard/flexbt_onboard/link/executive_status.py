@@ -9,8 +9,9 @@ from typing import Final
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_core.state_machine import ROOT_PATH
+from flexbt_core.state_machine import ROOT_PATH, Progress
 from flexbt_msgs.msg import ActiveState, AutonomyLevel, CommandResult, ExecutiveStatus, PeerStatus, PendingDecision
+from flexbt_msgs.msg import Progress as ProgressMessage
 from flexbt_onboard.commands import Authority
 from flexbt_onboard.durability import InterruptedRun
 from flexbt_onboard.runs import ActiveLeaf, LastRun, RunDecision, RunPhase, RunSnapshot, ShownRun
@@ -76,6 +77,18 @@ def _active_state(leaf: ActiveLeaf) -> ActiveState:
         paused=leaf.is_paused,
         not_paused=list(leaf.not_paused),
         activity=[*leaf.held_back, *leaf.activity],
+        tree_run_id=leaf.progress.tree_run_id if leaf.progress is not None else '',
+        progress=[_progress(leaf.progress)] if leaf.progress is not None and leaf.progress.is_known else [],
+    )
+
+
+def _progress(known: Progress) -> ProgressMessage:
+    return ProgressMessage(
+        distance_remaining=known.distance,
+        time_remaining=known.time,
+        poses_remaining=known.poses,
+        recoveries=known.recoveries,
+        goal=known.goal or PoseStamped(),
     )
 
 

@@ -32,6 +32,7 @@ from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
 from flexbt_onboard.link import (
+    EventStream,
     MotionStop,
     OperatorLink,
     PeersWatch,
@@ -84,7 +85,7 @@ class Executive:
             parameters.event_log_files,
         )
         runtime.on_close(event_log.close)
-        self._report = report = Reporter(self._link.log, event_log)
+        self._report = report = Reporter(self._link.log, event_log, EventStream(runtime, self._id).add)
         report.event('executive', state='started', executive=self._id)
         self._journal = journal = RunJournal(
             parameters.journal_directory, node_name, problems.of('journal', ExecutiveLog.ERROR), runtime.steady

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any, Final
 
 from flexbt_common.runtime import RosClock
-from flexbt_core.state_machine import ROOT_PATH, DecisionKind, HeldBack, LeafRun, MachineRun, is_inside
+from flexbt_core.state_machine import ROOT_PATH, DecisionKind, HeldBack, LeafRun, MachineRun, Progress, is_inside
 from flexbt_core.values import sendable
 from flexbt_onboard.behaviors import OperatorGone, RunGoals
 
@@ -41,7 +41,7 @@ class ActiveLeaf:
     """A state that is active; ``entered`` is in nanoseconds of ROS time.
 
     ``held_back`` are lines about transitions that locks hold back, ``activity`` those of the state itself, and
-    ``not_paused`` those about what goes on while it is paused.
+    ``not_paused`` those about what goes on while it is paused; ``progress`` is how far it says that it has come.
     """
 
     path: str
@@ -50,6 +50,7 @@ class ActiveLeaf:
     held_back: tuple[str, ...] = ()
     activity: tuple[str, ...] = ()
     not_paused: tuple[str, ...] = ()
+    progress: Progress | None = None
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ class SnapshotSource:
 
     def _asked(self, leaf: ActiveLeaf, run: LeafRun) -> ActiveLeaf:
         if leaf.activity is not _RAISED:
-            leaf = replace(leaf, activity=_shown(run.activity(), _RAISED))
+            leaf = replace(leaf, activity=_shown(run.activity(), _RAISED), progress=run.progress())
         if not run.is_paused:
             return replace(leaf, not_paused=()) if leaf.not_paused else leaf
         if leaf.not_paused is not _PAUSE_RAISED:

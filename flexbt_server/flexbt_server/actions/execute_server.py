@@ -13,7 +13,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtExecute
-from flexbt_server.goals import RunningTree, TreeGoal, TreeGoals
+from flexbt_server.goals import RunningTree, Speed, TreeGoal, TreeGoals
 from flexbt_server.runs import RunOutcome
 from flexbt_server.trees import POSE_STAMPED, POSES, Blackboards, Value
 
@@ -58,6 +58,7 @@ class _ExecuteGoal(TreeGoal):
         tree = request.behavior_tree or default_tree
         super().__init__(served, accepted, names.BT_EXECUTOR, tree, request.blackboard, request.owner)
         self._boards = boards
+        self._speed = Speed()
 
     def read(self) -> list[Value]:
         if not self.tree:
@@ -71,7 +72,7 @@ class _ExecuteGoal(TreeGoal):
         return values
 
     def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
-        return feedback_of(tree, running.run.board, pose, seconds)
+        return feedback_of(running.id, tree, running.run.board, pose, self._speed.at(pose), seconds)
 
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
         board = self._boards.find(self.blackboard) if self.running is None else self.running.run.board

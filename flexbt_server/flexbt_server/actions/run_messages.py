@@ -5,30 +5,50 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from geometry_msgs.msg import PoseStamped
+
 from flexbt_common.values import Encoding, duration_message
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
-from flexbt_server.goals import MESSAGE_LIMIT, distance_along
+from flexbt_server.goals import MESSAGE_LIMIT, distance_along, seconds_left
 from flexbt_server.runs import RunOutcome
 from flexbt_server.trees import RECOVERIES_KEY, entries_of
 
 Result = BtExecute.Result
 
+MOST_POSES: Final = 2**15 - 1
+"""That the feedback can count."""
+
 REASON_LIMIT: Final = 1000
 """Characters of a reason for people: a leaf may give any text."""
 
 
-def feedback_of(tree: Tree, board: Blackboard, pose: Any, seconds: float) -> Any:
-    """The feedback message. ``pose``: the latest of the robot, a PoseStamped; ``seconds`` since the acceptance."""
+def feedback_of(run_id: str, tree: Tree, board: Blackboard, pose: Any, speed: float, seconds: float) -> Any:
+    """The feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s; ``seconds``
+    since the acceptance.
+    """
     recoveries = board.get_or(RECOVERIES_KEY, 0)
+    distance = distance_along(board.get_or('path', None), pose)
+    poses = _poses_ahead(board)
     return BtExecute.Feedback(
         active_nodes=tree.active_nodes(),
         current_location=pose,
         execution_time=duration_message(max(0.0, seconds)),
         number_of_recoveries=int(recoveries) if isinstance(recoveries, int | float) else 0,
-        distance_remaining=float(distance_along(board.get_or('path', None), pose)),
+        distance_remaining=distance,
+        time_remaining=seconds_left(distance, speed) or -1.0,
+        poses_remaining=min(len(poses), MOST_POSES) if poses else -1,
+        goal=poses[-1] if poses else PoseStamped(),
+        run_id=run_id,
     )
+
+
+def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
+    """Where the robot has still to go, by Nav2's names of the keys."""
+    goal, goals = board.get_or('goal', None), board.get_or('goals', None)
+    poses = goals if isinstance(goals, list) else [goal]
+    return [pose for pose in poses if isinstance(pose, PoseStamped)]
 
 
 def result_of(request: Any, outcome: RunOutcome, board: Blackboard, notice: str, seconds: float) -> Any:

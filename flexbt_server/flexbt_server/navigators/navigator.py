@@ -20,13 +20,12 @@ from flexbt_common.values import duration_message
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
-from flexbt_server.goals import MESSAGE_LIMIT, RunningTree, TreeGoal, TreeGoals
+from flexbt_server.goals import MESSAGE_LIMIT, RunningTree, Speed, TreeGoal, TreeGoals, distance_left, seconds_left
 from flexbt_server.nav2 import pending
 from flexbt_server.runs import RunOutcome
 from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY, WAYPOINT_STATUSES, Blackboards, Value
 
 from .parameters import NavigatorParameters
-from .progress import Speed, distance_left, seconds_left
 
 Code = BtExecute.Result
 

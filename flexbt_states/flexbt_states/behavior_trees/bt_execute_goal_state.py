@@ -9,7 +9,7 @@ from typing import Any, Final
 from flexbt_common import names
 from flexbt_common.values import check_value
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, UserData
+from flexbt_core.state_machine import EventState, Progress, UserData
 from flexbt_states.errors import StateParameterError
 from flexbt_states.support import checked_timeout, checked_topic, checked_tree, checked_type, checked_types
 
@@ -137,6 +137,9 @@ class BtExecuteGoalState(EventState):
 
     def activity(self) -> Sequence[str]:
         return self._execution.activity()
+
+    def progress(self) -> Progress | None:
+        return self._execution.progress()
 
     def _goal_key(self) -> dict[str, str]:
         """The key that the goal goes to, with its type. (A list of poses for the key "goal" goes to "goals".)"""

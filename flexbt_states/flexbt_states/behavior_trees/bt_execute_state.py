@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from flexbt_common import names
-from flexbt_core.state_machine import EventState, UserData
+from flexbt_core.state_machine import EventState, Progress, UserData
 from flexbt_states.support import checked_timeout, checked_topic, checked_tree, checked_types
 
 from .bt_server_use import BtUse
@@ -86,3 +86,6 @@ class BtExecuteState(EventState):
 
     def activity(self) -> Sequence[str]:
         return self._execution.activity()
+
+    def progress(self) -> Progress | None:
+        return self._execution.progress()

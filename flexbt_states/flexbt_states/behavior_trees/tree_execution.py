@@ -8,7 +8,7 @@ from typing import Any
 
 from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, Severity, UserData
+from flexbt_core.state_machine import EventState, Progress, Severity, UserData
 from flexbt_msgs.action import BtExecute
 from flexbt_onboard.behaviors import state_services
 from flexbt_states.support import GoalCall, read_values, state_outcome
@@ -43,6 +43,7 @@ class TreeExecution:
         self._pause = TreePause(state, topic)
         self._goal = GoalCall(state, BtExecute, topic, self._pause.not_paused)
         self._activity: Sequence[str] = ()
+        self._progress = Progress()
         self._refusal = ''
         self._changed: Callable[[], None] | None = None
 
@@ -58,6 +59,7 @@ class TreeExecution:
     def start(self, goals: Sequence[Any], inputs: Iterable[tuple[str, Any, str]]) -> None:
         """Send the goal with goal poses and typed inputs (key, value, type); time counts on the state's clock."""
         self._activity = ()
+        self._progress = Progress()
         self._refusal = ''
         try:
             entries = [to_entry(key, value, type) for key, value, type in inputs]
@@ -129,8 +131,23 @@ class TreeExecution:
         """Paths of the tree's nodes that are running; none when the tree has ended, or was lost."""
         return self._activity if self._goal.goal_id else ()
 
+    def progress(self) -> Progress | None:
+        """How far the robot has come, as the tree tells; None when it has ended, or was lost."""
+        goal_id = self._goal.goal_id
+        if not goal_id:
+            return None
+        return self._progress if self._progress.tree_run_id else Progress(goal_id)
+
     def _on_feedback(self, feedback: Any) -> None:
         self._pause.run_seen()
+        self._progress = Progress(
+            tree_run_id=feedback.run_id,
+            distance=feedback.distance_remaining,
+            time=feedback.time_remaining,
+            poses=feedback.poses_remaining,
+            recoveries=feedback.number_of_recoveries,
+            goal=feedback.goal if feedback.goal.header.frame_id else None,
+        )
         nodes = tuple(feedback.active_nodes)
         if nodes != self._activity:
             self._activity = nodes

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from flexbt_console.commands import Ask, CommandBuilder, CommandLine, CommandSpec, LinkNeed, Send, Show, Shown, build
 from flexbt_console.errors import ExitCode, NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import (
     CommandState,
+    ExecutiveEvent,
     ExecutiveState,
     LinkState,
     LogLine,
@@ -30,6 +32,8 @@ from flexbt_console.present import (
 )
 
 from .watch import watch
+
+T = TypeVar('T')
 
 LATCHED_SECONDS: Final = 1.0
 """How long to wait for what is latched beside the status, once that has arrived."""
@@ -62,15 +66,20 @@ class Session:
 
     def log(self, count: int) -> tuple[LogLine, ...]:
         """The latest lines of the log, as soon as those that are latched have arrived."""
-        known = self.link.wait_for(lambda _: self.mirror.log(count) or None, LATCHED_SECONDS) or ()
+        return self._settled(lambda: self.mirror.log(count))
+
+    def events(self, count: int) -> tuple[ExecutiveEvent, ...]:
+        """The latest transitions and commands, as soon as those that are latched have arrived."""
+        return self._settled(lambda: self.mirror.events(count))
+
+    def _settled(self, known: Callable[[], tuple[T, ...]]) -> tuple[T, ...]:
+        """What arrives piece by piece, when no more of it comes."""
+        now = self.link.wait_for(lambda _: known() or None, LATCHED_SECONDS) or ()
         while True:
-            more = self.link.wait_for(
-                lambda _, seen=known: _other(self.mirror.log(count), seen),  # type: ignore[misc]
-                QUIET_SECONDS,
-            )
+            more = self.link.wait_for(lambda _, seen=now: _other(known(), seen), QUIET_SECONDS)  # type: ignore[misc]
             if more is None:
-                return known
-            known = more
+                return now
+            now = more
 
 
 def run(session: Session) -> ExitCode:

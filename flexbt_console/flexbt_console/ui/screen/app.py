@@ -30,6 +30,7 @@ from flexbt_console.present import (
     authority_text,
     autonomy_text,
     command_result_lines,
+    event_line,
     log_lines,
     missed_peers,
     peer_line,
@@ -270,7 +271,7 @@ class OperatorScreen(App[None]):
         return styled([Line(cut(line, columns), tone_of(line)) for line in shown[:3]])
 
     def _machine(self, view: View, columns: int, rows: int) -> Text:
-        running = [run for run in view.trees if run.is_running]
+        running = view.running_trees
         shown = machine_lines(view, columns, rows, self._signs) if view.running else []
         room = max(4, rows // 2) if running else rows
         if len(shown) > room:
@@ -309,7 +310,13 @@ class OperatorScreen(App[None]):
     def _lines(self, view: View, columns: int, rows: int) -> Text:
         told = [(stamp, 1, [line]) for stamp, line in self._told]
         known = [(line.stamp, 0, log_lines(line, with_time=True)) for line in self._mirror.log(max(1, rows))]
-        shown = [line for _, _, text in sorted(known + told, key=lambda one: one[:2])[-max(1, rows) :] for line in text]
+        events = [
+            (event.stamp, 0, [event_line(event, with_time=True)])
+            for event in self._mirror.events(max(1, rows))
+            if event.operator != self._make.operator  # what became of one's own commands is told already
+        ]
+        merged = sorted([*known, *events, *told], key=lambda one: one[:2])
+        shown = [line for _, _, text in merged[-max(1, rows) :] for line in text]
         return styled([Line(cut(line, columns), tone_of(line)) for line in shown[-max(1, rows) :]])
 
     def _keys(self, view: View, columns: int, rows: int) -> Text:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from flexbt_console.mirror import ActiveState, Snapshot, StateKind, StateStructure, View
-from flexbt_console.present import Line, Tone, autonomy_text, not_paused_lines, tone_of
+from flexbt_console.present import Line, Tone, autonomy_text, not_paused_lines, progress_text, tone_of
 from flexbt_console.ui.interaction import cut
 from flexbt_core.values import one_line
 
@@ -20,7 +20,7 @@ def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[st
     states = {state.path: state for state in snapshot.active_states}
     levels = set(view.active_levels)
     if view.structure is None:
-        lines = [line for path in view.active_levels for line in _active(path, states.get(path), snapshot, signs)]
+        lines = [line for path in view.active_levels for line in _active(path, states.get(path), view, signs)]
     else:
         lines = []
         for state in view.structure.states:
@@ -34,7 +34,7 @@ def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[st
 def _state(state: StateStructure, states: dict[str, ActiveState], view: View, signs: Glyphs) -> list[str]:
     assert view.snapshot is not None
     if state.path in view.active_levels:
-        lines = _active(state.path, states.get(state.path), view.snapshot, signs)
+        lines = _active(state.path, states.get(state.path), view, signs)
         if state.kind is StateKind.STATE:
             indent = '  ' * _depth(state.path)
             lines += [f'{indent}    {text}' for text in outcome_texts(state, signs)]
@@ -55,7 +55,9 @@ def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
     return texts
 
 
-def _active(path: str, state: ActiveState | None, snapshot: Snapshot, signs: Glyphs) -> list[str]:
+def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> list[str]:
+    snapshot = view.snapshot
+    assert snapshot is not None
     indent = '  ' * _depth(path)
     label = one_line(path.rpartition('/')[2]) or one_line(snapshot.behavior) or '/'
     waits = any(decision.path == path for decision in snapshot.decisions)
@@ -66,6 +68,8 @@ def _active(path: str, state: ActiveState | None, snapshot: Snapshot, signs: Gly
     seconds = max(0.0, snapshot.stamp - state.entered)
     paused = '  PAUSED' if state.paused else ''
     lines: list[str] = [Line(f'{indent}{sign} {label}{marks}  {seconds:.0f} s{paused}', Tone.DECISION)]
+    if state.progress is not None and (text := progress_text(state.progress, view.places)):
+        lines.append(f'{indent}    {text}')
     lines += [Line(f'{indent}    {line}', tone_of(line)) for line in not_paused_lines(state)]
     return lines
 

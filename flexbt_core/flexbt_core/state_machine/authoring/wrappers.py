@@ -10,7 +10,15 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Any, Final
 
-from flexbt_core.state_machine.model import EXIT_TIMEOUT, EventState, ExitReason, StateError, StateHost, UserData
+from flexbt_core.state_machine.model import (
+    EXIT_TIMEOUT,
+    EventState,
+    ExitReason,
+    Progress,
+    StateError,
+    StateHost,
+    UserData,
+)
 
 TIMEOUT: Final = 'timeout'
 
@@ -92,6 +100,9 @@ class StateWrapper(EventState):
 
     def activity(self) -> Sequence[str]:
         return self.inner.activity()
+
+    def progress(self) -> Progress | None:
+        return self.inner.progress()
 
     def not_paused(self) -> Sequence[str]:
         return self.inner.not_paused()

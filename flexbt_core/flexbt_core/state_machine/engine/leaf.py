@@ -12,6 +12,7 @@ from typing import Any, Final, Literal, TypeVar
 from flexbt_core.state_machine.model import (
     EventState,
     ExitReason,
+    Progress,
     Scope,
     Severity,
     StateClock,
@@ -206,6 +207,11 @@ class LeafRun:
     def activity(self) -> list[str] | None:
         """What the state says that it is doing; None when it raised."""
         return self._lines('activity', self.state.activity)
+
+    def progress(self) -> Progress | None:
+        """How far the state says that it has come; None when it does not, or raised."""
+        progress = self.call('progress', self.state.progress)
+        return progress if isinstance(progress, Progress) else None
 
     def not_paused(self) -> list[str] | None:
         """What the state says that goes on while it is paused; None when it raised."""

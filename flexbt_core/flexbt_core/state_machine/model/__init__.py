@@ -20,6 +20,7 @@ from .definition import (
 from .errors import MachineError, StateError, StateMachineError, UserDataError
 from .event_state import DEFAULT_RATE, EXIT_TIMEOUT, EventState, ExitReason, called_state, set_called_state
 from .machine import Child, Machine
+from .progress import Progress
 from .similar_names import hint
 from .state_clock import StateClock
 from .state_host import Severity, StateHost
@@ -44,6 +45,7 @@ __all__ = [
     'Machine',
     'MachineDefinition',
     'MachineError',
+    'Progress',
     'Scope',
     'Severity',
     'StateClock',

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Final
 from flexbt_core.clock import Clock
 
 from .errors import StateError
+from .progress import Progress
 from .state_host import Severity, StateHost
 from .userdata import UserData
 
@@ -126,6 +127,10 @@ class EventState:
         Called between the other callbacks, with each status of the run: it must not block.
         """
         return ()
+
+    def progress(self) -> Progress | None:
+        """How far it has come, for the operator; None when it cannot tell. Called as :meth:`activity` is."""
+        return None
 
     def not_paused(self) -> Sequence[str]:
         """What goes on although the state is paused, as "what: why", one line each; empty when all of it stands still.

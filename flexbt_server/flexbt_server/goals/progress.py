@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far a robot has still to go, and how long that takes: for the feedback of navigators."""
+"""How far a robot has still to go, and how long that takes: for the feedback of running trees."""
 
 from __future__ import annotations
 
@@ -17,6 +17,39 @@ LEAST_DISTANCE: Final = 0.1
 
 SMOOTHING: Final = 0.3
 """Time over which the speed is taken, s, as Nav2 smooths that of the odometry."""
+
+
+UNKNOWN_DISTANCE: Final = -1.0
+
+Point = tuple[float, float]
+
+
+def distance_along(path: Any, pose: PoseStamped) -> float:
+    """Metres from ``pose`` to the nearest place of ``path``, and along it to its end; negative when unknown."""
+    if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
+        return UNKNOWN_DISTANCE
+    here = (pose.pose.position.x, pose.pose.position.y)
+    points = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
+    lengths = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+    nearest, ahead_of_nearest = math.dist(here, points[-1]), 0.0
+    ahead = 0.0
+    for (start, end), length in zip(reversed(list(itertools.pairwise(points))), reversed(lengths), strict=True):
+        place, left = _nearest_on_segment(here, start, end, length)
+        distance = math.dist(here, place)
+        if distance < nearest:
+            nearest, ahead_of_nearest = distance, ahead + left
+        ahead += length
+    return nearest + ahead_of_nearest
+
+
+def _nearest_on_segment(here: Point, start: Point, end: Point, length: float) -> tuple[Point, float]:
+    """The point of a segment that is nearest to ``here``, and how far it is from the segment's end."""
+    if length <= 0.0:
+        return end, 0.0
+    along = ((here[0] - start[0]) * (end[0] - start[0]) + (here[1] - start[1]) * (end[1] - start[1])) / length**2
+    along = min(max(along, 0.0), 1.0)
+    place = (start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]))
+    return place, (1.0 - along) * length
 
 
 def distance_left(path: Any, pose: PoseStamped) -> float:

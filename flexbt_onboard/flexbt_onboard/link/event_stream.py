@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Transitions and commands, numbered and latched, for the logs of the consoles.
+
+A state machine may make thousands of transitions a second, of which a person reads none: at most so many are sent in
+so many messages. What is left out shows as a gap in the numbers.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Final
+
+from builtin_interfaces.msg import Time
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.values import sendable
+from flexbt_msgs.msg import ExecutiveEvent, ExecutiveEvents
+
+EVENTS_OF_MESSAGE: Final = 50
+"""Events of a message at most; of more that come meanwhile, the oldest are left out."""
+
+PERIOD: Final = 0.2
+"""Seconds of wall time from one message to the next, at least."""
+
+TEXT_LENGTH: Final = 1000
+
+
+class EventStream:
+    """Publishes the events of one executive. From any thread, but made on the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, executive_id: str) -> None:
+        self._runtime = runtime
+        self._executive_id = executive_id
+        self._publisher = runtime.node.create_publisher(
+            ExecutiveEvents, names.EXECUTIVE_EVENTS, names.latched(names.EVENTS_DEPTH)
+        )
+        self._lock = threading.Lock()
+        self._waiting: deque[tuple[Time, str, Mapping[str, Any]]] = deque(maxlen=EVENTS_OF_MESSAGE)
+        self._count = 0
+        self._is_planned = False
+        self._next = 0.0
+
+    def add(self, event: str, fields: Mapping[str, Any]) -> None:
+        """Take an event of the event log; those that are neither transitions nor decided commands are none here."""
+        if event != 'left' and not (event == 'command' and fields.get('effect') in ('applied', 'refused')):
+            return
+        with self._lock:
+            self._count += 1
+            self._waiting.append((self._runtime.clock.stamp(), event, fields))
+            if self._is_planned:
+                return
+            self._is_planned = True
+            due = max(self._next, self._runtime.steady.now())
+        self._runtime.steady.call_at(due, lambda: self._runtime.post(self._publish))
+
+    def _publish(self) -> None:
+        with self._lock:
+            self._is_planned = False
+            self._next = self._runtime.steady.now() + PERIOD
+            waiting = list(self._waiting)
+            self._waiting.clear()
+            first = self._count - len(waiting) + 1
+        events = [_message(*one) for one in waiting]  # here, so that what is left out costs nothing
+        self._publisher.publish(ExecutiveEvents(executive_id=self._executive_id, first=first, events=events))
+
+
+def _message(stamp: Time, event: str, fields: Mapping[str, Any]) -> ExecutiveEvent:
+    """The message of an event of the event log; see :mod:`flexbt_onboard.event_log.event_log` for its fields."""
+
+    def text(name: str) -> str:
+        return sendable(str(fields.get(name, '')), TEXT_LENGTH)
+
+    common: dict[str, Any] = {
+        'stamp': stamp,
+        'run_id': text('run'),
+        'path': text('path'),
+        'outcome': text('outcome'),
+    }
+    if event == 'left':
+        return ExecutiveEvent(kind=ExecutiveEvent.TRANSITION, target=text('target'), reason=text('reason'), **common)
+    return ExecutiveEvent(
+        kind=ExecutiveEvent.COMMAND,
+        operator_id=text('operator'),
+        command=text('command') or f'kind {text("kind")}',
+        applied=fields['effect'] == 'applied',
+        reason=text('why'),
+        text=text('text') or text('because'),
+        **common,
+    )
