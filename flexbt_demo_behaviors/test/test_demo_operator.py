@@ -161,6 +161,17 @@ def test_what_comes_from_another_thread_ends_a_wait(operator: ScriptedOperator, 
         operator.wait_state('/AskGoal', timeout=60.0)
 
 
+def test_a_recovery_that_was_not_needed_is_an_error(operator: ScriptedOperator, link: Link, track: RobotTrack) -> None:
+    link.show(replace(RUNNING, active_states=(ActiveState('/Drive'),)))
+    track.add_begun('run', [3])  # before it is known which one that is
+    track.add_tree('run', {2: 'Spin', 3: 'Recover'})
+    operator.wait_begun('Recover')
+    track.restart()
+    link.show(replace(RUNNING, decisions=(QUESTION,)))
+    with pytest.raises(DemoError, match="before the tree had begun 'Recover'"):
+        operator.wait_begun('Recover')
+
+
 @pytest.mark.parametrize(
     ('peer', 'told'),
     [(Peer('/navigation', False), 'NOT ALIVE'), (Peer('/navigation', True, ready=False), 'NOT READY')],

@@ -1,70 +1,59 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The summary picture: every layer is drawn where the map says."""
+"""The picture of a demonstration: what was planned and driven, when, and where the robot is."""
 
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from flexbt_demo_behaviors.demonstration import (
-    DRIVEN,
-    NOT_REACHED,
-    PLANNED,
-    REACHED,
-    START,
-    DemoPicture,
-    GoalMark,
-    MapImage,
-    draw_picture,
-    write_picture,
-)
+from flexbt_demo_behaviors.demonstration import Box, Pose, RobotTrack, draw_tracks, write_picture
+from flexbt_sim.world import OccupancyMap, RobotModel, World
+from flexbt_sim.world import Pose as WorldPose
 
 
-def picture(**changes: object) -> DemoPicture:
-    cells = np.zeros((40, 80), dtype=np.int8)
-    cells[:, 0] = 100
-    cells[20:, 60:] = -1
-    values: dict[str, object] = {
-        'title': 'A title',
-        'map': MapImage(cells, resolution=0.1, origin=(-4.0, -2.0)),
-        'start': (-3.0, -1.0),
-        'planned': [[(-3.0, -1.0), (0.0, -1.0)], [(0.0, -1.0), (0.0, 1.0)]],
-        'driven': [(-3.0, -0.8), (-1.0, -0.8)],
-        'goals': [GoalMark('A', 0.0, 1.0, 1.57, True), GoalMark('B', 2.0, -1.5, 0.0, False)],
-    }
-    return DemoPicture(**{**values, **changes})  # type: ignore[arg-type]
+def world() -> World:
+    """A room of 8 by 4 m with a robot, and a box where the robot will be, once it has been taken away."""
+    made = World(OccupancyMap(np.zeros((40, 80), np.int8), 0.1, WorldPose(-4.0, -2.0, 0.0)))
+    made.add('robot', RobotModel(), WorldPose(-3.0, 0.0, 0.0))
+    made.add('crate', Box(3.0, 0.0, 0.5, 0.5).model)
+    return made
 
 
-def count(image: Image.Image, color: tuple[int, int, int]) -> int:
-    return int((np.asarray(image) == color).all(axis=2).sum())
+def track(metres: float) -> RobotTrack:
+    made = RobotTrack()
+    for step in range(round(metres * 10.0) + 1):
+        made.add_pose(Pose(-3.0 + 0.1 * step, 0.0, 0.0), 100.0 + step)
+    return made
 
 
-def test_every_layer_is_there() -> None:
-    whole = draw_picture(picture())
-    bare = draw_picture(picture(planned=[], driven=[], goals=[]))
-    for color in (PLANNED, DRIVEN, REACHED, NOT_REACHED):
-        assert count(whole, color) > count(bare, color) + 100
-    assert count(whole, START) > 100
+def changed(one: Image.Image, other: Image.Image, columns: slice) -> int:
+    """How many pixels of some columns are of another colour."""
+    return int((np.asarray(one)[80:, columns] != np.asarray(other)[80:, columns]).any(axis=2).sum())
 
 
-def test_points_lie_where_the_map_has_them() -> None:
-    image = np.asarray(
-        draw_picture(picture(planned=[], goals=[], start=(-30.0, 0.0), driven=[(-3.9, 1.9), (3.9, 1.9)]))
-    )
-    legend = 60  # rows at the bottom
-    rows, columns = np.nonzero((image[:-legend] == DRIVEN).all(axis=2))
-    unknown_rows, unknown_columns = np.nonzero((image[:-legend] == (206, 212, 218)).all(axis=2))
-    assert rows.size > 0
-    # The line runs along the top edge of the map: y points up. The unknown quarter is at the top right.
-    assert rows.max() < 80
-    assert columns.max() - columns.min() > 0.9 * 7.8 / 8.0 * 900
-    assert unknown_rows.min() <= rows.min()
-    assert unknown_columns.min() > image.shape[1] / 2
+def test_the_way_and_the_robot_are_where_they_were() -> None:
+    at_rest, driven = draw_tracks(world(), {'robot': track(0.0)}), draw_tracks(world(), {'robot': track(6.0)})
+    assert at_rest.size == driven.size == (900, 450)
+    assert changed(at_rest, driven, slice(300, 600)) > 300  # the way through the middle
+    assert changed(at_rest, driven, slice(760, 820)) > 300  # the robot, where the box was
+    assert draw_tracks(world(), {'robot': track(3.0)}).tobytes() != driven.tobytes()
+
+
+def test_plans_are_drawn_and_the_time_is_that_since_the_track_began() -> None:
+    planned, late = track(1.0), RobotTrack()
+    planned.add_plan([(-2.0, 1.0), (3.0, 1.0)])
+    for time, pose in track(1.0).way:
+        late.add_pose(pose, time + 500.0)
+    plain = draw_tracks(world(), {'robot': track(1.0)})
+    assert changed(plain, draw_tracks(world(), {'robot': planned}), slice(400, 700)) > 300
+    assert draw_tracks(world(), {'robot': late}).tobytes() == plain.tobytes()
+    corner = np.asarray(plain)[:30, :90]
+    assert (corner != np.asarray(draw_tracks(world(), {'robot': track(2.0)}))[:30, :90]).any()  # another time
 
 
 def test_it_is_written_as_a_small_png(tmp_path: Path) -> None:
     file = tmp_path / 'new' / 'demo.png'
-    write_picture(picture(), file)
+    write_picture(world(), {'robot': track(6.0)}, file)
     with Image.open(file) as image:
         assert image.format == 'PNG'
     assert file.stat().st_size < 60_000

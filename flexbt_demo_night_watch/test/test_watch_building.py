@@ -4,14 +4,14 @@
 import math
 from pathlib import Path
 
-from flexbt_demo_behaviors.demonstration import Pose, RobotTrack
+from flexbt_demo_behaviors.demonstration import Pose, RobotTrack, draw_tracks
 from flexbt_demo_night_watch.demonstration import (
     ROBOTS,
     ROUNDS,
     config_file,
-    draw_watch,
     place_poses,
     watch_processes,
+    watch_world,
 )
 from flexbt_sim.world import Pose as WorldPose
 from flexbt_sim.world import World
@@ -47,10 +47,10 @@ def test_the_processes_of_a_robot_are_installed_and_in_its_namespace() -> None:
 
 
 def test_the_picture_shows_where_each_robot_has_driven() -> None:
-    empty = draw_watch({name: RobotTrack() for name in ROBOTS})
+    empty = draw_tracks(watch_world(), {name: RobotTrack() for name in ROBOTS})
     tracks = {name: RobotTrack() for name in ROBOTS}
     for step in range(100):
         tracks['alpha'].add_pose(Pose(1.0 + 0.05 * step, 4.6, 0.0), 0.1 * step)
-    driven = draw_watch(tracks)
+    driven = draw_tracks(watch_world(), tracks)
     assert driven.size == empty.size
     assert driven.tobytes() != empty.tobytes()

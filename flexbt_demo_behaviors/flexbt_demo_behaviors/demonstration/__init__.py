@@ -4,18 +4,7 @@
 from .demo_processes import DemoSettings, Process, built_in_places, console_command, demo_processes, first_place
 from .interactive import run_console
 from .options import parse_options, speed_factor
-from .picture import (
-    DRIVEN,
-    NOT_REACHED,
-    PLANNED,
-    REACHED,
-    START,
-    DemoPicture,
-    GoalMark,
-    MapImage,
-    draw_picture,
-    write_picture,
-)
+from .picture import draw_tracks, write_picture
 from .process_group import EndedProcess, ProcessGroup
 from .report import DemoError, DemoReport, GoalResult, Timeline
 from .robot_track import POINT_DISTANCE, Pose, RobotTrack
@@ -23,29 +12,23 @@ from .ros_domain import DISCOVERY_PORT, DISCOVERY_PORT_STEP, DOMAINS, NoFreeDoma
 from .running import Interrupted, run_demonstration
 from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
 from .session import READY_TIMEOUT_S, Session, join_robot, set_environment
+from .simulation import Box, Simulation
 
 __all__ = [
     'ANSWER_TIMEOUT_S',
     'DISCOVERY_PORT',
     'DISCOVERY_PORT_STEP',
     'DOMAINS',
-    'DRIVEN',
     'DRIVE_TIMEOUT_S',
-    'NOT_REACHED',
-    'PLANNED',
     'POINT_DISTANCE',
-    'REACHED',
     'READY_TIMEOUT_S',
-    'START',
+    'Box',
     'DemoError',
-    'DemoPicture',
     'DemoReport',
     'DemoSettings',
     'EndedProcess',
-    'GoalMark',
     'GoalResult',
     'Interrupted',
-    'MapImage',
     'NoFreeDomainError',
     'Pose',
     'Process',
@@ -53,11 +36,12 @@ __all__ = [
     'RobotTrack',
     'ScriptedOperator',
     'Session',
+    'Simulation',
     'Timeline',
     'built_in_places',
     'console_command',
     'demo_processes',
-    'draw_picture',
+    'draw_tracks',
     'first_place',
     'join_robot',
     'own_domain',

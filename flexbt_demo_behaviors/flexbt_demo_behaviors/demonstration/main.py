@@ -6,17 +6,23 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Mapping
+
+from flexbt_sim.world import Pose, RobotModel, World
 
 from .demo_processes import DemoSettings, built_in_places, first_place
 from .interactive import run_interactive
 from .options import DemoOptions, parse_options
-from .picture import DemoPicture, GoalMark, write_picture
+from .picture import write_picture
 from .process_group import ProcessGroup
 from .report import DemoError, DemoReport, Timeline
 from .robot_track import RobotTrack
 from .running import run_demonstration
 from .scripts import DEMONSTRATIONS, Demonstration
 from .session import Session, open_session
+from .simulation import Box, Simulation
+
+ROBOT = 'robot'
 
 
 def main() -> int:
@@ -44,34 +50,38 @@ def _run_scripts(options: DemoOptions, settings: DemoSettings, group: ProcessGro
     with open_session(group, settings, 'script', timeline) as session:
         timeline.tell('demo', 'everything is ready')
         for number in options.demos:
-            report = _run_script(DEMONSTRATIONS[number], session, timeline)
+            simulation = Simulation(session.runtime, timeline, options.speed)
+            report = _run_script(DEMONSTRATIONS[number], session, None if options.map else simulation, timeline)
             reports.append(report)
             file = options.output / f'demo{number}.png'
-            write_picture(_picture(report, session.track), file)
+            write_picture(_world(report, session.track, simulation.boxes), {ROBOT: session.track}, file)
             print(f'\n{report.text()}\n  picture {file}\n', flush=True)
             if report.problem:
                 break
     return 0 if all(report.passed for report in reports) else 1
 
 
-def _run_script(demonstration: Demonstration, session: Session, timeline: Timeline) -> DemoReport:
-    report = demonstration.report()
+def _run_script(
+    demonstration: Demonstration, session: Session, simulation: Simulation | None, timeline: Timeline
+) -> DemoReport:
+    report = demonstration.report(with_boxes=simulation is not None)
     timeline.tell('demo', report.title)
     session.track.restart()
     before = time.monotonic()
     try:
-        demonstration.script(session.operator, report)
+        demonstration.script(session.operator, simulation, report)
     except DemoError as error:
         report.problem = str(error)
     report.duration = time.monotonic() - before
     return report
 
 
-def _picture(report: DemoReport, track: RobotTrack) -> DemoPicture:
-    grid, driven = track.map, track.driven
-    assert grid is not None, 'the map is there before a script begins'
-    marks: dict[str, GoalMark] = {}
-    for goal in report.goals:
-        reached = goal.reached or (goal.label in marks and marks[goal.label].reached)
-        marks[goal.label] = GoalMark(goal.label, goal.pose.x, goal.pose.y, goal.pose.yaw, reached)
-    return DemoPicture(report.title, grid, driven[0], track.plans, driven, list(marks.values()))
+def _world(report: DemoReport, track: RobotTrack, boxes: Mapping[str, Box]) -> World:
+    """The world of the picture: the robot where it began, the goals, and all boxes that were somewhere."""
+    places = {goal.label: Pose(goal.pose.x, goal.pose.y, goal.pose.yaw) for goal in report.goals}
+    world = World(track.map, places=places)
+    start = track.way[0][1]
+    world.add(ROBOT, RobotModel(), Pose(start.x, start.y, start.yaw))
+    for name, box in boxes.items():
+        world.add(name, box.model)
+    return world

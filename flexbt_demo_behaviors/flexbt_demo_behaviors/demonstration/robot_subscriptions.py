@@ -11,19 +11,24 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.msg import TreeStatus, TreeStructure
+from flexbt_sim.world import OccupancyMap
+from flexbt_sim.world import Pose as Origin
 
-from .picture import MapImage
 from .robot_track import Pose, RobotTrack
+
+TREE_DEPTH = 1000
+"""Messages of what trees do that may wait: each of them counts."""
 
 
 def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
-    """Subscribe to map, true pose, speed and plans, for as long as the node lives."""
+    """Subscribe to map, true pose, speed, plans, and what trees do, for as long as the node lives."""
 
     def on_map(message: OccupancyGrid) -> None:
         info = message.info
         cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
-        origin = (info.origin.position.x, info.origin.position.y)
-        track.set_map(MapImage(cells, info.resolution, origin))
+        origin = info.origin.position
+        track.set_map(OccupancyMap(cells, info.resolution, Origin(origin.x, origin.y, yaw_of(info.origin.orientation))))
 
     def on_pose(message: PoseStamped) -> None:
         position = message.pose.position
@@ -35,12 +40,21 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     def on_plan(message: Path) -> None:
         track.add_plan([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
 
+    def on_structure(message: TreeStructure) -> None:
+        track.add_tree(message.run_id, {node.uid: node.name for node in message.nodes})
+
+    def on_tree_status(message: TreeStatus) -> None:
+        begun = [change.uid for change in message.changes if change.status == TreeStatus.RUNNING]
+        track.add_begun(message.run_id, begun)
+
     def subscribe() -> None:
         node = runtime.node
         node.create_subscription(OccupancyGrid, names.MAP, on_map, names.latched())
         node.create_subscription(PoseStamped, names.POSE, on_pose, 10)
         node.create_subscription(Odometry, names.ODOM, on_odometry, 10)
         node.create_subscription(Path, names.PLAN, on_plan, 10)
+        node.create_subscription(TreeStructure, names.TREE_STRUCTURE, on_structure, names.latched(TREE_DEPTH))
+        node.create_subscription(TreeStatus, names.TREE_STATUS, on_tree_status, names.latched(TREE_DEPTH))
 
     runtime.call(subscribe)
 

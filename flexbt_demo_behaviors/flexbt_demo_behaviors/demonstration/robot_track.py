@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from .picture import MapImage, Point
+from flexbt_sim.world import OccupancyMap
+
+Point = tuple[float, float]
 
 # A new point of the driven path is kept when the robot has moved this far, in metres.
 POINT_DISTANCE = 0.02
@@ -44,22 +46,25 @@ class RobotTrack:
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
         self.on_change = on_change
         self._lock = threading.Lock()
-        self._map: MapImage | None = None
+        self._map: OccupancyMap | None = None
         self._pose: Pose | None = None
         self._time = 0.0
         self._moving = False
-        self._driven: list[Point] = []
+        self._way: list[tuple[float, Pose]] = []
         self._length = 0.0
         self._plans: list[list[Point]] = []
+        self._nodes: dict[str, Mapping[int, str]] = {}
+        self._begun: set[tuple[str, int]] = set()
 
     def restart(self) -> None:
-        """Forget the driven path and the plans; the track begins where the robot is."""
+        """Forget the driven path, the plans and what trees have done; the track begins where the robot is."""
         with self._lock:
-            self._driven = [(self._pose.x, self._pose.y)] if self._pose else []
+            self._way = [(self._time, self._pose)] if self._pose else []
             self._length = 0.0
             self._plans = []
+            self._begun.clear()
 
-    def set_map(self, grid: MapImage) -> None:
+    def set_map(self, grid: OccupancyMap) -> None:
         """Take the map."""
         with self._lock:
             self._map = grid
@@ -70,10 +75,10 @@ class RobotTrack:
         with self._lock:
             self._pose = pose
             self._time = time
-            last = self._driven[-1] if self._driven else None
-            step = math.dist(last, (pose.x, pose.y)) if last else 0.0
+            last = self._way[-1][1] if self._way else None
+            step = last.distance(pose) if last else 0.0
             if last is None or step >= POINT_DISTANCE:
-                self._driven.append((pose.x, pose.y))
+                self._way.append((time, pose))
                 self._length += step
         self.on_change()
 
@@ -95,8 +100,25 @@ class RobotTrack:
                 self._plans.append(points)
         self.on_change()
 
+    def add_tree(self, run: str, nodes: Mapping[int, str]) -> None:
+        """Take the names of the nodes, by their uids, of a tree that begins."""
+        with self._lock:
+            self._nodes[run] = nodes
+        self.on_change()
+
+    def add_begun(self, run: str, nodes: Iterable[int]) -> None:
+        """Take the uids of nodes of a tree that have begun to run; its structure may come later."""
+        with self._lock:
+            self._begun.update((run, node) for node in nodes)
+        self.on_change()
+
+    def has_begun(self, name: str) -> bool:
+        """Whether a node of this name has begun to run in any tree."""
+        with self._lock:
+            return any(self._nodes.get(run, {}).get(node) == name for run, node in self._begun)
+
     @property
-    def map(self) -> MapImage | None:
+    def map(self) -> OccupancyMap | None:
         """The map, once it has come."""
         with self._lock:
             return self._map
@@ -126,10 +148,21 @@ class RobotTrack:
             return not self._moving
 
     @property
+    def way(self) -> list[tuple[float, Pose]]:
+        """Where the robot was, and at which simulated time, in seconds."""
+        with self._lock:
+            return list(self._way)
+
+    @property
+    def began(self) -> float:
+        """Simulated time at which the track began, in seconds."""
+        with self._lock:
+            return self._way[0][0] if self._way else 0.0
+
+    @property
     def driven(self) -> list[Point]:
         """The driven path."""
-        with self._lock:
-            return list(self._driven)
+        return [(pose.x, pose.y) for _, pose in self.way]
 
     @property
     def length(self) -> float:

@@ -167,6 +167,24 @@ class ScriptedOperator:
         self.wait(far, f'{metres:g} m driven', DRIVE_TIMEOUT_S)
         self._tell('sees', f'the robot on its way at {self.track.pose}')
 
+    def wait_begun(self, node: str) -> None:
+        """Wait until a node of a tree has begun to run since the track began; that it is over by now does not matter.
+
+        Raises DemoError when the behavior asks the operator for the next goal without it.
+        """
+
+        def begun(view: View) -> bool:
+            _check_running(view)
+            if self.track.has_begun(node):
+                return True
+            asked = any(item.kind is DecisionKind.INPUT and item.id not in self._answered for item in view.decisions)
+            if asked:
+                raise DemoError(f'the goal {self._goal_label} was done with before the tree had begun {node!r}')
+            return False
+
+        self.wait(begun, f'tree node {node} begun', DRIVE_TIMEOUT_S)
+        self._tell('sees', f'that the tree has begun {node!r}')
+
     def wait_rest(self, timeout: float) -> float:
         """Wait until the robot stands still, and give the seconds of wall time that it took."""
         before = time.monotonic()

@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the scripted operator does in the two demonstrations, and the branches that each of them has to take."""
+"""What the scripted operator does in the two demonstrations, and the branches that each of them has to take.
+
+On the map that comes along somebody leaves boxes in the way: one to be driven round, and one that blocks a doorway, so
+that the robot arrives by its recovery only. On a map of one's own nobody knows where the doorways are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from flexbt_console.mirror import AutonomyLevel, Decision, DecisionKind
 
 from .report import DemoError, DemoReport
+from .robot_track import Point
 from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
+from .simulation import Box, Simulation
 
 # From a stop to rest, in seconds of wall time. It takes 0.1 to 0.5 s; that of a busy machine, which runs the world at
 # several times real time, is no promise of the robot's (benchmarks/latency.py has that), so there is much room.
@@ -18,35 +24,55 @@ STOP_S = 5.0
 
 @dataclass(frozen=True)
 class Demonstration:
-    """A demonstration: its number and title, the places that it drives to, its branches, and its script."""
+    """A demonstration: its number and title, its behavior, its branches, those that need boxes, and its script, which
+    is given no simulation where there are none.
+    """
 
     number: int
     title: str
     behavior: str
     branches: tuple[str, ...]
-    script: Callable[[ScriptedOperator, DemoReport], None]
+    box_branches: tuple[str, ...]
+    script: Callable[[ScriptedOperator, Simulation | None, DemoReport], None]
 
-    def report(self) -> DemoReport:
+    def report(self, with_boxes: bool = True) -> DemoReport:
         """A report of it with nothing done yet."""
-        return DemoReport(f'Demonstration {self.number}: {self.title}', dict.fromkeys(self.branches, False))
+        branches = self.branches + (self.box_branches if with_boxes else ())
+        return DemoReport(f'Demonstration {self.number}: {self.title}', dict.fromkeys(branches, False))
 
+
+CRATE = Box(4.4, 2.67, 0.4, 0.4)
+"""In the office, with room beside it."""
+
+LOUNGE_DOOR = Box(10.1, 5.48, 0.9, 0.3)
+"""In the only doorway of the lounge, and nothing gets past it."""
+
+STORE_PASSAGE = Box(6.8, 5.25, 0.6, 0.3)
+"""Before the only passage to the store; in the corridor there is room for a recovery."""
 
 REACHED = 'goal reached'
+DRIVEN_ROUND = 'a box on the way: driven round'
+RECOVERED = 'a blocked doorway: recovery until it is free'
 REPLACED = 'goal replaced on the way'
 REPLACEMENT_REACHED = 'the goal in its place reached'
 FINISHED = 'finished by the operator'
 
 
-def navigate(operator: ScriptedOperator, report: DemoReport) -> None:
-    """Drive to one goal; on the way to the second one, replace it by a third."""
+def navigate(operator: ScriptedOperator, simulation: Simulation | None, report: DemoReport) -> None:
+    """Drive to one goal, round a box; on the way to the second one, replace it by a third, whose door is blocked."""
     first, second, third = operator.places(('kitchen', 'office', 'lounge'))
     operator.start('Navigate', AutonomyLevel.HIGH)
 
     operator.give_goal(first)
     operator.wait_state('/Drive')
+    if simulation is not None:
+        _put_ahead(operator, simulation, 'crate', CRATE)
     _wait_asked_again(operator)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     report.take(REACHED)
+    if simulation is not None:
+        simulation.take_away('crate')
+        report.take(DRIVEN_ROUND)
 
     operator.give_goal(second)
     operator.wait_driven(2.0)
@@ -57,6 +83,9 @@ def navigate(operator: ScriptedOperator, report: DemoReport) -> None:
     report.take(REPLACED)
 
     operator.give_goal(third)
+    if simulation is not None:
+        _free_by_recovery(operator, simulation)
+        report.take(RECOVERED)
     _wait_asked_again(operator)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     report.take(REPLACEMENT_REACHED)
@@ -73,15 +102,27 @@ RECOVERY_FORCED = 'driving sent to recovery'
 STOPPED = 'behavior stopped while driving'
 AUTONOMOUS = 'plan accepted by the robot itself'
 RECOVERY_ABORTED = 'recovery aborted, behavior failed'
+STUCK = 'following failed at a box: recovery by itself'
 
 
-def navigate_split(operator: ScriptedOperator, report: DemoReport) -> None:
-    """Take every branch of the second behavior."""
+def navigate_split(operator: ScriptedOperator, simulation: Simulation | None, report: DemoReport) -> None:
+    """Take every branch of the second behavior. On the way to the first goal the passage is blocked, until the robot
+    has failed to follow its path, and recovers; then the goal is given again.
+    """
     first, second, third = operator.places(('store', 'workshop', 'kitchen'))
     operator.start('Navigate Split', AutonomyLevel.HIGH)
 
     operator.give_goal(first)
     operator.choose(_wait_plan(operator), 'done')
+    if simulation is not None:
+        _put_ahead(operator, simulation, 'cupboard', STORE_PASSAGE)
+        operator.wait_begun('Recover')
+        simulation.take_away('cupboard')
+        _wait_asked_again(operator)
+        report.goals.append(operator.close_goal('blocked, recovered', must_reach=False))
+        report.take(STUCK)
+        operator.give_goal(first)
+        operator.choose(_wait_plan(operator), 'done')
     _wait_asked_again(operator)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     report.take(ACCEPTED)
@@ -138,6 +179,7 @@ DEMONSTRATIONS = {
         'one tree navigates',
         'Navigate',
         (REACHED, REPLACED, REPLACEMENT_REACHED, FINISHED),
+        (DRIVEN_ROUND, RECOVERED),
         navigate,
     ),
     2: Demonstration(
@@ -145,9 +187,36 @@ DEMONSTRATIONS = {
         'planner, controller and recovery are three trees',
         'Navigate Split',
         (ACCEPTED, ANOTHER_GOAL, REJECTED, RECOVERY_FORCED, STOPPED, AUTONOMOUS, RECOVERY_ABORTED),
+        (STUCK,),
         navigate_split,
     ),
 }
+
+
+def _put_ahead(operator: ScriptedOperator, simulation: Simulation, name: str, box: Box) -> None:
+    """Once the robot drives, put a box on its way, far ahead of it."""
+    operator.wait_driven(0.2)
+    with simulation.in_real_time():
+        where = f'a plan that leads over ({box.x:g}, {box.y:g}), where the {name} shall be left'
+        operator.wait(lambda _view: _crosses(operator.track.plans[-1:], box), where, ANSWER_TIMEOUT_S)
+        simulation.put(name, box)
+
+
+def _crosses(plans: Sequence[Sequence[Point]], box: Box) -> bool:
+    """Whether a planned path leads over a box."""
+    points = (point for plan in plans for point in plan)
+    return any(abs(x - box.x) < box.length / 2.0 and abs(y - box.y) < box.width / 2.0 for x, y in points)
+
+
+def _free_by_recovery(operator: ScriptedOperator, simulation: Simulation) -> None:
+    """Block the only doorway, and free it when the tree recovers: without that it would have failed there.
+
+    In real time, for its recoveries are over after some ten seconds.
+    """
+    _put_ahead(operator, simulation, 'cupboard', LOUNGE_DOOR)
+    with simulation.in_real_time():
+        operator.wait_begun('RecoveryActions')
+        simulation.take_away('cupboard')
 
 
 def _wait_asked_again(operator: ScriptedOperator) -> Decision:

@@ -29,10 +29,11 @@ READY_TIMEOUT_S = 180.0
 
 @dataclass(frozen=True)
 class Session:
-    """A ready demonstration, and an operator at its link."""
+    """A ready demonstration, and an operator at its link, on a node of its own."""
 
     operator: ScriptedOperator
     track: RobotTrack
+    runtime: NodeRuntime
 
 
 def set_environment() -> None:
@@ -70,7 +71,7 @@ def join_robot(operator: str, timeline: Timeline, namespace: str | None = None) 
         track.on_change = scripted.notify
         mirror.add_listener(Narrator(mirror, timeline))
         subscribe_to_robot(runtime, track)
-        yield Session(scripted, track)
+        yield Session(scripted, track, runtime)
 
 
 class Narrator:

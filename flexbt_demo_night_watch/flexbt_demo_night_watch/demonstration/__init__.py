@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executable ``night_watch``: processes of the two robots, the scripted operator, and the picture."""
 
-from .picture import draw_watch, write_picture
 from .script import BRANCHES, night_watch
 from .watch import ROUNDS, Watch, open_watch
-from .watch_processes import ROBOTS, config_file, place_poses, watch_processes
+from .watch_processes import ROBOTS, config_file, place_poses, watch_processes, watch_world
 
 __all__ = [
     'BRANCHES',
@@ -12,10 +11,9 @@ __all__ = [
     'ROUNDS',
     'Watch',
     'config_file',
-    'draw_watch',
     'night_watch',
     'open_watch',
     'place_poses',
     'watch_processes',
-    'write_picture',
+    'watch_world',
 ]

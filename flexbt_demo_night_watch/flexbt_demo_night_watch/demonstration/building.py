@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
@@ -14,9 +13,8 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
 
 from flexbt_common import names
-from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
-from flexbt_demo_behaviors.demonstration import ANSWER_TIMEOUT_S, DemoError, Pose, Timeline
+from flexbt_demo_behaviors.demonstration import DemoError, Pose, Simulation, Timeline
 from flexbt_demo_night_watch.behavior import ROOMS_LEFT
 from flexbt_msgs.srv import SetFault
 
@@ -33,7 +31,7 @@ class Building:
     def __init__(
         self, runtime: NodeRuntime, robots: Sequence[str], timeline: Timeline, on_change: Callable[[], None]
     ) -> None:
-        self._links = ServiceLinks(runtime)
+        self._simulation = Simulation(runtime, timeline)
         self._timeline = timeline
         self._on_change = on_change
         self._left: dict[str, tuple[str, ...]] = {}
@@ -93,17 +91,6 @@ class Building:
         self._on_change()
 
     def _set(self, request: SetFault.Request) -> None:
-        outcomes: list[ServiceOutcome] = []
-        done = threading.Event()
-
-        def on_done(outcome: ServiceOutcome) -> None:
-            outcomes.append(outcome)
-            done.set()
-
-        link: Any = self._links.link(SetFault, f'{names.SIMULATOR}/set_fault')
-        ServiceCall(link, request, on_done=on_done, server_timeout=ANSWER_TIMEOUT_S, response_timeout=ANSWER_TIMEOUT_S)
-        done.wait()
-        response = outcomes[0].response
-        if response is None or not response.success:
-            why = outcomes[0].reason if response is None else response.message
-            raise DemoError(f'the fault {request.fault} of {request.entity} was not set: {why}')
+        response = self._simulation.call(SetFault, 'set_fault', request)
+        if not response.success:
+            raise DemoError(f'the fault {request.fault} of {request.entity} was not set: {response.message}')

@@ -16,12 +16,13 @@ from flexbt_demo_behaviors.demonstration import (
     Timeline,
     run_demonstration,
     speed_factor,
+    write_picture,
 )
 
 from .interactive import run_interactive
-from .picture import write_picture
 from .script import BRANCHES, TITLE, night_watch
 from .watch import Watch, open_watch
+from .watch_processes import watch_world
 
 DEFAULT_SPEED = 1.0
 DEFAULT_SCRIPT_SPEED = 10.0
@@ -64,7 +65,7 @@ def _run(group: ProcessGroup, domain: int, speed: float, output: Path, is_intera
     with open_watch(group, speed, Timeline()) as watch:
         report = _run_script(watch)
         file = output / 'demo3.png'
-        write_picture({name: session.track for name, session in watch.sessions.items()}, file)
+        write_picture(watch_world(), {name: session.track for name, session in watch.sessions.items()}, file)
         print(f'\n{report.text()}\n  picture {file}\n', flush=True)
     return 0 if report.passed else 1
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The processes of the night watch: the one table that `night_watch` and the launch file start them from."""
+"""The building and the processes of the night watch: the one table that `night_watch` and the launch file start
+them from.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,8 @@ from ament_index_python.packages import get_package_share_directory
 
 from flexbt_core.values import load_places
 from flexbt_demo_behaviors.demonstration import Pose, Process
+from flexbt_sim.world import Pose as WorldPose
+from flexbt_sim.world import World
 
 ROBOTS: Final = ('alpha', 'beta')
 
@@ -49,3 +53,10 @@ def place_poses() -> dict[str, Pose]:
     return {
         name: Pose(place.x, place.y, place.yaw) for name, place in load_places(Path(config_file('places.yaml'))).items()
     }
+
+
+def watch_world() -> World:
+    """The building with its places, as it is in the evening."""
+    world = World.load(config_file('building.yaml'))
+    world.places = {name: WorldPose(place.x, place.y, place.yaw) for name, place in place_poses().items()}
+    return world

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -29,6 +29,7 @@ _FINE: Final = 2
 """Pictures are drawn so many times as large, so that lines are smooth."""
 
 _ZONES: Final = {'no_go': (214, 69, 65), 'slow': (230, 168, 23), 'sensor_shadow': (120, 90, 170)}
+_PAPER: Final = (245, 245, 242)
 _ROBOTS: Final = ((0, 122, 135), (196, 78, 22), (85, 107, 47), (125, 60, 152), (30, 90, 180), (150, 40, 80))
 
 Colour = tuple[int, ...]
@@ -104,17 +105,19 @@ def frame_of(world: World) -> Frame:
 
 
 def draw_world(
-    world: World, trace: Trace | None = None, *, paths: Paths | None = None, pixels: int = PIXELS
-) -> Image.Image:
+    world: World, trace: Trace | None = None, *, paths: Paths | None = None, pixels: int = PIXELS,
+    time: float | None = None,
+) -> Image.Image:  # fmt: skip
     """A picture of a world: map, zones, stations, places, obstacles, doors, robots with footprint, heading and scan.
 
-    With a trace, also where the robots have driven; ``paths`` are planned ones by names, dashed. ``pixels`` is the
-    longer side.
+    With a trace, also where the robots have driven up to then; ``paths`` are planned ones by names, dashed. ``pixels``
+    is the longer side, ``time`` what the picture tells as the time, s, by default that of the world.
 
     Raises:
         SimulationError: so many pixels cannot be.
     """
-    return _Drawing(world, pixels).draw(frame_of(world), trace, paths or {})
+    now = frame_of(world)
+    return _Drawing(world, pixels).draw(now if time is None else replace(now, time=time), trace, paths or {})
 
 
 class _Drawing:
@@ -135,7 +138,7 @@ class _Drawing:
         return (point[0] - self._left) * self._scale, (self._top - point[1]) * self._scale
 
     def _draw_ground(self) -> Image.Image:
-        picture = Image.new('RGB', self._size, (245, 245, 242))
+        picture = Image.new('RGB', self._size, _PAPER)
         world = self._world
         if world.map is not None:
             self._paste_map(picture, world.map)
@@ -151,7 +154,7 @@ class _Drawing:
         for name, place in world.places.items():
             self._shape(pen, Circle(4.0 / self._scale), place, (90, 90, 90), (90, 90, 90))
             x, y = self._at((place.x, place.y))
-            pen.text((x + 8, y - 22), name, fill=(90, 90, 90), font_size=20)
+            pen.text((x + 8, y - 22), name, fill=(90, 90, 90), font_size=20, stroke_width=3, stroke_fill=_PAPER)
         return picture
 
     def _paste_map(self, picture: Image.Image, grid: OccupancyMap) -> None:
@@ -162,9 +165,7 @@ class _Drawing:
         step, dx, dy = 1.0 / self._scale, self._left - grid.origin.x, self._top - grid.origin.y
         right = (step * cos, -step * sin, dx * cos + dy * sin)
         up = (step * sin, step * cos, grid.height - (dy * cos - dx * sin))
-        drawn = cells.convert('RGB').transform(
-            self._size, Image.Transform.AFFINE, (*right, *up), fillcolor=(245, 245, 242)
-        )
+        drawn = cells.convert('RGB').transform(self._size, Image.Transform.AFFINE, (*right, *up), fillcolor=_PAPER)
         picture.paste(drawn)
 
     def draw(self, frame: Frame, trace: Trace | None, paths: Paths) -> Image.Image:
@@ -189,7 +190,7 @@ class _Drawing:
                 self._shape(pen, shape, pose, (222, 150, 80) if obstacle.is_mobile else (150, 130, 110), (90, 70, 50))
             else:
                 self._shape(pen, shape, pose, (70, 120, 200), (30, 60, 120))
-        pen.text((8, 4), f'{frame.time:.1f} s', fill=(90, 90, 90), font_size=22)
+        pen.text((12, 8), f'{frame.time:.1f} s', fill=(90, 90, 90), font_size=22, stroke_width=6, stroke_fill=_PAPER)
         return picture.resize((max(1, self._size[0] // _FINE), max(1, self._size[1] // _FINE)), Image.Resampling.BOX)
 
     def _shape(self, pen: ImageDraw.ImageDraw, shape: Shape, pose: Pose, fill: Colour, line: Colour) -> None:

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What happens in the simulated world while a demonstration runs, by the services of the simulator."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from simulation_interfaces.msg import Result
+from simulation_interfaces.srv import DeleteEntity, SpawnEntity
+
+from flexbt_common import names
+from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.runtime import NodeRuntime
+from flexbt_sim.world import ObstacleModel, Pose, box
+
+from .report import DemoError, Timeline
+from .scripted_operator import ANSWER_TIMEOUT_S
+
+REAL_TIME: Final = 1.0
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box that somebody leaves in the way: its middle and sides, in m, parallel to the axes of the map."""
+
+    x: float
+    y: float
+    length: float
+    width: float
+
+    @property
+    def model(self) -> ObstacleModel:
+        """What it is in a world."""
+        return ObstacleModel(Pose(self.x, self.y, 0.0), box(self.length, self.width))
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """What it is in a world file."""
+        return {'pose': [self.x, self.y, 0.0], 'shape': [self.length, self.width]}
+
+
+class Simulation:
+    """Acts on the simulator, and waits until it has done so. Raises DemoError when it does not.
+
+    ``speed`` is how many seconds of the simulated world pass in one second.
+    """
+
+    def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float = REAL_TIME) -> None:
+        self._links = ServiceLinks(runtime)
+        self._timeline = timeline
+        self._speed = speed
+        self._boxes: dict[str, Box] = {}
+
+    @property
+    def boxes(self) -> Mapping[str, Box]:
+        """All boxes that have been put somewhere, by their names; those that were taken away, too."""
+        return self._boxes
+
+    def put(self, name: str, box: Box) -> None:
+        """Have somebody leave a box in the way."""
+        self._boxes[name] = box
+        described = json.dumps({'obstacles': {name: box.description}})
+        self._ask(SpawnEntity, 'spawn_entity', SpawnEntity.Request(name=name, resource_string=described))
+        self._timeline.tell('world', f'somebody leaves the {name} at ({box.x:.2f}, {box.y:.2f})')
+
+    def take_away(self, name: str) -> None:
+        """Have somebody take a box away."""
+        self._ask(DeleteEntity, 'delete_entity', DeleteEntity.Request(entity=name))
+        self._timeline.tell('world', f'somebody takes the {name} away')
+
+    @contextlib.contextmanager
+    def in_real_time(self) -> Iterator[None]:
+        """The world is not faster than real time in this context, so that a busy computer can intervene in time."""
+        self._set_speed(min(self._speed, REAL_TIME))
+        try:
+            yield
+        finally:
+            self._set_speed(self._speed)
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """The response of a service of the simulator."""
+        outcomes: list[ServiceOutcome] = []
+        done = threading.Event()
+
+        def on_done(outcome: ServiceOutcome) -> None:
+            outcomes.append(outcome)
+            done.set()
+
+        link: Any = self._links.link(service_type, f'{names.SIMULATOR}/{name}')
+        ServiceCall(link, request, on_done=on_done, server_timeout=ANSWER_TIMEOUT_S, response_timeout=ANSWER_TIMEOUT_S)
+        done.wait()
+        response = outcomes[0].response
+        if response is None:
+            raise DemoError(f'the service {name} of the simulator: {outcomes[0].reason}')
+        return response
+
+    def _ask(self, service_type: Any, name: str, request: Any) -> None:
+        result = self.call(service_type, name, request).result
+        if result.result != Result.RESULT_OK:
+            raise DemoError(f'the service {name} of the simulator refuses: {result.error_message}')
+
+    def _set_speed(self, factor: float) -> None:
+        value = Parameter('speed_factor', value=factor).to_parameter_msg()
+        response = self.call(SetParameters, 'set_parameters', SetParameters.Request(parameters=[value]))
+        if not response.results[0].successful:
+            raise DemoError(f'the speed of the simulator was not set: {response.results[0].reason}')
