@@ -153,6 +153,23 @@ def test_a_cost_that_is_not_overridable_stands_and_must_be_positive() -> None:
         assert raised.value.code == 'NO_VALID_GRAPH'
 
 
+@pytest.mark.parametrize(
+    ('start', 'end', 'is_met'),
+    [(1, 4, True), (2, 1, True), (2, 4, True), (4, 1, False), (3, 2, False)],
+    ids=['from the start', 'back to the start', 'on the way', 'from a farther node', 'from the goal'],
+)
+def test_an_edge_without_a_valid_cost_counts_where_nav2s_search_meets_it(start: int, end: int, is_met: bool) -> None:
+    nodes = {id: RouteNode(id, x, 0.0) for id, x in {1: 0.0, 2: 1.0, 3: 2.0, 4: 9.0}.items()}
+    edges = [RouteEdge(10 + a, nodes[a], nodes[b]) for a, b in ((1, 2), (2, 3), (1, 4))]
+    graph = RouteGraph(nodes, [*edges, RouteEdge(20, nodes[start], nodes[end], cost=0.0, overridable=False)])
+    if is_met:
+        with pytest.raises(NavigationError) as raised:
+            route(graph, 1, 3)
+        assert raised.value.code == 'NO_VALID_GRAPH'
+    else:
+        assert route(graph, 1, 3).cost == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize('name', ['StartPoseOrientationScorer', 'GoalPoseOrientationScorer'])
 def test_scorers_of_headings_need_poses(name: str) -> None:
     edge = an_edge()

@@ -44,8 +44,8 @@ def find_route(
     ``check_time()`` is called before and after the search.
 
     Raises:
-        NavigationError: NO_VALID_ROUTE; NO_VALID_GRAPH for an edge on the way whose own cost is not positive; what
-            ``score`` and ``check_time`` raise.
+        NavigationError: NO_VALID_ROUTE; NO_VALID_GRAPH for an edge that the search meets and whose own cost is not
+            positive; what ``score`` and ``check_time`` raise.
     """
     start, goal, links = request.start, request.goal, graph.links
     check_time()
@@ -57,7 +57,9 @@ def find_route(
     first, last = links.index[start.id], links.index[goal.id]
     distances, before = links.search(costs, first)
     check_time()
-    met = is_wrong & (distances[links.starts] < distances[last]) & (distances[links.starts] <= distances[links.ends])
+    # Nav2's search looks at all edges of a node that is nearer than the goal, also at those that lead back.
+    is_met = (distances[links.starts] < distances[last]) | ((links.starts == first) & (first != last))
+    met = is_wrong & is_met
     for index in numpy.flatnonzero(met):
         edge = graph.edges[index]
         raise NavigationError(
