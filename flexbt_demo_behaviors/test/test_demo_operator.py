@@ -89,6 +89,20 @@ def test_a_goal_is_answered_with_its_place_and_judged_by_where_the_robot_is(
     assert [result.error, result.seconds] == pytest.approx([0.1, 9.0])
 
 
+def test_a_goal_is_judged_by_where_the_robot_is_when_it_has_arrived(
+    operator: ScriptedOperator, link: Link, track: RobotTrack
+) -> None:
+    """On a busy computer, a pose may come later than the word of the arrival."""
+    link.show(replace(RUNNING, decisions=(QUESTION,)))
+    operator.give_goal('kitchen')
+    track.add_pose(Pose(2.0, 2.0, 0.0), 8.0)
+    link.show(replace(RUNNING, active_states=(ActiveState('/AskGoal', entered=9.0),)))
+    late = threading.Timer(0.05, track.add_pose, (Pose(3.0, 4.0, 0.0), 9.0))
+    late.start()
+    assert operator.close_goal('arrived', must_reach=True).reached
+    late.join()
+
+
 def test_a_goal_that_was_missed_is_an_error(operator: ScriptedOperator, link: Link, track: RobotTrack) -> None:
     link.show(replace(RUNNING, decisions=(QUESTION,)))
     operator.give_goal('kitchen')

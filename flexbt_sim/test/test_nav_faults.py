@@ -53,7 +53,7 @@ def test_without_a_robot_requests_fail_in_time() -> None:
 
 
 def test_requests_that_are_canceled_while_they_wait_for_the_robot_end_canceled() -> None:
-    with open_probe() as probe, open_navigation(pose_timeout=0.5):
+    with open_probe() as probe, open_navigation(pose_timeout=60.0):
         goals = [probe.plan(OFFICE), probe.follow(line(DOCK, EAST)), probe.send(names.SPIN, target_yaw=1.0)]
         for goal in goals:
             assert goal.accepted.wait(60.0)

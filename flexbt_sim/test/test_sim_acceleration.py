@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 import threading
 from itertools import pairwise
 from typing import Any
@@ -158,3 +160,39 @@ def test_a_search_leaves_the_interpreter_to_others() -> None:
         return bool(reached[0] < 0)
 
     assert any(stopped() for _ in range(20))
+
+
+DRIVE = """
+import gc, numpy
+from numba.core.dispatcher import Dispatcher
+from flexbt_sim.navigation import Costmap, Inflation, Navigator, prepare_navigation
+from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, World, box, prepare_world
+
+def loaded():
+    functions = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    return {(one.__name__, signature) for one in functions for signature in one.signatures}
+
+prepare_world()
+prepare_navigation()
+before = loaded()
+cells = numpy.zeros((120, 120), numpy.int8)
+cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = 100
+for shape in (Circle(0.2), box(0.4, 0.3)):
+    world = World(OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0)))
+    robot = world.add('robot', RobotModel(footprint=shape), Pose(1.0, 1.0, 0.0))
+    world.add('crate', ObstacleModel(Pose(3.0, 3.0, 0.3), box(0.5, 0.4)))
+    navigator = Navigator(world, 'robot', Costmap(world.map, Inflation()))
+    navigator.navigate(Pose(5.0, 5.0, 0.0))
+    for _ in range(2000):
+        robot.command(0.2, 0.0, world.time)
+        world.step()
+    assert robot.in_contact
+assert len({name for name, _ in before}) >= 10, before
+assert loaded() == before, loaded() - before
+"""
+
+
+def test_all_that_is_compiled_is_there_before_a_robot_drives() -> None:
+    """A compilation takes seconds, in which a node does nothing else."""
+    done = subprocess.run([sys.executable, '-c', DRIVE], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr

@@ -254,6 +254,7 @@ class ScriptedOperator:
 
         Raises DemoError when it had to be reached and the robot is not there.
         """
+        self.wait(self._is_seen, 'robot where it is now', ANSWER_TIMEOUT_S)
         goal, pose = self._place(self._goal_label), self.track.pose
         error = pose.distance(goal) if pose else float('inf')
         result = GoalResult(
@@ -269,6 +270,11 @@ class ScriptedOperator:
         if must_reach and not result.reached:
             raise DemoError(f'goal {self._goal_label}: the robot is {error:.2f} m off, at {pose} instead of {goal}')
         return result
+
+    def _is_seen(self, view: View) -> bool:
+        """Whether the pose is no older than the state that is active: on a busy computer it may come later."""
+        states = view.snapshot.active_states if view.snapshot else ()
+        return self.track.time >= max((state.entered for state in states), default=0.0)
 
     def _give(self, command: Command) -> None:
         """Send a command and wait until it is applied."""

@@ -8,7 +8,8 @@ from .layers import LayeredCostmap, Observation, ObstacleRanges
 from .motions import LOOK_AHEAD, STOP, Motion, TurnLimits, Velocity, collides
 from .navigator import Navigator, Trip
 from .path_follower import STILL, FollowerLimits, PathFollower, ProgressChecker
-from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag, prepare_navigation
+from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag
+from .preparation import prepare_navigation
 from .smoother import Smoothing, smooth_path
 from .track import Track
 

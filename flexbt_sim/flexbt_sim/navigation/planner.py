@@ -12,10 +12,10 @@ import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.world import Pose
 
 from .acceleration import loops
-from .costmap import INSCRIBED, LETHAL, Costmap, Inflation, Position
+from .costmap import INSCRIBED, LETHAL, Costmap, Position
 from .kernels import Costs, neighbours
 
 NEUTRAL_COST: Final = 50.0
@@ -202,12 +202,6 @@ class GridPlanner:
         return math.dist(way[i], way[j]) * mean <= float(spent[j] - spent[i]) * 1.001 and self._costmap.is_clear(
             way[i], way[j], self._costmap.inflation.robot_radius
         )
-
-
-def prepare_navigation() -> None:
-    """Load what is compiled, or compile it on a computer's first start: some seconds that no goal has to wait for."""
-    world = OccupancyMap(numpy.zeros((3, 3), numpy.int8), 1.0, Pose(0.0, 0.0, 0.0))
-    GridPlanner(Costmap(world, Inflation())).plan(Pose(0.5, 0.5, 0.0), Pose(2.5, 2.5, 0.0))
 
 
 def _resample(corners: Sequence[tuple[float, float]], goal: Pose) -> list[Pose]:

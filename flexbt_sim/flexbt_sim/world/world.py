@@ -29,7 +29,7 @@ from .descriptions import (
     fault_parameters,
     hint,
 )
-from .plane import Body, OccupancyMap, Pose, RayCaster, Space, check_pose, outlines
+from .plane import Body, Circle, OccupancyMap, Pose, RayCaster, Space, box, check_pose, outlines
 from .robot import Robot
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
@@ -443,8 +443,10 @@ class World:
 
 def prepare_world() -> None:
     """Load what numba compiles for a world, or compile it on a computer's first start, which takes some seconds."""
-    world = World(OccupancyMap(numpy.zeros((20, 20), numpy.int8), 0.1, Pose(0.0, 0.0, 0.0)))
-    robot = world.add('robot', RobotModel(), Pose(1.0, 1.0, 0.0))
-    robot.command(0.1, 0.1, 0.0)
+    cells = numpy.zeros((20, 20), numpy.int8)
+    cells[0] = 100
+    world = World(OccupancyMap(cells, 0.1, Pose(0.0, 0.0, 0.0)))
+    for name, shape, x in (('round', Circle(0.2), 0.5), ('square', box(0.4, 0.4), 1.5)):
+        world.add(name, RobotModel(footprint=shape), Pose(x, 0.301, 0.0)).command(0.1, 0.1, 0.0)  # close to the wall
     for _ in range(3):
         world.step()
