@@ -94,6 +94,7 @@ class ServedGoal:
         self._handle = handle
         self._active = True
         self._withdrawn = False
+        self._on_cancel: list[Callable[[], None]] = []
 
     @property
     def active(self) -> bool:
@@ -104,6 +105,16 @@ class ServedGoal:
     def cancel_requested(self) -> bool:
         """Whether the client has asked for the goal to be canceled, and it has not ended yet; or it is withdrawn."""
         return self._withdrawn or (self._active and bool(self._handle.is_cancel_requested))
+
+    def on_cancel(self, fn: Callable[[], None]) -> None:
+        """Have ``fn`` called when ``cancel_requested`` begins to hold, as long as the goal has not ended."""
+        self._on_cancel.append(fn)
+
+    def tell_cancel(self) -> None:
+        """Call those who asked for it; for the server."""
+        waiting, self._on_cancel = self._on_cancel, []
+        for fn in waiting:
+            fn()
 
     def publish_feedback(self, feedback: Any) -> None:
         """Send feedback; nothing after the end."""
@@ -243,8 +254,8 @@ class GoalServer:
                 goal.abort(self._fault.failure)
             else:
                 self._on_goal(goal)
-                if goal.cancel_requested and self._on_cancel is not None:  # while it was withdrawn
-                    self._on_cancel(goal)
+                if goal.cancel_requested:  # while it was withdrawn
+                    self._tell_cancel(goal)
         except LimitExceededError as error:
             goal.abort(self._refused(str(error)))
         except Exception as error:
@@ -257,16 +268,19 @@ class GoalServer:
 
     def _withdraw(self, goal: ServedGoal) -> None:
         goal.withdraw()
+        self._tell_cancel(goal)
+
+    def _tell_cancel(self, goal: ServedGoal) -> None:
+        goal.tell_cancel()
         if self._on_cancel is not None:
             self._on_cancel(goal)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        on_cancel = self._on_cancel
         goal = self._goals.get(bytes(handle.goal_id.uuid))
-        if on_cancel is None or goal is None:
+        if self._on_cancel is None or goal is None:
             return CancelResponse.REJECT
         # rclpy makes the goal CANCELING only after this callback.
-        self._runtime.post(lambda: on_cancel(goal) if goal.active else None)
+        self._runtime.post(lambda: self._tell_cancel(goal) if goal.active else None)
         return CancelResponse.ACCEPT
 
 

@@ -161,7 +161,7 @@ class DockingServer:
         return near or self._is_charging
 
     def _undock(self, goal: ServedGoal) -> None:
-        self.arbiter.robot.when_known(lambda: self._leave(goal))
+        self.arbiter.robot.when_known(goal, lambda: self._leave(goal))
 
     def _leave(self, goal: ServedGoal) -> None:
         def on_end(end: GoalEnd, seconds: float = 0.0) -> None:
@@ -245,7 +245,7 @@ class DockGoal:
 
     def _on_place(self, poses: list[Pose]) -> None:
         self._pose = poses[0]
-        self._server.arbiter.robot.when_known(self._on_robot)
+        self._server.arbiter.robot.when_known(self._goal, self._on_robot)
 
     def _on_robot(self) -> None:
         if not self._goal.active:

@@ -67,7 +67,7 @@ class PlannerServer:
                 result.planning_time = duration_message(self._runtime.steady.now() - began)
                 finish(goal, result, end)
 
-            self._robot.when_known(lambda: self._plan(goal, goals_of(goal.request), on_end))
+            self._robot.when_known(goal, lambda: self._plan(goal, goals_of(goal.request), on_end))
 
         server = GoalServer(self._runtime, action_type, name, serve, on_cancel=self._stop)
         self._runtime.on_close(lambda: self._runtime.call(server.close))

@@ -50,7 +50,7 @@ class SmootherServer:
         runtime.on_close(lambda: runtime.call(server.close))
 
     def _serve(self, goal: ServedGoal) -> None:
-        self._robot.when_known(lambda: self._smooth(goal))
+        self._robot.when_known(goal, lambda: self._smooth(goal))
 
     def _smooth(self, goal: ServedGoal) -> None:
         began = time.monotonic()

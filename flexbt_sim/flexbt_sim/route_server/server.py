@@ -255,7 +255,7 @@ class RouteServer:
                 asked.append(asked_pose(request.start, 'the start', NO_PLACE))
             self._robot.map_frame.poses(asked, on_poses, failed)
 
-        self._robot.when_known(check_poses)
+        self._robot.when_known(goal, check_poses)
 
     def _ends(self, request: Any, poses: list[Pose]) -> tuple[Ends, Ends]:
         if not request.use_poses:

@@ -192,7 +192,7 @@ class MotionServer:
                 result.total_elapsed_time = duration_message(seconds)
             finish(goal, result, end)
 
-        self._arbiter.robot.when_known(lambda: self._drive(goal, on_end))
+        self._arbiter.robot.when_known(goal, lambda: self._drive(goal, on_end))
 
     def _drive(self, goal: ServedGoal, on_end: OnEnd) -> None:
         if goal.cancel_requested:

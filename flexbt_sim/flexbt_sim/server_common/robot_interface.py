@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid
 
 from flexbt_common import names
+from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
@@ -52,14 +53,16 @@ class RobotInterface:
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
 
-    def when_known(self, go_on: Callable[[], None]) -> None:
-        """Go on when pose and map are known, or after the pose timeout, of wall time: a server that has just started
-        has neither, and as in Nav2 that is a reason to wait for a moment, not to fail.
+    def when_known(self, goal: ServedGoal, go_on: Callable[[], None]) -> None:
+        """Go on with a goal when pose and map are known, or after the pose timeout, of wall time: a server that has
+        just started has neither, and as in Nav2 that is a reason to wait for a moment, not to fail. A goal that is to
+        be canceled waits for nothing.
         """
         if self._is_known:
             go_on()
             return
         self._waiting.append(go_on)
+        goal.on_cancel(lambda: self._waited_enough(go_on))
         steady = self._runtime.steady
         until = steady.now() + self._parameters.pose_timeout
         steady.call_at(until, lambda: self._runtime.post(lambda: self._waited_enough(go_on)))
