@@ -33,7 +33,7 @@ UNKNOWN_WRITER: Final = b''
 """Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
 
 EXCESS_MESSAGES: Final = 2000
-EXCESS_BYTES: Final = 100_000_000
+EXCESS_BYTES: Final = 20_000_000
 """Messages that are too many, and bytes of messages that are too large, after which a participant is ignored."""
 
 _TURN_SECONDS: Final = 0.02
