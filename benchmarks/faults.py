@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What becomes of a robot that drives when one of its processes is killed, or stopped for some seconds.
+"""What becomes of a robot that drives when one of its processes is killed, or stopped, or one of its threads hangs.
 
 Each trial drives the robot (behavior Navigate, real processes, the simulator at speed 1), waits for a random moment,
-and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3 s. For each the table has the metres
-driven and the seconds of the robot's clock until rest after the fault, and the state of the executive's run two seconds
-after the process is back (a killed one is started again, as a launched system does).
+and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3 s, or has one of its threads hang for
+3 s, as by a callback that does not return, while all others go on. For each the table has the metres driven and the
+seconds of the robot's clock until rest after the fault, and the state of the executive's run two seconds after the
+process is back (a killed one is started again, as a launched system does).
 
-Usage: faults.py [--kills N] [--stops N] [--seed N] [--output FILE.json]   (so many of each process)
+Usage: faults.py [--kills N] [--stops N] [--hangs N] [--seed N] [--output FILE.json]
+       (so many of each process, hangs of each thread)
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from domain_coordinator import domain_id
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.probe import Probe, stamp
 from flexbt_testing.system.processes import Stack
 
@@ -48,41 +51,49 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--kills', type=int, default=5, help='of each process')
     parser.add_argument('--stops', type=int, default=1, help='of each process')
+    parser.add_argument('--hangs', type=int, default=1, help='of each thread')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
     chance = random.Random(options.seed)
     trials = [
-        (how, name)
-        for how, count in (('kill', options.kills), ('stop', options.stops))
-        for name in ('bt_server', 'navigation', 'onboard_executive', 'simulator')
+        (how, name, thread)
+        for how, count in (('kill', options.kills), ('stop', options.stops), ('hang', options.hangs))
+        for name, threads in THREADS.items()
+        for thread in (threads if how == 'hang' else ('',))
         for _ in range(count)
     ]
     rows = []
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
-        for number, (how, name) in enumerate(trials):
+        for number, (how, name, thread) in enumerate(trials):
             logs = Path(directory) / str(number)
             logs.mkdir()
             # The stack shows what its processes have said.
-            with contextlib.redirect_stdout(io.StringIO()), Stack(logs) as stack, NodeRuntime.open('probe') as runtime:
+            with (
+                contextlib.redirect_stdout(io.StringIO()),
+                Stack(logs, can_be_held_up=how == 'hang') as stack,
+                NodeRuntime.open('probe') as runtime,
+            ):
                 stack.start_all()
                 probe = Probe(runtime)
                 probe.wait_ready()
-                rows.append(trial(stack, probe, how, name, chance))
+                rows.append(trial(stack, probe, how, name, thread, chance))
             print(line(rows[-1]), flush=True)
     if options.output is not None:
         _figures.write(options.output, {'faults': rows})
     return 0 if all(row['seconds'] < REST_SECONDS for row in rows) else 1
 
 
-def trial(stack: Stack, probe: Probe, how: str, name: str, chance: random.Random) -> dict[str, Any]:
-    """One drive with one fault."""
+def trial(stack: Stack, probe: Probe, how: str, name: str, thread: str, chance: random.Random) -> dict[str, Any]:
+    """One drive with one fault: of a process, or of a thread of it."""
     probe.drive_to(*chance.choice(PLACES))
     time.sleep(chance.uniform(0.0, 3.0))
     there = probe.pose
     if how == 'kill':
         stack.kill(name)
+    elif how == 'hang':
+        stack.hold_up(name, THREADS[name][thread], STOPPED_SECONDS)
     else:
         stack.send_signal(name, signal.SIGSTOP)
     time.sleep(STOPPED_SECONDS)
@@ -92,12 +103,12 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, chance: random.Random
     if how == 'kill':
         stack.start(name)
         probe.wait(lambda: probe.peer_alive(name) is not False, f'{name} alive again')
-    else:
+    elif how == 'stop':
         stack.send_signal(name, signal.SIGCONT)
     time.sleep(2.0)
     return {
         'fault': how,
-        'process': name,
+        'process': f'{name} {thread}'.rstrip(),
         'metres': round(metres, 3),
         'seconds': round(max(0.0, moved - stamp(there)), 2),
         'run': f'{STATES[probe.status.state]} {probe.status.outcome} {probe.status.message}'.strip(),
@@ -106,7 +117,7 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, chance: random.Random
 
 def line(row: dict[str, Any]) -> str:
     """A row of the table."""
-    return f'{row["fault"]:5} {row["process"]:18} {row["metres"]:6.3f} m {row["seconds"]:5.2f} s  {row["run"]}'
+    return f'{row["fault"]:5} {row["process"]:26} {row["metres"]:6.3f} m {row["seconds"]:5.2f} s  {row["run"]}'
 
 
 if __name__ == '__main__':

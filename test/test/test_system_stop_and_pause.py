@@ -16,7 +16,7 @@ from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_testing.system.hold_up import EXECUTOR, RUN
+from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import uncontended_time
@@ -86,19 +86,18 @@ def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
 
 
 @pytest.mark.parametrize(
-    ('process', 'method'),
+    ('process', 'thread'),
     [
-        ('bt_server', EXECUTOR),
-        ('navigation', EXECUTOR),
-        ('onboard_executive', EXECUTOR),
-        ('onboard_executive', RUN),
-        ('simulator', EXECUTOR),
+        (process, thread)
+        for process, threads in THREADS.items()
+        for thread in threads
+        if thread != 'world'  # with which the robot and its time stand still
     ],
 )
 def test_the_robot_stands_still_while_one_thread_hangs_and_drives_on(
-    stack: Stack, probe: Probe, process: str, method: str
+    stack: Stack, probe: Probe, process: str, thread: str
 ) -> None:
-    held_up = stack.hold_up(process, method, 3.0)
+    held_up = stack.hold_up(process, THREADS[process][thread], 3.0)
     assert rest_after(probe, held_up) < REST_SECONDS
     there = probe.moved_stamp
     probe.wait(lambda: probe.moved_stamp > there, 'the robot drives on')

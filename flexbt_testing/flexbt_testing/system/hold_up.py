@@ -24,6 +24,20 @@ EXECUTOR = 'flexbt_common.runtime.NodeRuntime._run_posted'
 RUN = 'flexbt_core.state_machine.MachineRun.step'
 """Called whenever something has happened to the run of a behavior."""
 
+TREE = 'flexbt_core.behavior_tree.TickControl.tick'
+"""Called when a tree of the BT server is to be ticked."""
+
+WORLD = 'flexbt_sim.simulator.node.Simulator._step'
+"""Called for each step of the simulated world."""
+
+THREADS = {
+    'bt_server': {'executor': EXECUTOR, 'tree': TREE},
+    'navigation': {'executor': EXECUTOR},
+    'onboard_executive': {'executor': EXECUTOR, 'run': RUN},
+    'simulator': {'executor': EXECUTOR, 'world': WORLD},
+}
+"""By executable: the threads that drive something, each with a method that it calls again and again."""
+
 
 def hold_up(method: str, seconds: float) -> None:
     """Have the next call of a method, by its qualified name, take so much longer."""
