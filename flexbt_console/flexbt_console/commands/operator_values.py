@@ -55,6 +55,17 @@ def line_count(text: str) -> int:
     return int(text)
 
 
+def port_number(text: str) -> int:
+    """Read the number of a port; 0 stands for one that is free.
+
+    Raises:
+        UsageError: it is no number up to 65535.
+    """
+    if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
+        raise UsageError(f'{text!r}: expected the number of a port, 0 to 65535')
+    return int(text)
+
+
 def full_namespace(text: str) -> str:
     """The namespace of a robot, as the operator gives it, from the root on.
 

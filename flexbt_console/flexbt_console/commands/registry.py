@@ -26,7 +26,7 @@ from flexbt_console.present import (
 )
 
 from .command_builder import CommandBuilder
-from .operator_values import assignment, autonomy_level, line_count, start_input
+from .operator_values import assignment, autonomy_level, line_count, port_number, start_input
 from .spec import (
     DECISION,
     Answers,
@@ -252,6 +252,10 @@ _DECISION = Option(
     DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=_decisions
 )
 _LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
+_PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 'NUMBER', read=port_number)
+_ADDRESS = Option(
+    '--address', 'address to listen at (default 127.0.0.1: this computer only; beyond it a token is needed)', 'IP'
+)
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
     '--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
@@ -546,6 +550,19 @@ COMMANDS: Final = (
         'the whole screen: machine, trees, map, decisions and log at a glance, one key for each command',
         Mode.SCREEN,
         options=(_LEAVING,),
+        link=LinkNeed.NONE,
+    ),
+    CommandSpec(
+        'web',
+        'the page for a browser: machine, trees and map as pictures, decisions, commands and log',
+        Mode.WEB,
+        options=(_PORT, _ADDRESS),
+        details=(
+            'It prints the address of the page, and serves it until it is interrupted. At an address beyond this '
+            'computer the page needs the token that is part of the printed address; FLEXBT_WEB_TOKEN sets it, and '
+            'then it is needed on this computer, too. Nothing is encrypted: for an open network, use a tunnel '
+            '(ssh -L 8465:localhost:8465 STATION).',
+        ),
         link=LinkNeed.NONE,
     ),
     CommandSpec(

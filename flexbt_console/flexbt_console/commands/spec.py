@@ -146,6 +146,7 @@ class Mode(Enum):
     WATCH = 'watch'
     PROMPT = 'prompt'
     SCREEN = 'screen'
+    WEB = 'web'
 
 
 @dataclass(frozen=True, slots=True)

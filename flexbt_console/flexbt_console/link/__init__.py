@@ -15,10 +15,12 @@ from .messages import (
     structure_record,
 )
 from .operator_link import OperatorLink
+from .simulator_link import SimulatorLink
 from .surroundings_link import SurroundingsLink
 
 __all__ = [
     'OperatorLink',
+    'SimulatorLink',
     'SurroundingsLink',
     'behaviors_record',
     'command_message',

@@ -34,7 +34,7 @@ from .records import (
     UserdataScope,
     plain_type,
 )
-from .surroundings import GridMap, Points, Surroundings
+from .surroundings import OCCUPIED, GridMap, Points, Surroundings
 from .trees import NodeStatus, StatusChange, TreeNode, TreeRun, Trees
 from .view import View
 
@@ -44,6 +44,7 @@ __all__ = [
     'LOST_PERIODS',
     'LOST_SECONDS',
     'NOTE_LENGTH',
+    'OCCUPIED',
     'POSE_TYPES',
     'ActiveState',
     'AutonomyLevel',

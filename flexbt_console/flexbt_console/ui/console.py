@@ -29,6 +29,7 @@ from flexbt_console.commands import (
     load_places,
     overview,
     parse,
+    port_number,
 )
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror import LOST_SECONDS, Mirror, Pose
@@ -45,6 +46,9 @@ DEFAULT_TIMEOUT = 5.0
 
 _INTERACTIVE = {Mode.PROMPT: 'prompt_toolkit', Mode.SCREEN: 'textual'}
 """The modes that need a terminal, and the library of each."""
+
+DEFAULT_PORT = 8465
+"""Of the page."""
 
 LEAVING = 'the robot goes on'
 """What happens when the operator leaves."""
@@ -100,6 +104,8 @@ def _flush() -> None:
 
 
 def _run(line: CommandLine) -> ExitCode:
+    if line.spec is not None and line.spec.action is Mode.WEB:
+        return _run_web(line)
     if line.spec is not None and line.spec.action in _INTERACTIVE:
         return _run_interactive(line, _INTERACTIVE[line.spec.action])
     from .line import Session, run
@@ -126,6 +132,26 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
         mirror, link, make = _parts(line, runtime)
         leaving = line.value('--leaving') or LEAVING
         run(runtime, mirror, link, make, line.seconds('--timeout') or DEFAULT_TIMEOUT, leaving)
+        return ExitCode.OK
+
+
+def _run_web(line: CommandLine) -> ExitCode:
+    try:
+        from .web import Access, Station, print_address, run_web
+    except ModuleNotFoundError as error:
+        if error.name != 'aiohttp':
+            raise
+        raise UsageError('the page needs aiohttp: install it, or use a command (console --help)') from None
+    from flexbt_console.link import SimulatorLink, SurroundingsLink
+
+    access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
+    port = port_number(line.value('--port') or str(DEFAULT_PORT))
+    with _open_runtime(line) as runtime:
+        mirror, link, make = _parts(line, runtime)
+        SurroundingsLink(runtime, mirror)
+        name = runtime.node.get_namespace().strip('/') or 'robot'
+        timeout = line.seconds('--timeout') or DEFAULT_TIMEOUT
+        run_web({name: Station(mirror, link, make, timeout, SimulatorLink(runtime))}, access, port, print_address)
         return ExitCode.OK
 
 

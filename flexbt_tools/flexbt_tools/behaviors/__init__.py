@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Behaviors without a robot: built but never run, checked together with the trees that they use, shown, drawn."""
 
-from .behavior_picture import behavior_as_dot, behavior_as_mermaid
+from .behavior_picture import graph_of
 from .built_behavior import BuiltBehavior, build, installed
 from .check import check_behavior
 from .findings import REFUSED, RULES, Finding
-from .graph import graph_of
 from .machine_text import machine_lines, structure_as_json
 from .used_trees import UsedTrees, used_trees
 
@@ -15,8 +14,6 @@ __all__ = [
     'BuiltBehavior',
     'Finding',
     'UsedTrees',
-    'behavior_as_dot',
-    'behavior_as_mermaid',
     'build',
     'check_behavior',
     'graph_of',

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+from flexbt_common.errors import ResourceError
+from flexbt_common.pictures import svg
 from flexbt_tools.errors import UsageError
-from flexbt_tools.pictures import svg
 
 _FORMATS: Final = ('svg', 'dot', 'mermaid')
 _SUFFIXES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid', '.mermaid': 'mermaid'}
@@ -28,7 +29,10 @@ def write(options: argparse.Namespace, dot: Callable[[], Iterator[str]], mermaid
     """Write the picture that the options ask for, of its lines in a language. Raises UsageError."""
     chosen = options.format or _SUFFIXES.get(Path(options.output or '').suffix.lower(), 'svg')
     text = '\n'.join(mermaid() if chosen == 'mermaid' else dot()) + '\n'
-    picture = svg(text) if chosen == 'svg' else text
+    try:
+        picture = svg(text) if chosen == 'svg' else text
+    except ResourceError as error:
+        raise UsageError(str(error)) from None
     if options.output is None:
         sys.stdout.write(picture)
         return

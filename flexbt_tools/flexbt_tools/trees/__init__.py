@@ -5,7 +5,7 @@ from .blackboard_file import BlackboardFile, json_types, save_blackboard
 from .files import read_library, read_models, shown_name
 from .key_usage import EntryUsage, KeyUsage, Place
 from .keys import KeyUse, uses
-from .outline import PORTS, Item, find_tree, is_main, items_of
+from .outline import PORTS, Item, drawn_nodes, find_tree, is_main, items_of
 from .schema import schema_lines
 from .stand_ins import UNKNOWN_PORT, OpenRegistry, add_models, is_stand_in
 from .tree_order import references, roots, sub_trees_first, used_trees
@@ -22,6 +22,7 @@ __all__ = [
     'OpenRegistry',
     'Place',
     'add_models',
+    'drawn_nodes',
     'find_tree',
     'is_main',
     'is_stand_in',

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from flexbt_common.pictures import DrawnNode, NodeShape
 from flexbt_core.behavior_tree import NodeDefinition, NodeKind, PortDirection, TreeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model import similar_names
 from flexbt_core.values import one_line
@@ -89,6 +90,14 @@ def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[It
         for child in reversed(node.children):
             stack.append((child, owner, tree, depth + 1, position, child is node.children[-1]))
         position += 1
+
+
+def drawn_nodes(items: Iterable[Item], ports: str) -> list[DrawnNode]:
+    """The nodes as a picture shows them; ``ports`` as in :meth:`Item.attributes`."""
+    return [
+        DrawnNode(item.type, item.name, item.parent, NodeShape(item.kind.value), item.attributes(ports))
+        for item in items
+    ]
 
 
 def is_main(library: TreeLibrary, key: TreeKey) -> bool:

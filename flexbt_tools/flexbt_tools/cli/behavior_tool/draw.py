@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import argparse
 
-from flexbt_tools.behaviors import UsedTrees, behavior_as_dot, behavior_as_mermaid, graph_of, used_trees
+from flexbt_common.pictures import machine_as_dot, machine_as_mermaid
+from flexbt_tools.behaviors import UsedTrees, graph_of, used_trees
 from flexbt_tools.cli import arguments, picture_output
 from flexbt_tools.errors import ExitCode
 
@@ -29,10 +30,8 @@ def run(options: argparse.Namespace) -> ExitCode:
     used = UsedTrees()
     if not options.no_trees:
         used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
-    graph = graph_of(behavior.machine, used, expand=options.expand)
+    graph = graph_of(behavior.machine, used, expand=options.expand, ports=options.ports)
     picture_output.write(
-        options,
-        lambda: behavior_as_dot(graph, behavior.name, ports=options.ports),
-        lambda: behavior_as_mermaid(graph, behavior.name, ports=options.ports),
+        options, lambda: machine_as_dot(graph, behavior.name), lambda: machine_as_mermaid(graph, behavior.name)
     )
     return ExitCode.OK

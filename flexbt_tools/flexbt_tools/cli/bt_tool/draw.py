@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import argparse
 
+from flexbt_common.pictures import trees_as_dot, trees_as_mermaid
 from flexbt_tools.cli import arguments, picture_output
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.pictures import trees_as_dot, trees_as_mermaid
-from flexbt_tools.trees import items_of, read_library
+from flexbt_tools.trees import drawn_nodes, items_of, read_library
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,12 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> ExitCode:
     library = read_library([options.file], arguments.registry(options, allow_unknown=True))
-    graphs = [
-        (key, list(items_of(library, key, expand=options.expand))) for key in arguments.chosen_trees(library, options)
+    trees = [
+        (key.id, drawn_nodes(items_of(library, key, expand=options.expand), options.ports))
+        for key in arguments.chosen_trees(library, options)
     ]
-    picture_output.write(
-        options,
-        lambda: trees_as_dot(graphs, ports=options.ports),
-        lambda: trees_as_mermaid(graphs, ports=options.ports),
-    )
+    picture_output.write(options, lambda: trees_as_dot(trees), lambda: trees_as_mermaid(trees))
     return ExitCode.OK

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""State machines and trees as pictures: Graphviz's language, Mermaid's, and SVG with a legend. Needs no ROS."""
+
+from .graphviz import LAYOUT_SECONDS, graphviz_command, svg
+from .machine_graph import DrawnState, DrawnTree, MachineBox, StateBox, machine_graph
+from .machine_picture import machine_as_dot, machine_as_mermaid
+from .markup import STYLE, dot_text, finished, mermaid_text
+from .tree_picture import DrawnNode, NodeShape, trees_as_dot, trees_as_mermaid
+
+__all__ = [
+    'LAYOUT_SECONDS',
+    'STYLE',
+    'DrawnNode',
+    'DrawnState',
+    'DrawnTree',
+    'MachineBox',
+    'NodeShape',
+    'StateBox',
+    'dot_text',
+    'finished',
+    'graphviz_command',
+    'machine_as_dot',
+    'machine_as_mermaid',
+    'machine_graph',
+    'mermaid_text',
+    'svg',
+    'trees_as_dot',
+    'trees_as_mermaid',
+]

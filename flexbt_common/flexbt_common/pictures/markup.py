@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the pictures have in common: text in both languages, colours for light and dark, and the legend."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from flexbt_core.values import one_line
+
+
+class Mark(NamedTuple):
+    """A kind of node: colour of the inside in light and in dark, and what the legend calls it."""
+
+    light: str
+    dark: str
+    text: str
+
+
+MARKS: Final = {
+    'Control': Mark('#dce6f5', '#2a3c58', '→ sequence   ? fallback   ⇉ parallel   ↺ recovery'),
+    'Decorator': Mark('#ece3f3', '#46365a', 'decorator'),
+    'SubTree': Mark('#f5ead0', '#57482a', 'sub-tree'),
+    'Action': Mark('#e1f0dc', '#2c4a2a', 'action'),
+    'Condition': Mark('#f8e0dc', '#5a3330', 'condition'),
+    'State': Mark('#fff3c4', '#57501f', 'state'),
+    'Outcome': Mark('#dddddd', '#454545', 'outcome of the machine'),
+}
+"""By the class of their elements in a picture."""
+
+
+class Line(NamedTuple):
+    """How a transition is drawn: Graphviz's style, width, colours in light and dark, dashes, and the legend's text."""
+
+    style: str
+    width: float
+    light: str
+    dark: str
+    dashes: str
+    text: str
+
+
+LINES: Final = {
+    'level0': Line('solid', 1.0, '#555555', '#b0b0b0', '', 'transition, at any autonomy above Off'),
+    'level1': Line('dashed', 1.2, '#2060c0', '#7fb2ff', '6 3', 'needs more autonomy than Low'),
+    'level2': Line('dotted', 1.8, '#1d7a3c', '#74d693', '2 3', 'needs more autonomy than High'),
+    'level3': Line('bold', 2.2, '#c03030', '#ff8a80', '', 'is always the operator’s decision'),
+}
+"""By class: transitions, by the level of autonomy that they require. The colours are those of FlexBE."""
+
+
+def _style() -> str:
+    def rules(colour: str) -> str:
+        return ''.join(
+            f'.{name}>:is(path,polygon,polyline,ellipse){{fill:{getattr(mark, colour)}}}'
+            for name, mark in MARKS.items()
+        ) + ''.join(
+            f'.{name}>path{{stroke:{getattr(line, colour)}}}'
+            f'.{name}>polygon{{stroke:{getattr(line, colour)};fill:{getattr(line, colour)}}}'
+            f'.{name}>text{{fill:{getattr(line, colour)}}}'
+            for name, line in LINES.items()
+        )
+
+    dark = (
+        'svg{background:#1b1d21}.graph>polygon{fill:#1b1d21}text{fill:#e8e8e8}'
+        '.cluster>:is(polygon,path){stroke:#888}.node>:is(path,polygon,polyline,ellipse){stroke:#aaa}'
+        '.branch>path{stroke:#aaa}.begin>:is(path,polygon){stroke:#aaa}.begin>polygon{fill:#aaa}.entry>ellipse{fill:#eee}'
+    )
+    return (
+        'svg{background:#fff}text{font-family:Helvetica,Arial,sans-serif}.cluster>:is(polygon,path){fill:none}'
+        f'{rules("light")}@media (prefers-color-scheme:dark){{{dark}{rules("dark")}}}'
+    )
+
+
+STYLE: Final = _style()
+"""The style sheet of a picture."""
+
+DOT_HEAD: Final = (
+    'digraph {',
+    '  graph [ordering=out, newrank=true, remincross=false, fontname="Helvetica", color="#999999", labeljust=l,'
+    ' nodesep=0.3, ranksep=0.45]',
+    '  node [style=filled, color="#555555", fontname="Helvetica", fontsize=11, margin="0.16,0.055"]',
+    '  edge [color="#555555", fontname="Helvetica", arrowsize=0.6]',
+)
+
+MERMAID_HEAD: Final = (
+    'flowchart TD',
+    *(f'  classDef {name} fill:{mark.light},stroke:#555' for name, mark in MARKS.items()),
+)
+
+_PLAIN: Final = (' _-.,:/()=→↔{}', '_({')
+"""What else stands for itself in a label of Mermaid: within a line, and at its beginning."""
+
+_LEGEND_ROW: Final = 18
+_LEGEND_WIDTH: Final = 340
+"""Points that an entry of the legend takes."""
+
+
+def dot_text(lines: Sequence[str]) -> str:
+    """Lines as a quoted label of Graphviz."""
+    # Graphviz reads entities in a label, so the ampersand is one.
+    shown = (one_line(line).replace('&', '&amp;').replace('\\', '\\\\').replace('"', '\\"') for line in lines)
+    text = '\\n'.join(shown)
+    return f'"{text}"'
+
+
+def mermaid_text(lines: Sequence[str]) -> str:
+    """Lines as the inside of a quoted label of Mermaid."""
+    return '<br/>'.join(_mermaid_line(one_line(line)) for line in lines)
+
+
+def _mermaid_line(line: str) -> str:
+    # All that means something to Mermaid, or to HTML and Markdown in it, as its number.
+    return ''.join(
+        character
+        if character.isalpha() or (index and character.isdigit()) or character in _PLAIN[index == 0]
+        else f'#{ord(character)};'
+        for index, character in enumerate(line)
+    )
+
+
+def finished(picture: str, style: str = STYLE) -> str:
+    """An SVG of Graphviz with a style sheet, and below it a legend of the kinds of nodes and transitions in it."""
+    match = re.search(r'<svg width="(\d+)pt" height="(\d+)pt"\s+viewBox="0.00 0.00 ([\d.]+) ([\d.]+)"', picture)
+    if match is None:
+        return picture
+    used = set(re.findall(r'class="(?:node|edge) (\w+)"', picture))
+    entries = [name for name in (*MARKS, *LINES) if name in used]
+    width, height = float(match[3]), float(match[4])
+    columns = max(1, int(width // _LEGEND_WIDTH))
+    room = -(-len(entries) // columns) * _LEGEND_ROW + 14 if entries else 0
+    wide = max(width, _LEGEND_WIDTH)
+    legend = ''.join(
+        _entry(name, 12 + number % columns * _LEGEND_WIDTH, height + number // columns * _LEGEND_ROW)
+        for number, name in enumerate(entries)
+    )
+    head = (
+        f'<svg width="{wide:.0f}pt" height="{height + room:.0f}pt" viewBox="0.00 0.00 {wide:.2f} {height + room:.2f}"'
+    )
+    before, after = picture[: match.start()], picture[match.end() :]
+    styled = f'<style>{style}</style>' if style else ''
+    opening, closing, rest = after.partition('>')
+    body, end, tail = rest.rpartition('</svg>')
+    return f'{before}{head}{opening}{closing}{styled}{body}<g class="legend">{legend}</g>{end}{tail}'
+
+
+def _entry(name: str, x: float, y: float) -> str:
+    if name in MARKS:
+        mark = MARKS[name]
+        sample = f'<g class="node {name}"><polygon fill="{mark.light}" stroke="#555" points="{_box(x, y)}"/></g>'
+        text = mark.text
+    else:
+        line = LINES[name]
+        sample = (
+            f'<g class="{name}"><path fill="none" stroke="{line.light}" stroke-width="{line.width}" '
+            f'stroke-dasharray="{line.dashes}" d="M{x},{y + 6}h26"/></g>'
+        )
+        text = line.text
+    return f'{sample}<text x="{x + 34}" y="{y + 10}" font-size="11">{html.escape(text)}</text>'
+
+
+def _box(x: float, y: float) -> str:
+    return f'{x},{y} {x + 26},{y} {x + 26},{y + 12} {x},{y + 12}'

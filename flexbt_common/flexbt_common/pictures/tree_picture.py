@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees as a picture, in Graphviz's language or in Mermaid's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from .markup import DOT_HEAD, MARKS, MERMAID_HEAD, dot_text, mermaid_text
+
+
+class NodeShape(Enum):
+    """The sort of a node of a tree; the value is the class of its element in a picture."""
+
+    CONTROL = 'Control'
+    DECORATOR = 'Decorator'
+    SUBTREE = 'SubTree'
+    ACTION = 'Action'
+    CONDITION = 'Condition'
+
+
+# Shape in Graphviz; brackets of the shape in Mermaid.
+_SHAPES: Final[Mapping[NodeShape, tuple[str, str]]] = {
+    NodeShape.CONTROL: ('shape=box', '["|"]'),
+    NodeShape.DECORATOR: ('shape=hexagon, margin="0.06,0.02"', '{{"|"}}'),
+    NodeShape.SUBTREE: ('shape=box3d', '[["|"]]'),
+    NodeShape.ACTION: ('shape=box, style="rounded,filled"', '(["|"])'),
+    NodeShape.CONDITION: ('shape=ellipse, margin="0.06,0.02"', '{"|"}'),
+}
+
+SYMBOLS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(('Sequence', 'SequenceWithMemory', 'SequenceStar', 'AsyncSequence', 'ReactiveSequence'), '→'),
+    **dict.fromkeys(('PipelineSequence', 'NonblockingSequence'), '→'),
+    **dict.fromkeys(('Fallback', 'AsyncFallback', 'ReactiveFallback'), '?'),
+    **dict.fromkeys(('Parallel', 'ParallelAll'), '⇉'),
+    'RecoveryNode': '↺',
+}
+"""By the registered type of a control: the symbols of Colledanchise and Ögren, Behavior Trees in Robotics and AI."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnNode:
+    """A node of a tree: ``parent`` is the position of its parent in the list, None for the root; ``name`` is empty
+    where it has none of its own; ``attributes`` are further lines of its label."""
+
+    type: str
+    name: str
+    parent: int | None
+    shape: NodeShape
+    attributes: Sequence[str] = ()
+
+    @property
+    def lines(self) -> list[str]:
+        """Its label."""
+        symbol = SYMBOLS.get(self.type, '')
+        own = f'{symbol} {self.name or self.type}'.strip()
+        return [own, *([f'({self.type})'] if self.name else []), *self.attributes]
+
+
+Trees = Sequence[tuple[str, Sequence[DrawnNode]]]
+"""The trees of a picture with their titles."""
+
+
+def trees_as_dot(trees: Trees) -> Iterator[str]:
+    """The picture in the language of Graphviz; the element of node n of tree m has the identifier ``tMnN``."""
+    yield from DOT_HEAD
+    for number, (title, nodes) in enumerate(trees):
+        yield f'  subgraph cluster_{number} {{'
+        yield f'    label={dot_text([title])}'
+        yield from dot_tree(f't{number}n', nodes)
+        yield '  }'
+    yield '}'
+
+
+def trees_as_mermaid(trees: Trees) -> Iterator[str]:
+    """The picture in the language of Mermaid."""
+    yield from MERMAID_HEAD
+    for number, (title, nodes) in enumerate(trees):
+        yield f'  subgraph t{number}["{mermaid_text([title])}"]'
+        yield from mermaid_tree(f't{number}n', nodes)
+        yield '  end'
+
+
+def dot_tree(prefix: str, nodes: Sequence[DrawnNode]) -> Iterator[str]:
+    """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0."""
+    siblings: dict[int, list[str]] = {}
+    for position, node in enumerate(nodes):
+        name = f'{prefix}{position}'
+        shape, _ = _SHAPES[node.shape]
+        kind = node.shape.value
+        colour = MARKS[kind].light
+        label = dot_text(node.lines)
+        yield f'    {name} [{shape}, id={name}, class={kind}, fillcolor="{colour}", label={label}]'
+        if node.parent is not None:
+            yield f'    {prefix}{node.parent} -> {name} [class=branch, arrowhead=none]'
+            siblings.setdefault(node.parent, []).append(name)
+    # The order of children means something. Beside other edges, "ordering" alone does not keep it.
+    for children in siblings.values():
+        if len(children) > 1:
+            yield f'    {{ rank=same; {" -> ".join(children)} [style=invis] }}'
+
+
+def mermaid_tree(prefix: str, nodes: Sequence[DrawnNode]) -> Iterator[str]:
+    """The nodes and edges of a tree in Mermaid's language; its nodes are called ``prefix`` and a number from 0."""
+    for position, node in enumerate(nodes):
+        opening, closing = _SHAPES[node.shape][1].split('|')
+        yield f'    {prefix}{position}{opening}{mermaid_text(node.lines)}{closing}:::{node.shape.value}'
+        if node.parent is not None:
+            yield f'    {prefix}{node.parent} --> {prefix}{position}'

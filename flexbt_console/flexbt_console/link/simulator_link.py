@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Obstacles in a simulated world, by the standard services of simulators (simulation_interfaces)."""
+
+from __future__ import annotations
+
+import math
+import time
+from concurrent.futures import Future
+from typing import Any, Final
+
+from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.runtime import NodeRuntime
+from flexbt_console.errors import NoAnswerError, RefusedError
+
+RADIUS: Final = 0.2
+"""Metres of an obstacle that is dropped."""
+
+_SPAWN: Final = 'simulation_interfaces/srv/SpawnEntity'
+_LOOK_SECONDS: Final = 2.0
+
+
+class SimulatorLink:
+    """Drops obstacles into the world of the simulator that the network has, whatever its name is."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._links = ServiceLinks(runtime)
+        self._found = ''
+        self._look_at = -math.inf
+        self._dropped: dict[str, tuple[float, float, float]] = {}
+
+    @property
+    def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
+        """Those that were dropped here: name, centre (m) and radius (m) of each."""
+        return tuple((name, *where) for name, where in self._dropped.items())
+
+    def is_possible(self) -> bool:
+        """Whether there is a simulator, as it was some seconds ago at most. From any thread."""
+        now = time.monotonic()
+        if now >= self._look_at:
+            self._look_at = now + _LOOK_SECONDS
+            self._runtime.post(self._look)
+        return bool(self._found)
+
+    def drop(self, x: float, y: float, timeout: float) -> str:
+        """Put an obstacle there (m); gives its name. Not on the executor thread.
+
+        Raises:
+            RefusedError: the simulator refuses it, as where something stands.
+            NoAnswerError: it says nothing within ``timeout`` seconds.
+        """
+        from simulation_interfaces.srv import SpawnEntity  # what only a simulation needs
+
+        request = SpawnEntity.Request(name='dropped', allow_renaming=True)
+        request.resource_string = f'obstacles: {{dropped: {{pose: [{x:.3f}, {y:.3f}, 0], shape: {RADIUS}}}}}'
+        name = str(self._answer(SpawnEntity, 'spawn_entity', request, timeout).entity_name)
+        self._dropped[name] = x, y, RADIUS
+        return name
+
+    def remove(self, name: str, timeout: float) -> None:
+        """Take one away that was dropped here. Raises as :meth:`drop`."""
+        from simulation_interfaces.srv import DeleteEntity
+
+        if name not in self._dropped:
+            raise RefusedError(f'no obstacle {name!r} was dropped here')
+        try:
+            self._answer(DeleteEntity, 'delete_entity', DeleteEntity.Request(entity=name), timeout)
+        finally:
+            self._dropped.pop(name, None)
+
+    def _answer(self, type: Any, name: str, request: Any, timeout: float) -> Any:
+        if not self._found:
+            raise RefusedError('there is no simulator that serves simulation_interfaces')
+        done: Future[ServiceOutcome] = Future()
+        service = f'{self._found.rpartition("/")[0]}/{name}'
+        link = self._links.link(type, service)
+        ServiceCall(link, request, on_done=done.set_result, server_timeout=timeout, response_timeout=timeout)
+        outcome = done.result()  # it always ends
+        if outcome.response is None:
+            raise NoAnswerError(outcome.reason)
+        result = outcome.response.result
+        if result.result != result.RESULT_OK:
+            raise RefusedError(f'the simulator refuses: {result.error_message}')
+        return outcome.response
+
+    def _look(self) -> None:
+        known = self._runtime.node.get_service_names_and_types()
+        self._found = next((name for name, types in known if _SPAWN in types), '')

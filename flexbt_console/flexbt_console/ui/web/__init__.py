@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The operator's page in a browser: a small server on the mirror, and the page, which needs no build step."""
+
+from .access import Access
+from .run import print_address, run_web
+from .server import MOST_PAGES, WebServer
+from .station import Link, Obstacles, Station
+
+__all__ = ['MOST_PAGES', 'Access', 'Link', 'Obstacles', 'Station', 'WebServer', 'print_address', 'run_web']

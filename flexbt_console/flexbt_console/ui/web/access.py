@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who may use the page: checks of the headers Host and Origin, and the token."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Iterable
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+from flexbt_console.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Access:
+    """``address`` is where it listens, ``names`` what the computer is called besides; an empty ``token`` is none.
+
+    A page of another site reaches this server in two ways: by its own address, which the browser tells in ``Origin``;
+    and under a name of its own that it lets point to us (DNS rebinding), which is the ``Host``. So Host is an address
+    or a name of this computer, and Origin the same. What no browser sends is held up by the token alone.
+    """
+
+    address: str = '127.0.0.1'
+    token: str = ''
+    names: frozenset[str] = frozenset({'localhost'})
+
+    @classmethod
+    def of(cls, address: str, token: str = '', names: Iterable[str] = ()) -> Access:
+        """For an address to listen at: beyond this computer there is always a token, made up when none is given.
+
+        Raises:
+            UsageError: it is no address of the Internet protocol, nor ``localhost``.
+        """
+        try:
+            is_local = address == 'localhost' or ipaddress.ip_address(address).is_loopback
+        except ValueError:
+            raise UsageError(f'--address {address!r}: give an IP address, such as 127.0.0.1 or 0.0.0.0') from None
+        own = {'localhost', *names} if is_local else {'localhost', socket.gethostname(), socket.getfqdn(), *names}
+        return cls(address, token or ('' if is_local else secrets.token_urlsafe(24)), frozenset(map(str.lower, own)))
+
+    def knows_host(self, host: str) -> bool:
+        """Whether a header ``Host`` names this computer."""
+        try:
+            name = urlsplit(f'//{host}').hostname or ''
+        except ValueError:
+            return False
+        return name in self.names or _is_address(name)
+
+    def knows_origin(self, origin: str | None, host: str) -> bool:
+        """Whether a header ``Origin`` is the page of this server; without one it was not asked for by a page."""
+        return origin is None or origin in (f'http://{host}', f'https://{host}')
+
+    def knows_token(self, token: object) -> bool:
+        """Whether this is the token, where one is needed."""
+        return not self.token or (isinstance(token, str) and hmac.compare_digest(token.encode(), self.token.encode()))
+
+    def page_address(self, port: int) -> str:
+        """What to open in a browser. The token is behind ``#``: browsers keep that to themselves."""
+        host = {'0.0.0.0': socket.gethostname(), '::': socket.gethostname()}.get(self.address, self.address)  # noqa: S104
+        shown = f'[{host}]' if ':' in host else host
+        return f'http://{shown}:{port}/' + (f'#token={self.token}' if self.token else '')
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

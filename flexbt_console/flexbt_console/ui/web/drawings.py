@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Machine and trees as ``behavior_tool draw`` lays them out: SVG by Graphviz, made once for each and kept."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import hashlib
+from collections import OrderedDict
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from flexbt_common.errors import ResourceError
+from flexbt_common.pictures import (
+    LAYOUT_SECONDS,
+    DrawnNode,
+    DrawnState,
+    NodeShape,
+    finished,
+    graphviz_command,
+    machine_as_dot,
+    machine_graph,
+    trees_as_dot,
+)
+from flexbt_console.mirror import Structure, TreeNode, TreeRun
+
+REMEMBERED: Final = 64
+MOST_NODES: Final = 400
+"""States, or nodes of a tree, that are drawn; of more there is the text alone."""
+
+
+class Drawing(NamedTuple):
+    """What Graphviz is to draw; ``key`` identifies it, and is empty when it is too large."""
+
+    key: str
+    dot: str
+    has_legend: bool = False
+
+
+class Drawings:
+    """The pictures that were made, the latest of them. One is made at a time: it takes a processor for a moment."""
+
+    def __init__(self) -> None:
+        self._made: OrderedDict[str, asyncio.Task[str]] = OrderedDict()
+        self._one = asyncio.Lock()
+
+    def wanted(self, drawing: Drawing) -> asyncio.Task[str]:
+        """The task that makes it; its result is SVG. Raises ResourceError when awaited."""
+        task = self._made.get(drawing.key)
+        if task is None:
+            task = self._made[drawing.key] = asyncio.create_task(self._make(drawing))
+            while len(self._made) > REMEMBERED:
+                self._made.popitem(last=False)[1].cancel()
+        return task
+
+    async def _make(self, drawing: Drawing) -> str:
+        """Raises ResourceError."""
+        async with self._one:
+            name, command = graphviz_command()
+            pipe = asyncio.subprocess.PIPE
+            process = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, stderr=pipe)
+            try:
+                out, error = await asyncio.wait_for(process.communicate(drawing.dot.encode()), LAYOUT_SECONDS)
+            except TimeoutError:
+                raise ResourceError(name, f'did not end within {LAYOUT_SECONDS:g} s') from None
+            finally:
+                if process.returncode is None:
+                    process.kill()
+            if process.returncode:
+                raise ResourceError(name, f'failed: {error.decode(errors="replace").strip()}')
+            picture = out.decode()
+            return finished(picture, style='') if drawing.has_legend else picture  # the page has the style
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def machine_drawing(structure: Structure) -> Drawing:
+    """The machine of a run: the element of the state at position 3 has the identifier ``s3``, a container's ``m3``."""
+    if len(structure.states) > MOST_NODES or not structure.states:
+        return Drawing('', '')
+    states = [
+        DrawnState(
+            state.path,
+            state.kind.name.lower(),
+            state.type,
+            state.children,
+            state.outcomes,
+            state.targets,
+            state.autonomy,
+        )
+        for state in structure.states
+    ]
+    return _drawing(machine_as_dot(machine_graph(states), structure.behavior), has_legend=True)
+
+
+def tree_drawing(run: TreeRun) -> Drawing:
+    """The tree of a run: the element of its node ``uid`` has the identifier ``t0nX``, where X is ``uid`` - 1."""
+    return _tree_drawing(run.tree, run.nodes)
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _tree_drawing(tree: str, nodes: tuple[TreeNode, ...]) -> Drawing:
+    if len(nodes) > MOST_NODES or not nodes:
+        return Drawing('', '')
+    children = [0] * (len(nodes) + 1)
+    for node in nodes:
+        children[min(node.parent, len(nodes))] += 1
+    drawn = [
+        DrawnNode(
+            node.registration,
+            '' if node.name == node.registration else node.name,
+            node.parent - 1 if 0 < node.parent < node.uid else None,
+            _shape(node, children[node.uid]),
+        )
+        for node in nodes
+    ]
+    return _drawing(trees_as_dot([(tree, drawn)]), has_legend=False)
+
+
+def _shape(node: TreeNode, children: int) -> NodeShape:
+    """What the number of its children tells of a node: the stream of statuses has no more."""
+    if node.registration == 'SubTree':
+        return NodeShape.SUBTREE
+    return NodeShape.ACTION if children == 0 else NodeShape.DECORATOR if children == 1 else NodeShape.CONTROL
+
+
+def _drawing(lines: Iterable[str], *, has_legend: bool) -> Drawing:
+    dot = '\n'.join(lines)
+    return Drawing(hashlib.sha256(dot.encode()).hexdigest()[:16], dot, has_legend)

@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What the server tells, put into the page; texts only as text.
+
+import {Commands} from './commands.js';
+import {DecisionBar, element} from './decision.js';
+import {bring, keep, mark, show, statuses} from './drawing.js';
+import {RobotMap} from './map.js';
+import {ServerLink} from './server_link.js';
+
+const MOST_LOG = 500;
+const byId = (id) => document.getElementById(id);
+const known = {active: {paths: [], states: []}, decisions: [], trees: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
+let server = {open: false, text: 'no server'};
+let heard = performance.now();
+
+const tell = (text, tone) => {
+  byId('told').textContent = text;
+  byId('told').className = tone;
+  if (text) addLog(text, tone);
+};
+const send = (message) => {
+  const sent = link.send(message);
+  if (!sent && !message.complete) tell('the server of this page is gone; nothing was sent', 'error');
+  return sent;
+};
+const isLive = () => server.open && known.link?.state === 'live';
+
+const bar = new DecisionBar(byId('decision'), byId('decision-line'), byId('decision-body'), {send, tell, placesOf: () => Object.keys(known.places).sort()});
+const map = new RobotMap(byId('map'), byId('map-keys'), {
+  pose: (x, y, yaw) => { if (bar.shown?.wants_pose) bar.answer([x, y, yaw].map((one) => one.toFixed(3)).join(' '), mapDecision); },
+  obstacle: (x, y) => send({obstacle: [x, y]}),
+});
+let mapDecision = null;
+let dropping = false;
+const commands = new Commands({send, tell, bar, now: () => known});
+byId('drop').addEventListener('click', () => { dropping = !dropping; choose(); });
+byId('robot').addEventListener('change', (event) => { goTo(event.target.value); });
+
+function goTo(robot) {
+  const address = new URL(location.href);
+  address.searchParams.set('robot', robot);
+  location.assign(address);
+  if (address.href === location.href) location.reload();
+}
+
+function addLog(text, tone) {
+  const log = byId('log');
+  const atEnd = log.scrollHeight - log.scrollTop - log.clientHeight < 30;
+  log.append(element('div', {class: tone}, text));
+  while (log.childElementCount > MOST_LOG) log.firstElementChild.remove();
+  if (atEnd) log.scrollTop = log.scrollHeight;
+}
+
+// What a click on the map means. A pose that is pointed at belongs to the decision that was on the page then.
+function choose() {
+  const wants = bar.shown?.wants_pose && isLive();
+  const mode = dropping ? 'obstacle' : wants ? 'pose' : '';
+  if (mode === 'pose' && mapDecision !== bar.id) {
+    mapDecision = bar.id;
+    map.cursor = null;
+  }
+  map.setMode(mode);
+  byId('drop').setAttribute('aria-pressed', String(dropping));
+}
+
+function drawMachine() {
+  const {machine, active, decisions, status} = known;
+  const place = byId('machine');
+  const svg = machine?.drawing && show(place, machine.drawing);
+  if (!machine) place.replaceChildren(status?.running ? 'the state machine has not arrived yet' : 'no behavior runs');
+  else if (!svg && place.dataset.key !== machine.drawing) place.replaceChildren(...machine.lines.map((line) => element('div', {}, line)));
+  if (!machine || !svg) { delete place.dataset.key; return; }
+  const places = new Map(machine.paths.map((path, index) => [path, index]));
+  const ids = (paths) => paths.filter((path) => places.has(path)).flatMap((path) => [`s${places.get(path)}`, `m${places.get(path)}`]);
+  mark(svg, 'lit', status?.running ? ids(active.paths) : []);
+  mark(svg, 'waits', ids(decisions.map((decision) => decision.path)));
+  mark(svg, 'wanted', decisions.filter((decision) => decision.wanted && places.has(decision.path)).map((decision) =>
+    `s${places.get(decision.path)}o${machine.outcomes[places.get(decision.path)].indexOf(decision.wanted)}`));
+  const first = active.states[0]?.path;
+  if (first !== place.dataset.active) {
+    place.dataset.active = first;
+    bring(place, svg.querySelector(`[id="s${places.get(first)}"]`));
+  }
+}
+
+function drawTrees() {
+  const place = byId('trees');
+  const panes = new Map([...place.children].map((pane) => [pane.dataset.id, pane]));
+  const shown = known.trees.map((tree) => {
+    let pane = panes.get(tree.id);
+    if (!pane) {
+      pane = element('div', {'data-id': tree.id, class: 'tree'}, element('p', {'aria-live': 'polite'}), element('div', {}));
+    }
+    const text = `${tree.tree}${tree.paused ? ' (paused)' : ''}: ${tree.leaves.length ? `▶ ${tree.leaves.join(', ')}` : 'no leaf runs'}`;
+    if (pane.firstElementChild.textContent !== text) pane.firstElementChild.textContent = text;
+    return [tree, pane];
+  });
+  const panesNow = shown.map(([, pane]) => pane);
+  if (panesNow.length !== place.children.length || panesNow.some((pane, index) => place.children[index] !== pane)) place.replaceChildren(...panesNow);
+  for (const [tree, pane] of shown) {
+    const picture = pane.lastElementChild;
+    const svg = tree.drawing && show(picture, tree.drawing);
+    if (svg) {
+      statuses(svg, tree.statuses, tree.last);
+      const leaf = tree.statuses.findLastIndex((status) => status === 'running');
+      if (String(leaf) !== pane.dataset.leaf) {
+        pane.dataset.leaf = String(leaf);
+        bring(place, svg.querySelector(`[id="t0n${leaf}"]`));
+      }
+    } else picture.replaceChildren(...tree.nodes.map((node, index) => element('div', {}, `${node}: ${tree.statuses[index]}`)));
+  }
+}
+
+function drawHead() {
+  const {status, times} = known;
+  const live = isLive();
+  const age = times.age == null ? null : times.age + (performance.now() - heard) / 1000;
+  byId('link').textContent = server.open ? (known.link?.word ?? 'no executive').replace(/ [\d.]+ \w+$/, '') : 'NO SERVER';
+  byId('link').className = live ? 'good' : 'error';
+  byId('age').textContent = age == null ? '' : live ? '' : `${age.toFixed(0)} s old`;
+  byId('runs').textContent = status?.runs ?? '';
+  byId('authority').textContent = status?.authority ? `authority ${status.authority}` : '';
+  const alarm = [];
+  if (!server.open) alarm.push(server.text);
+  else if (!live) alarm.push('BLIND: this is how it was then; only STOP is sent');
+  if (known.link?.problem) alarm.push(known.link.problem);
+  if (status) alarm.push(...status.missed, ...(status.message ? [status.message] : []));
+  if (byId('alarm').textContent !== alarm.join('\n')) byId('alarm').textContent = alarm.join('\n');
+  document.body.classList.toggle('blind', !live);
+  bar.allow(live);
+  const running = Boolean(status?.running);
+  const stands = status?.state === 'paused' || status?.state === 'interrupted';
+  byId('pause').firstChild.data = stands ? 'Go on ' : 'Pause ';
+  byId('start').firstChild.data = running ? 'Switch… ' : 'Start… ';
+  byId('stop').disabled = !server.open;
+  for (const [id, allowed, why] of [['pause', live && running, 'no behavior runs'], ['start', live, ''], ['force', live && running, 'no state is active'],
+    ['repeat', live && running, 'no state is active'], ['note', live, ''], ['autonomy', live, '']]) {
+    byId(id).disabled = !allowed;
+    byId(id).title = allowed ? '' : live ? why : 'the picture is not live';
+  }
+  if (status && document.activeElement !== byId('autonomy')) byId('autonomy').value = String(status.autonomy);
+  const names = known.active.states.map((state) => `▶ ${state.path}${state.paused ? ' (paused)' : ''}${state.activity.length ? `: ${state.activity.join('; ')}` : ''}`);
+  const text = running ? names.join('\n') || 'between states' : '';
+  if (byId('active').textContent !== text) byId('active').textContent = text;
+  document.title = `${known.decisions.length ? '? ' : ''}${live ? '' : 'BLIND '}${known.robot ?? ''} FlexBT`;
+}
+
+function drawRobots() {
+  byId('robots-pane').hidden = known.robots.length < 2;
+  byId('robots').replaceChildren(...known.robots.map((robot) => {
+    const button = element('button', {type: 'button', 'aria-pressed': String(robot.name === known.robot)},
+      `${robot.waits ? '? ' : robot.link === 'live' ? '' : '✗ '}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`);
+    button.addEventListener('click', () => goTo(robot.name));
+    return element('li', {}, button);
+  }));
+}
+
+function drawObstacles() {
+  byId('drop').hidden = !known.simulator;
+  byId('obstacles').replaceChildren(...known.obstacles.map(([name]) => {
+    const button = element('button', {type: 'button'}, `remove ${name}`);
+    button.addEventListener('click', () => send({remove_obstacle: name}));
+    return button;
+  }));
+  if (!known.simulator) dropping = false;
+}
+
+function takeParts(parts) {
+  heard = performance.now();
+  Object.assign(known, parts);
+  if (parts.log) for (const line of parts.log) addLog(line.text, line.tone);
+  if (parts.driven) map.set('driven', parts.driven);
+  for (const name of ['plan', 'places', 'obstacles']) if (parts[name]) map.set(name, parts[name]);
+  if ('pose' in parts) {
+    map.setPose(parts.pose);
+  }
+  if ('pose' in parts || parts.active) {
+    byId('pose').textContent = [known.pose?.text ?? '', ...known.active.states.map((state) => state.progress)].filter(Boolean).join('   ');
+  }
+  bar.show(known.decisions, known.status, known.times.now ?? 0);
+  if (parts.machine !== undefined || parts.active || parts.decisions || parts.status) drawMachine();
+  if (parts.trees) drawTrees();
+  if (parts.robots) drawRobots();
+  if (parts.obstacles || 'simulator' in parts) drawObstacles();
+  drawHead();
+  choose();
+}
+
+function takeMessage(message) {
+  if (message.hello) {
+    known.robot = message.hello.robot;
+    commands.specs = message.hello.commands;
+    byId('choose-robot').hidden = message.hello.robots.length < 2;
+    byId('robot').replaceChildren(...message.hello.robots.map((name) => element('option', {value: name}, name)));
+    byId('robot').value = known.robot;
+    byId('log').replaceChildren();
+  } else if (message.drawing) {
+    if (message.drawing.svg) {
+      keep(message.drawing.key, message.drawing.svg);
+      drawMachine();
+      drawTrees();
+    } else tell(`no picture: ${message.drawing.problem}`, 'warning');
+  } else if (message.told) tell(message.told.text, message.told.tone);
+  else if (message.read) commands.read(message.read.title, message.read.text);
+  else if (message.candidates) commands.candidates(message.candidates);
+}
+
+const link = new ServerLink({
+  parts: takeParts,
+  message: takeMessage,
+  map: (head, cells) => map.setMap(head, cells),
+  state: (open, text) => { server = {open, text}; drawHead(); choose(); },
+});
+setInterval(drawHead, 500);

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Buttons, single keys, dialogs and the line that is typed: each gives a line as it is written at the prompt.
+
+import {element} from './decision.js';
+
+const byId = (id) => document.getElementById(id);
+
+// A word as the prompt reads it (POSIX shell quoting).
+export const word = (text) => /^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`;
+
+export class Commands {
+  // send(message), tell(text, tone), now(): {status, active, behaviors, live}, bar: the decision bar, map
+  constructor({send, tell, now, bar}) {
+    Object.assign(this, {send, tell, now, bar});
+    this.specs = [];
+    this.lineBound = null;
+    byId('stop').addEventListener('click', () => this.do('stop'));
+    byId('pause').addEventListener('click', () => this.pause());
+    byId('autonomy').addEventListener('change', (event) => this.do(`autonomy ${event.target.value}`));
+    byId('start').addEventListener('click', () => this.start());
+    byId('force').addEventListener('click', () => this.force());
+    byId('repeat').addEventListener('click', () => this.repeat());
+    byId('note').addEventListener('click', () => this.type('note '));
+    byId('help').addEventListener('click', () => this.help());
+    byId('line-form').addEventListener('submit', (event) => { event.preventDefault(); this.submit(); });
+    byId('line').addEventListener('input', () => this.complete());
+    byId('line').addEventListener('keydown', (event) => { if (event.key === 'Escape') { event.target.value = ''; event.target.blur(); } });
+    document.addEventListener('keydown', (event) => this.key(event));
+  }
+
+  // A stop goes out whatever the picture is; the server judges all other lines, too.
+  do(line, decision = this.bar.id) {
+    if (!this.send({do: line, decision})) this.tell('the server of this page is gone; nothing was sent', 'error');
+  }
+
+  pause() {
+    const state = this.now().status?.state;
+    this.do(state === 'paused' || state === 'interrupted' ? 'resume' : 'pause');
+  }
+
+  repeat() {
+    const state = this.now().active.states[0];
+    if (state) this.do(`repeat ${word(state.path)}`);
+    else this.tell('no state is active', 'warning');
+  }
+
+  force() {
+    const {active} = this.now();
+    const decision = this.bar.id;
+    const list = element('ul', {});
+    for (const state of active.states) {
+      for (const outcome of state.outcomes) {
+        const button = element('button', {type: 'button'}, `leave ${state.path} by ${outcome}`);
+        button.addEventListener('click', () => { byId('dialog').close(); this.do(`force ${word(state.path)} ${word(outcome)}`, decision); });
+        list.append(element('li', {}, button));
+      }
+    }
+    this.read('leave an active state', list.childElementCount ? list : 'the outcomes of the active state are not known yet');
+  }
+
+  start() {
+    const {behaviors, status} = this.now();
+    const verb = status?.running ? 'switch' : 'start';
+    const list = element('ul', {});
+    for (const behavior of behaviors) {
+      const button = element('button', {type: 'button'}, behavior.name);
+      button.addEventListener('click', () => this.fill(verb, behavior));
+      list.append(element('li', {}, button, ` ${behavior.description}`));
+    }
+    this.read(`${verb} a behavior`, behaviors.length ? list : 'the robot has not said which behaviors it has');
+  }
+
+  fill(verb, behavior) {
+    const form = element('form', {});
+    const fields = behavior.parameters.map((parameter) => {
+      const field = element(parameter.choices.length ? 'select' : 'input', {name: parameter.name});
+      for (const choice of parameter.choices) field.append(element('option', {value: choice}, choice));
+      field.value = parameter.default;
+      form.append(element('label', {class: 'field'}, parameter.name, field, element('span', {}), element('span', {class: 'hint'}, parameter.help)));
+      return [parameter, field];
+    });
+    form.append(element('button', {type: 'submit'}, verb));
+    form.addEventListener('submit', (event) => {
+      event.preventDefault();
+      byId('dialog').close();
+      const given = fields.filter(([parameter, field]) => field.value !== parameter.default);
+      this.do([verb, behavior.name, ...given.map(([parameter, field]) => `${parameter.name}=${field.value}`)].map(word).join(' '));
+    });
+    this.read(`${verb} ${behavior.name}`, form);
+  }
+
+  help() {
+    const rows = this.specs.map((spec) => element('li', {}, element('code', {}, spec.usage), ` ${spec.summary}`));
+    const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, g to the map, s start, f force, r repeat, ' +
+      'n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
+    this.read('commands', element('div', {}, element('p', {}, keys), element('ul', {}, ...rows)));
+  }
+
+  read(title, body) {
+    byId('dialog-title').textContent = title;
+    byId('dialog-body').replaceChildren(typeof body === 'string' ? element('pre', {}, body) : body);
+    if (!byId('dialog').open) byId('dialog').showModal();
+    byId('dialog-body').querySelector('button, input, select')?.focus();
+  }
+
+  type(text) {
+    const line = byId('line');
+    line.value = text;
+    line.focus();
+    this.complete();
+  }
+
+  // A line belongs to the decision that was on the page when its first character was typed.
+  complete() {
+    const text = byId('line').value;
+    if (!text) this.lineBound = null;
+    else this.lineBound ??= {id: this.bar.id};
+    if (text) this.send({complete: text.slice(0, 4000)});
+  }
+
+  candidates([text, words]) {
+    if (byId('line').value !== text) return;
+    const head = text.slice(0, text.length - text.split(' ').pop().length);
+    byId('candidates').replaceChildren(...words.map((one) => element('option', {value: head + one})));
+  }
+
+  submit() {
+    const text = byId('line').value.trim();
+    if (!text) return;
+    this.do(text, this.lineBound ? this.lineBound.id : this.bar.id);
+    byId('line').value = '';
+    this.lineBound = null;
+  }
+
+  key(event) {
+    if (event.key === 'F8') {
+      event.preventDefault();
+      this.do('stop');
+      return;
+    }
+    const inField = event.target.closest?.('input, select, textarea, dialog, [contenteditable]');
+    const onButton = event.target.closest?.('button, a');
+    if (inField || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
+    const actions = {
+      '!': () => this.do('stop'), p: () => this.pause(), f: () => this.force(), s: () => this.start(), r: () => this.repeat(),
+      n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(),
+      Enter: onButton ? null : () => this.bar.confirm(),
+    };
+    const action = /^[1-9]$/.test(event.key) ? () => this.bar.pick(Number(event.key)) : actions[event.key];
+    if (!action) return;
+    event.preventDefault();
+    action();
+  }
+}

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The decision that waits. Each button belongs to the decision it was made for: its answer never reaches another one.
+
+const REACTION_MS = 400;  // a click or key sooner than this after a decision took the place of another was meant for the other
+
+export class DecisionBar {
+  // send(message) gives whether it went out; tell(text, tone); placesOf() are the names of places
+  constructor(bar, line, body, {send, tell, placesOf}) {
+    Object.assign(this, {bar, line, body, send, tell, placesOf});
+    this.shown = null;
+    this.text = '';
+    this.replaced = -Infinity;
+    this.picked = '';
+    this.allowed = false;
+  }
+
+  get id() { return this.shown?.id ?? null; }
+
+  show(decisions, status, now) {
+    const next = decisions[0] ?? null;
+    const text = JSON.stringify(decisions);
+    if (text !== this.text) {
+      if (this.shown && next && next.id !== this.shown.id) this.replaced = performance.now();
+      if (next?.id !== this.shown?.id) this.picked = next?.kind === 'transition' ? next.wanted : '';
+      this.text = text;
+      this.shown = next;
+      this.build(decisions.length - 1);
+    }
+    this.count(now);
+  }
+
+  // Buttons can be pressed while the picture is live.
+  allow(allowed) {
+    this.allowed = allowed;
+    for (const control of this.body.querySelectorAll('button, input')) control.disabled = !allowed;
+  }
+
+  count(now) {
+    const waited = this.shown && this.shown.since && now >= this.shown.since ? ` (waits ${Math.round(now - this.shown.since)} s)` : '';
+    const timer = this.body.querySelector('.waited');
+    if (timer && timer.textContent !== waited) timer.textContent = waited;
+  }
+
+  build(others) {
+    const decision = this.shown;
+    this.bar.classList.toggle('waits', decision !== null);
+    this.line.textContent = decision ? decision.line + (others ? ` (+${others} more)` : '') : 'nothing waits for you';
+    const rows = [];
+    if (decision) {
+      for (const reason of decision.reasons) rows.push(element('p', {class: 'reason'}, `because ${reason}`));
+      const choices = element('div', {class: 'choices', role: 'group', 'aria-label': 'answers'});
+      decision.choices.forEach((choice, index) => {
+        const wanted = choice.value === decision.wanted;
+        const leads = choice.leads ? ` → ${choice.leads.replace(/^=/, 'ends with ')}` : '';
+        const button = element('button', {type: 'button', class: wanted ? 'wanted' : '', 'data-choice': choice.value},
+          `${index + 1} ${choice.text}${wanted ? ' (wanted)' : ''}${leads}`);
+        button.addEventListener('click', () => this.answer(choice.value, decision.id));
+        choices.append(button);
+      });
+      if (decision.wants_value) {
+        const field = element('input', {id: 'value', 'aria-label': decision.wants_pose ? 'a place, or x y yaw' : 'value', list: 'places',
+          placeholder: decision.wants_pose ? 'a place, or x y yaw; or click on the map' : 'value', maxlength: '4000'});
+        const list = element('datalist', {id: 'places'});
+        if (decision.wants_pose) for (const name of this.placesOf()) list.append(element('option', {value: name}));
+        const form = element('form', {}, field, list, element('button', {type: 'submit'}, 'Answer'));
+        form.addEventListener('submit', (event) => {
+          event.preventDefault();
+          if (field.value.trim()) this.answer(field.value.trim(), decision.id);
+        });
+        const decline = element('button', {type: 'button', id: 'decline'}, 'Decline');
+        decline.addEventListener('click', () => this.ask({do: 'decline', decision: decision.id}));
+        choices.append(form, decline);
+      }
+      choices.append(element('span', {class: 'waited hint'}));
+      rows.push(choices);
+    }
+    const focused = this.body.contains(document.activeElement);
+    this.body.replaceChildren(...rows);
+    this.allow(this.allowed);
+    this.markPicked();
+    if (focused) this.bar.focus();  // a key that is still on its way must not press a new button
+  }
+
+  markPicked() {
+    for (const button of this.body.querySelectorAll('[data-choice]')) {
+      button.setAttribute('aria-pressed', String(button.dataset.choice === this.picked));
+    }
+  }
+
+  pick(number) {
+    const choice = this.shown?.choices[number - 1];
+    if (!choice) this.tell(this.shown ? `there is no choice ${number}` : 'nothing waits for you', 'warning');
+    else if (this.isHasty()) this.hasty();
+    else {
+      this.picked = choice.value;
+      this.markPicked();
+    }
+  }
+
+  confirm() {
+    if (!this.shown) this.tell('nothing waits for you', 'warning');
+    else if (!this.picked) this.tell('pick an answer by its number; Enter sends it', 'warning');
+    else this.answer(this.picked, this.shown.id);
+  }
+
+  isHasty() { return performance.now() - this.replaced < REACTION_MS; }
+
+  hasty() { this.tell('this decision had just come up; nothing was sent. Look at it, and answer again', 'warning'); }
+
+  answer(text, id) { this.ask({answer: text, decision: id}); }
+
+  ask(message) {
+    if (this.isHasty()) this.hasty();
+    else if (!this.allowed) this.tell('the picture is not live; nothing was sent', 'warning');
+    else this.send(message);
+  }
+}
+
+export function element(name, attributes, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) if (value !== '') made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}

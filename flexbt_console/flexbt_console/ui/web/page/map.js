@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The map: walls, places, obstacles, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
+
+const TURN = Math.PI / 8;
+const STEP_PX = 12;
+const TRACE_STEP = 0.05;
+const MOST_TRACE = 4000;
+
+export class RobotMap {
+  // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at
+  constructor(canvas, hint, on) {
+    Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], pose: null});
+    this.mode = '';          // '', 'pose' or 'obstacle'
+    this.cursor = null;      // {x, y, yaw}
+    this.planned = false;
+    new ResizeObserver(() => this.redraw()).observe(canvas);
+    matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { this.paint(); this.redraw(); });
+    canvas.addEventListener('pointerdown', (event) => this.press(event));
+    canvas.addEventListener('pointermove', (event) => this.drag(event));
+    canvas.addEventListener('pointerup', (event) => this.release(event));
+    canvas.addEventListener('keydown', (event) => this.key(event));
+  }
+
+  setMap(head, cells) {
+    this.map = {...head, cells};
+    this.paint();
+    this.redraw();
+  }
+
+  setPose(pose) {
+    this.pose = pose;
+    const last = this.driven[this.driven.length - 1];
+    if (pose && (!last || Math.hypot(last[0] - pose.x, last[1] - pose.y) >= TRACE_STEP)) {
+      this.driven.push([pose.x, pose.y]);
+      if (this.driven.length > MOST_TRACE) this.driven.shift();
+    }
+    this.redraw();
+  }
+
+  set(name, value) {
+    this[name] = value;
+    this.redraw();
+  }
+
+  setMode(mode) {
+    if (this.mode === mode) return;
+    this.mode = mode;
+    this.cursor = null;
+    const to = {pose: 'answer', obstacle: 'drop it there'}[mode];
+    this.hint.textContent = mode ? `Click${mode === 'pose' ? ', and drag for the heading' : ''}; or with the map in focus: arrows move the cursor${
+      mode === 'pose' ? ', < and > turn it' : ''}, Enter: ${to}.` : '';
+    this.redraw();
+  }
+
+  colour(name) {
+    return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  }
+
+  // The cells as an image, once for each map and colour scheme.
+  paint() {
+    if (!this.map) return;
+    const {width, height, cells} = this.map;
+    const image = new OffscreenCanvas(width, height);
+    const context = image.getContext('2d');
+    const pixels = context.createImageData(width, height);
+    const probe = document.createElement('canvas').getContext('2d', {willReadFrequently: true});
+    const colours = ['--free', '--wall', '--unknown'].map((name) => {
+      probe.fillStyle = this.colour(name);
+      probe.fillRect(0, 0, 1, 1);
+      return probe.getImageData(0, 0, 1, 1).data;
+    });
+    for (let row = 0; row < height; row++) {
+      for (let column = 0; column < width; column++) {
+        const colour = colours[cells[(height - 1 - row) * width + column]] || colours[2];
+        pixels.data.set(colour, 4 * (row * width + column));
+      }
+    }
+    context.putImageData(pixels, 0, 0);
+    this.image = image;
+  }
+
+  bounds() {
+    if (this.map) {
+      const {x, y, width, height, resolution} = this.map;
+      return [x, y, x + width * resolution, y + height * resolution];
+    }
+    const points = [...this.plan, ...this.driven, ...Object.values(this.places), ...(this.pose ? [[this.pose.x, this.pose.y]] : [[0, 0]])];
+    const xs = points.map((point) => point[0]), ys = points.map((point) => point[1]);
+    return [Math.min(...xs) - 1, Math.min(...ys) - 1, Math.max(...xs) + 1, Math.max(...ys) + 1];
+  }
+
+  redraw() {
+    if (this.planned) return;
+    this.planned = true;
+    requestAnimationFrame(() => { this.planned = false; this.draw(); });
+  }
+
+  draw() {
+    const {canvas} = this;
+    const ratio = devicePixelRatio || 1;
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    if (!width || !height) return;
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+    }
+    const context = canvas.getContext('2d');
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    const [x0, y0, x1, y1] = this.bounds();
+    const scale = Math.min(width / (x1 - x0), height / (y1 - y0));
+    const left = (width - (x1 - x0) * scale) / 2, top = (height - (y1 - y0) * scale) / 2;
+    this.view = {scale, left, top, x0, y1};
+    const at = ([x, y]) => [left + (x - x0) * scale, top + (y1 - y) * scale];
+    if (this.image) {
+      context.imageSmoothingEnabled = false;
+      context.drawImage(this.image, left, top, (x1 - x0) * scale, (y1 - y0) * scale);
+    }
+    const line = (points, colour, wide, dashes) => {
+      if (points.length < 2) return;
+      context.beginPath();
+      points.forEach((point, index) => index ? context.lineTo(...at(point)) : context.moveTo(...at(point)));
+      context.setLineDash(dashes);
+      context.strokeStyle = colour;
+      context.lineWidth = wide;
+      context.stroke();
+      context.setLineDash([]);
+    };
+    line(this.driven, this.colour('--driven'), 2, []);
+    line(this.plan, this.colour('--plan'), 2.5, [7, 4]);
+    context.font = '12px system-ui, sans-serif';
+    for (const [name, place] of Object.entries(this.places)) {
+      const [x, y] = at(place);
+      context.fillStyle = this.colour('--decision');
+      context.beginPath();
+      context.arc(x, y, 3, 0, 7);
+      context.fill();
+      context.fillText(name.slice(0, 40), x + 5, y - 4);
+    }
+    for (const [, x, y, radius] of this.obstacles) {
+      context.fillStyle = this.colour('--warning');
+      context.beginPath();
+      context.arc(...at([x, y]), Math.max(3, radius * scale), 0, 7);
+      context.fill();
+    }
+    if (this.plan.length) {
+      const [x, y] = at(this.plan[this.plan.length - 1]);
+      context.strokeStyle = this.colour('--plan');
+      context.lineWidth = 2;
+      for (const radius of [4, 8]) { context.beginPath(); context.arc(x, y, radius, 0, 7); context.stroke(); }
+    }
+    if (this.pose) this.arrow(context, at([this.pose.x, this.pose.y]), this.pose.yaw, this.colour('--robot'), 11);
+    if (this.cursor) {
+      const where = at([this.cursor.x, this.cursor.y]);
+      context.strokeStyle = context.fillStyle = this.colour('--accent');
+      context.lineWidth = 2;
+      context.beginPath();
+      context.arc(...where, 12, 0, 7);
+      context.stroke();
+      if (this.mode === 'pose') this.arrow(context, where, this.cursor.yaw, this.colour('--accent'), 9);
+    }
+  }
+
+  arrow(context, [x, y], yaw, colour, size) {
+    context.save();
+    context.translate(x, y);
+    context.rotate(-yaw);
+    context.fillStyle = colour;
+    context.beginPath();
+    context.moveTo(size, 0);
+    context.lineTo(-0.7 * size, 0.7 * size);
+    context.lineTo(-0.35 * size, 0);
+    context.lineTo(-0.7 * size, -0.7 * size);
+    context.fill();
+    context.restore();
+  }
+
+  world(event) {
+    const {scale, left, top, x0, y1} = this.view;
+    return [x0 + (event.offsetX - left) / scale, y1 - (event.offsetY - top) / scale];
+  }
+
+  press(event) {
+    if (!this.mode || !this.view) return;
+    const [x, y] = this.world(event);
+    this.cursor = {x, y, yaw: this.pose ? Math.atan2(y - this.pose.y, x - this.pose.x) : 0};
+    this.pressed = true;
+    this.canvas.setPointerCapture(event.pointerId);
+    this.redraw();
+  }
+
+  drag(event) {
+    if (!this.pressed || this.mode !== 'pose' || !this.cursor) return;
+    const [x, y] = this.world(event);
+    if (Math.hypot(x - this.cursor.x, y - this.cursor.y) * this.view.scale > 10) this.cursor.yaw = Math.atan2(y - this.cursor.y, x - this.cursor.x);
+    this.redraw();
+  }
+
+  release() {
+    if (!this.pressed) return;
+    this.pressed = false;
+    this.send();
+  }
+
+  key(event) {
+    if (!this.mode || event.ctrlKey || event.altKey || event.metaKey) return;
+    this.cursor ??= {x: this.pose?.x ?? 0, y: this.pose?.y ?? 0, yaw: this.pose?.yaw ?? 0};
+    const step = STEP_PX / (this.view?.scale || 40);
+    const moves = {ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, step], ArrowDown: [0, -step]};
+    if (moves[event.key]) {
+      this.cursor.x += moves[event.key][0];
+      this.cursor.y += moves[event.key][1];
+    } else if (event.key === '<' || event.key === '>') this.cursor.yaw += event.key === '<' ? TURN : -TURN;
+    else if (event.key === 'Enter') this.send();
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.redraw();
+  }
+
+  send() {
+    if (!this.cursor) return;
+    const {x, y, yaw} = this.cursor;
+    if (this.mode === 'pose') this.on.pose(x, y, yaw);
+    else if (this.mode === 'obstacle') this.on.obstacle(x, y);
+    this.cursor = null;
+    this.redraw();
+  }
+}

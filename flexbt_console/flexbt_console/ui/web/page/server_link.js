@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The connection to the server: opened again whenever it is lost, and taken for lost when it is silent.
+
+const SILENT_MS = 3500;
+const LONGEST_WAIT_MS = 5000;
+
+export class ServerLink {
+  // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, text)
+  constructor(on) {
+    this.on = on;
+    this.wait = 250;
+    this.socket = null;
+    this.heard = 0;
+    this.welcome = false;
+    setInterval(() => this.look(), 500);
+    this.open();
+  }
+
+  open() {
+    const address = new URL('link', location.href);
+    address.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
+    address.search = location.search;
+    address.hash = '';
+    const socket = new WebSocket(address);
+    socket.binaryType = 'arraybuffer';
+    this.socket = socket;
+    this.welcome = false;
+    this.heard = performance.now();
+    const token = new URLSearchParams(location.hash.slice(1)).get('token');
+    socket.onopen = () => socket.send(JSON.stringify({hello: token}));
+    socket.onmessage = (event) => { if (this.socket === socket) this.take(event.data); };
+    socket.onclose = (event) => { if (this.socket === socket) this.lost(event.reason); };
+  }
+
+  take(data) {
+    this.heard = performance.now();
+    if (data instanceof ArrayBuffer) {
+      const length = new DataView(data).getUint32(0);
+      const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+      this.on.map(head, new Uint8Array(data, 4 + length));
+      return;
+    }
+    const message = JSON.parse(data);
+    if (message.hello) {
+      this.welcome = true;
+      this.wait = 250;
+      this.on.state(true, '');
+    }
+    if (message.parts) this.on.parts(message.parts);
+    else this.on.message(message);
+  }
+
+  look() {
+    if (this.socket && performance.now() - this.heard > SILENT_MS) {
+      const silent = this.socket;
+      this.lost('it is silent');
+      silent.close();
+    }
+  }
+
+  lost(reason) {
+    this.socket = null;
+    this.welcome = false;
+    this.on.state(false, `the server of this page is gone${reason ? `: ${reason}` : ''}; trying again`);
+    setTimeout(() => this.open(), this.wait);
+    this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
+  }
+
+  // Whether it went out.
+  send(message) {
+    if (!this.welcome || this.socket.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify(message));
+    return true;
+  }
+}

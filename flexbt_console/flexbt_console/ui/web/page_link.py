@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One page that is open: what has changed goes to it, and what it asks for is carried out."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import struct
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from flexbt_common.errors import ResourceError
+from flexbt_console.errors import ConsoleError
+from flexbt_console.mirror import CommandState, LogLine
+from flexbt_console.present import command_result_lines, encode_json, tone_of
+from flexbt_core.values import lines, one_line
+
+from .drawings import Drawings, machine_drawing, tree_drawing
+from .picture import COMMAND_PART, log_part, map_part, parts_of, robot_lines, times_part
+from .requests import Allowance, Answer, carry_out, read
+from .station import Station
+
+PERIOD: Final = 0.1
+"""Seconds between two pictures for a page, at least."""
+
+PULSE: Final = 1.0
+"""Seconds after which a page hears something in any case: without that it takes the server for lost."""
+
+HELLO_SECONDS: Final = 10.0
+SEND_SECONDS: Final = 10.0
+LOG_LINES: Final = 200
+MOST_AT_ONCE: Final = 4
+"""Requests of a page that are carried out at the same time; of more, the page waits."""
+
+
+class PageLink:
+    """A page at its WebSocket. ``knows_token`` judges what the page says first."""
+
+    def __init__(
+        self,
+        socket: web.WebSocketResponse,
+        stations: Mapping[str, Station],
+        robot: str,
+        drawings: Drawings,
+        knows_token: Callable[[object], bool],
+    ) -> None:
+        self._socket = socket
+        self._stations = stations
+        self._robot = robot
+        self._station = stations[robot]
+        self._drawings = drawings
+        self._knows_token = knows_token
+        self._changed = asyncio.Event()
+        self._shown: dict[str, str] = {}
+        self._log: set[tuple[str, int]] = set()
+        self._map: object = None
+        self._run: str | None = None
+        self._pending: list[str] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._free = asyncio.Semaphore(MOST_AT_ONCE)
+        self._sending = asyncio.Lock()
+
+    def wake(self) -> None:
+        """Something has changed; on the thread of the loop."""
+        self._changed.set()
+
+    async def serve(self) -> None:
+        """Until the page or the server ends it."""
+        if not await self._is_welcome():
+            return
+        await self._send({'hello': {'robot': self._robot, 'robots': list(self._stations), 'commands': COMMAND_PART}})
+        show = asyncio.create_task(self._show())
+        try:
+            await self._hear()
+        finally:
+            for task in (show, *self._tasks):
+                task.cancel()
+            await asyncio.gather(show, *self._tasks, return_exceptions=True)
+
+    async def _is_welcome(self) -> bool:
+        """Whether the first message has the token. Nothing is told before."""
+        with contextlib.suppress(asyncio.TimeoutError, TypeError, ConsoleError):
+            hello = read(await self._socket.receive_str(timeout=HELLO_SECONDS))
+            if 'hello' in hello and self._knows_token(hello['hello']):
+                return True
+        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
+        return False
+
+    # What the page is told
+
+    async def _show(self) -> None:
+        try:
+            while True:
+                self._changed.clear()
+                await self._tell_changes()
+                await asyncio.sleep(PERIOD)
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._changed.wait(), PULSE - PERIOD)
+        except (ConnectionError, TimeoutError):
+            await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'the page takes nothing')
+        except Exception as error:  # an internal fault reaches the operator, who gets a new page
+            text = ''.join(traceback.format_exception(error))
+            with contextlib.suppress(Exception):
+                await self._tell(['fault in the server of the page:', *lines(text)], 'error')
+            await self._socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b'fault in the server, see its log')
+            raise
+
+    async def _tell_changes(self) -> None:
+        view = self._station.mirror.view()
+        parts = parts_of(view)
+        if self._station.obstacles is not None:
+            parts['simulator'] = self._station.obstacles.is_possible()
+            parts['obstacles'] = self._station.obstacles.dropped
+        if len(self._stations) > 1:
+            parts['robots'] = robot_lines({name: one.mirror.view() for name, one in self._stations.items()})
+        run = view.snapshot.run_id if view.snapshot else None
+        if run != self._run:  # from then on the page follows the pose
+            self._run = run
+            parts['driven'] = [[round(x, 2), round(y, 2)] for x, y in view.surroundings.driven]
+        new = {}
+        for name, part in parts.items():
+            text = encode_json(part)
+            if self._shown.get(name) != text:
+                self._shown[name] = text
+                new[name] = text
+        log = [line for line in self._station.mirror.log(LOG_LINES) if self._is_new(line)]
+        if log:
+            new['log'] = encode_json([log_part(line) for line in log])
+        new['times'] = encode_json(times_part(view))
+        await self._send_text('{"parts": {' + ', '.join(f'"{name}": {text}' for name, text in new.items()) + '}}')
+        map = view.surroundings.map
+        if map is not None and map is not self._map:
+            self._map = map
+            head, cells = await asyncio.to_thread(map_part, map)
+            frame = encode_json(head).encode()
+            async with self._sending, asyncio.timeout(SEND_SECONDS):
+                await self._socket.send_bytes(struct.pack('>I', len(frame)) + frame + cells)
+        wanted = [machine_drawing(view.structure)] if view.structure is not None else []
+        for drawing in (*wanted, *(tree_drawing(run) for run in view.running_trees)):
+            name = f'drawing {drawing.key}'
+            if drawing.key and name not in self._shown:
+                self._shown[name] = ''
+                self._begin(self._draw(drawing.key, self._drawings.wanted(drawing)))
+        await self._settle()
+
+    def _is_new(self, line: LogLine) -> bool:
+        key = (line.executive_id, line.sequence)
+        if key in self._log:
+            return False
+        self._log.add(key)
+        return True
+
+    async def _draw(self, key: str, made: asyncio.Task[str]) -> None:
+        try:
+            picture = await asyncio.shield(made)
+        except ResourceError as error:
+            await self._send({'drawing': {'key': key, 'problem': one_line(str(error))}})
+        else:
+            await self._send({'drawing': {'key': key, 'svg': picture}})
+
+    async def _settle(self) -> None:
+        """Tell what became of the commands of this page."""
+        for command_id in list(self._pending):
+            tracked = self._station.mirror.command(command_id)
+            if tracked is None or tracked.state is not CommandState.PENDING:
+                self._pending.remove(command_id)
+                told = command_result_lines(tracked) if tracked is not None else []
+                await self._tell(told, tone_of(told[0]).name.lower() if told else '')
+
+    async def _tell(self, text: list[str], tone: str) -> None:
+        await self._send({'told': {'text': '\n'.join(text), 'tone': tone}})
+
+    async def _send(self, message: Any) -> None:
+        await self._send_text(encode_json(message))
+
+    async def _send_text(self, text: str) -> None:
+        async with self._sending, asyncio.timeout(SEND_SECONDS):
+            await self._socket.send_str(text)
+
+    # What the page says
+
+    async def _hear(self) -> None:
+        allowance = Allowance()
+        async for message in self._socket:
+            if message.type is not WSMsgType.TEXT:
+                await self._socket.close(code=WSCloseCode.UNSUPPORTED_DATA, message=b'messages are text')
+                return
+            if not allowance.take():
+                await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'too many messages')
+                return
+            await self._free.acquire()
+            self._begin(self._answer(message.data))
+
+    def _begin(self, work: Any) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _answer(self, text: str) -> None:
+        try:
+            try:
+                answer = await asyncio.to_thread(self._carried_out, text)
+            finally:
+                self._free.release()
+            if not isinstance(answer, Answer):
+                await self._send(answer)
+            elif answer.command is not None:
+                self._pending.append(answer.command.id)
+                self._changed.set()
+            elif answer.title:
+                await self._send({'read': {'title': answer.title, 'text': '\n'.join(answer.lines)}})
+            elif answer.lines:
+                await self._tell(list(answer.lines), 'plain')
+        except ConsoleError as error:
+            await self._tell(lines(str(error)), 'warning')
+        except (ConnectionError, TimeoutError):
+            pass  # the page is gone
+        except Exception as error:
+            text = ''.join(traceback.format_exception(error))
+            with contextlib.suppress(ConnectionError, TimeoutError):
+                await self._tell(['fault in the server of the page, which goes on:', *lines(text)], 'error')
+
+    def _carried_out(self, text: str) -> Any:
+        return carry_out(read(text), self._station)

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the page shows, as plain data: the parts of a picture, of which only those that have changed are sent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from flexbt_console.commands import COMMANDS
+from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LogLine, TreeRun, View
+from flexbt_console.present import (
+    age_text,
+    authority_text,
+    autonomy_text,
+    decision_line,
+    link_word,
+    log_lines,
+    missed_peers,
+    not_paused_lines,
+    peer_line,
+    pose_text,
+    progress_text,
+    reason_lines,
+    tone_of,
+    what_runs,
+)
+from flexbt_core.values import one_line
+
+from .drawings import machine_drawing, tree_drawing
+
+MOST_CELLS: Final = 1_000_000
+"""Cells of a map that a page gets; of a larger one several cells become one."""
+
+COMMAND_PART: Final = [
+    {'name': spec.name, 'usage': spec.prompt_usage, 'summary': spec.summary} for spec in COMMANDS if spec.in_prompt
+]
+
+
+def parts_of(view: View) -> dict[str, Any]:
+    """The parts by their names. All texts are escaped for a line, and nothing of them is HTML."""
+    return {
+        'link': {'state': view.link.value, 'word': link_word(view), 'problem': one_line(view.problem)},
+        'status': _status(view),
+        'active': _active(view),
+        'decisions': [_decision(decision, view) for decision in view.decisions],
+        'machine': _machine(view),
+        'trees': [_tree(run) for run in view.running_trees],
+        'pose': _pose(view),
+        'plan': [[round(x, 3), round(y, 3)] for x, y in view.surroundings.plan],
+        'places': {name: [pose.x, pose.y] for name, pose in view.places.items()},
+        'behaviors': _behaviors(view),
+    }
+
+
+def _status(view: View) -> dict[str, Any] | None:
+    snapshot = view.snapshot
+    if snapshot is None:
+        return None
+    return {
+        'state': snapshot.state.name.lower(),
+        'running': view.running,
+        'run': snapshot.run_id,
+        'runs': what_runs(view),
+        'message': one_line(snapshot.message),
+        'autonomy': snapshot.autonomy,
+        'autonomy_text': autonomy_text(snapshot.autonomy),
+        'authority': authority_text(snapshot) if snapshot.authority or snapshot.authority_requests else '',
+        'missed': [peer_line(peer) for peer in missed_peers(snapshot)],
+        'locked': snapshot.locked,
+        'breakpoints': snapshot.breakpoints,
+    }
+
+
+def _active(view: View) -> dict[str, Any]:
+    snapshot = view.snapshot
+    if snapshot is None:
+        return {'paths': [], 'states': []}
+    return {
+        'paths': view.active_levels,
+        'states': [
+            {
+                'path': state.path,
+                'activity': [one_line(line) for line in (*state.activity, *not_paused_lines(state))],
+                'progress': progress_text(state.progress, view.places) if state.progress is not None else '',
+                'paused': state.paused,
+                'since': state.entered,
+                'outcomes': view.outcomes(state.path),
+            }
+            for state in snapshot.active_states
+        ],
+    }
+
+
+def _decision(decision: Decision, view: View) -> dict[str, Any]:
+    assert view.snapshot is not None
+    state = view.state(decision.path)
+    leads = dict(zip(state.outcomes, state.targets, strict=False)) if state is not None else {}
+    return {
+        'id': decision.id,
+        'kind': decision.kind.name.lower(),
+        'path': decision.path,
+        'line': decision_line(decision, view.snapshot),
+        'reasons': reason_lines(decision, view),
+        'wanted': decision.outcome,
+        'choices': [
+            {'value': value, 'text': one_line(value), 'leads': one_line(leads.get(value, ''))}
+            for value in decision.choices
+        ],
+        'wants_pose': decision.wants_pose,
+        'wants_value': not decision.choices,
+        'since': decision.since,
+    }
+
+
+def _machine(view: View) -> dict[str, Any] | None:
+    if view.structure is None:
+        return None
+    return {
+        'drawing': machine_drawing(view.structure).key,
+        'paths': [state.path for state in view.structure.states],
+        'lines': [f'{one_line(state.path)} ({one_line(state.type)})' for state in view.structure.states],
+        'outcomes': [state.outcomes for state in view.structure.states],
+    }
+
+
+def _tree(run: TreeRun) -> dict[str, Any]:
+    leaves = [run.nodes[uid - 1] for uid in run.running_leaves]
+    return {
+        'id': run.run_id,
+        'tree': one_line(run.tree),
+        'drawing': tree_drawing(run).key,
+        'paused': run.paused,
+        'statuses': [run.status(node.uid).name.lower() for node in run.nodes],
+        'last': [run.last_end(node.uid).name.lower() for node in run.nodes],
+        'leaves': [one_line(node.name or node.registration) for node in leaves],
+        'nodes': [one_line(node.name or node.registration) for node in run.nodes],
+    }
+
+
+def _pose(view: View) -> dict[str, Any] | None:
+    pose = view.snapshot.robot_pose if view.snapshot else None
+    if pose is None:
+        return None
+    return {'x': pose.x, 'y': pose.y, 'yaw': pose.yaw, 'text': pose_text(pose)}
+
+
+def _behaviors(view: View) -> list[dict[str, Any]]:
+    return [
+        {
+            'name': behavior.name,
+            'description': one_line(behavior.description),
+            'parameters': [
+                {
+                    'name': parameter.name,
+                    'default': parameter.default,
+                    'choices': parameter.choices,
+                    'help': one_line(f'{parameter.type}  {parameter.description}'),
+                }
+                for parameter in behavior.parameters
+            ],
+        }
+        for behavior in view.behaviors or ()
+        if not behavior.error
+    ]
+
+
+def times_part(view: View) -> dict[str, Any]:
+    """What time alone changes, for the page to count on: the age of the picture, and the executive's clock."""
+    snapshot = view.snapshot
+    return {
+        'age': view.age,
+        'age_text': '' if view.age is None else age_text(view.age),
+        'now': snapshot.stamp if snapshot else 0.0,
+    }
+
+
+def robot_lines(views: Mapping[str, View]) -> list[dict[str, Any]]:
+    """A line for each robot, for who watches several: those that wait for a decision first."""
+    shown = []
+    for name, view in views.items():
+        waiting = view.decisions[0] if view.decisions else None
+        rank = 0 if waiting else 1 if not view.live else 2
+        text = decision_line(waiting, view.snapshot) if waiting and view.snapshot else what_runs(view)
+        shown.append({'name': name, 'link': view.link.value, 'waits': waiting is not None, 'text': text, 'rank': rank})
+    return sorted(shown, key=lambda one: (one['rank'], one['name']))
+
+
+def log_part(line: LogLine) -> dict[str, Any]:
+    """A line of the log."""
+    text = log_lines(line, with_time=True)
+    return {'text': '\n'.join(text), 'tone': tone_of(text[0]).name.lower(), 'stamp': line.stamp}
+
+
+def map_part(map: GridMap) -> tuple[dict[str, Any], bytes]:
+    """A map for the page: its frame, and a byte for each cell from the lower left corner on, of at most MOST_CELLS.
+
+    A cell is 0 where it is free, 1 where it is occupied, 2 where that is not known; where several become one, what is
+    occupied counts most.
+    """
+    bits = bytes(2 if OCCUPIED <= value <= 100 else 0 if value < OCCUPIED else 1 for value in range(256))
+    cells, width, height, factor = map.cells.translate(bits), map.width, map.height, 1
+    while width * height > MOST_CELLS:
+        rows = [cells[row * width : (row + 1) * width] for row in range(height)]
+        pairs = [_united(a, b) for a, b in zip(rows[::2], [*rows[1::2], rows[-1]], strict=False)]
+        cells = b''.join(_united(row[::2], row[1::2].ljust(-(-width // 2), b'\0')) for row in pairs)
+        width, height, factor = -(-width // 2), len(pairs), factor * 2
+    head = {'width': width, 'height': height, 'resolution': map.resolution * factor, 'x': map.x, 'y': map.y}
+    return head, cells.translate(bytes([0, 2, 1, 1]) + bytes(252))
+
+
+def _united(one: bytes, other: bytes) -> bytes:
+    """The bits of both, byte by byte: as numbers, since that is quick."""
+    return (int.from_bytes(one, 'big') | int.from_bytes(other, 'big')).to_bytes(len(one), 'big')

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a page asks for: read with bounds, and carried out as the prompt and the screen do it."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from flexbt_console.commands import Ask, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.mirror import Command
+from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, interpret
+
+from .station import Station
+
+MESSAGE_BYTES: Final = 65_536
+"""Of a message of a page, at most."""
+
+RATE: Final = 20.0
+"""Messages a second that a page may send for long; BURST at once."""
+
+BURST: Final = 60.0
+
+LEAVING: Final = 'close the page: the robot goes on'
+
+
+@dataclass
+class Allowance:
+    """How many messages a page may still send: a bucket that fills with time."""
+
+    now: Callable[[], float] = time.monotonic
+    left: float = BURST
+    at: float = field(default=-math.inf)
+
+    def take(self) -> bool:
+        """One message; False when it is one too many."""
+        now = self.now()
+        self.left = min(BURST, self.left + RATE * max(0.0, now - self.at)) - 1.0
+        self.at = now
+        if self.left < 0.0:
+            self.left = 0.0
+            return False
+        return True
+
+
+def read(text: str) -> dict[str, Any]:
+    """A message of a page.
+
+    Raises:
+        UsageError: it is none.
+    """
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        raise UsageError('the message is no JSON') from None
+    if not isinstance(message, dict):
+        raise UsageError('the message is no object of JSON')
+    return message
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What becomes of a request: a command that was sent, or lines to read, under a title."""
+
+    command: Command | None = None
+    title: str = ''
+    lines: tuple[str, ...] = ()
+
+
+def carry_out(message: dict[str, Any], station: Station) -> Answer | dict[str, Any]:
+    """Do what a page asks for; what is no answer is a message for the page. May take ``station.timeout`` seconds.
+
+    Raises:
+        ConsoleError: it is not written as it has to be, or cannot work now; nothing was sent.
+    """
+    if 'complete' in message:
+        text = _text(message, 'complete')
+        return {'candidates': [text, candidates(text, station.mirror.view())[:40]]}
+    if 'obstacle' in message:
+        return _obstacle(message['obstacle'], station)
+    if 'remove_obstacle' in message:
+        name = _text(message, 'remove_obstacle')
+        _simulator(station).remove(name, station.timeout)
+        return Answer(title='', lines=(f'{name} is taken away',))
+    view = station.mirror.view()
+    decision_id = message.get('decision')
+    if decision_id is not None and not isinstance(decision_id, str):
+        raise UsageError('"decision" is the identifier of a decision, or null')
+    if 'answer' in message:
+        decision = Bound(decision_id).decision(view)
+        return _done(choose(_text(message, 'answer'), view, station.make, decision), station)
+    if 'do' in message:
+        return _done(interpret(_text(message, 'do'), view, station.make, Bound(decision_id)), station)
+    raise UsageError('the message asks for nothing that is known: do, answer, complete, obstacle, remove_obstacle')
+
+
+def _done(meaning: Meaning, station: Station) -> Answer:
+    if meaning.command is not None:
+        station.link.send(meaning.command, station.timeout, meaning.label)
+        return Answer(meaning.command)
+    spec = meaning.line.spec if meaning.line is not None else None
+    if meaning.local is Local.QUIT:
+        return Answer(lines=(LEAVING,))
+    if meaning.local is Local.HELP:
+        return Answer(title='help', lines=tuple(prompt_help(LEAVING) if spec is None else prompt_command_help(spec)))
+    if spec is not None and meaning.line is not None:
+        if isinstance(spec.action, Show):
+            view = station.mirror.view()
+            return Answer(title=spec.name, lines=tuple(spec.action.show(meaning.line, view, station.mirror).text))
+        if isinstance(spec.action, Ask):
+            return Answer(
+                title=spec.name, lines=tuple(spec.action.ask(meaning.line, station.link, station.timeout).text)
+            )
+    return Answer()
+
+
+def _obstacle(where: object, station: Station) -> Answer:
+    if not (
+        isinstance(where, list)
+        and len(where) == 2
+        and all(isinstance(one, int | float) and not isinstance(one, bool) and abs(one) < 1e6 for one in where)
+    ):
+        raise UsageError('"obstacle" is [x, y], in m')
+    name = _simulator(station).drop(float(where[0]), float(where[1]), station.timeout)
+    return Answer(lines=(f'{name} stands at x {where[0]:.2f}  y {where[1]:.2f}',))
+
+
+def _simulator(station: Station) -> Any:
+    if station.make.operator is None:
+        raise RefusedError('an observer changes nothing; leave --observer out')
+    if station.obstacles is None or not station.obstacles.is_possible():
+        raise RefusedError('there is no simulator that serves simulation_interfaces; obstacles are put there by hand')
+    return station.obstacles
+
+
+def _text(message: dict[str, Any], key: str) -> str:
+    text = message[key]
+    if not isinstance(text, str):
+        raise UsageError(f'"{key}" is a text')
+    return text

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The server of the page: its files, and a WebSocket for each page that is open. On aiohttp, on one thread."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from importlib.resources import files
+from typing import Final
+
+from aiohttp import web
+
+from flexbt_common.pictures import STYLE
+
+from .access import Access
+from .drawings import Drawings
+from .page_link import PageLink
+from .requests import MESSAGE_BYTES
+from .station import Station
+
+MOST_PAGES: Final = 32
+"""Pages that are open at the same time."""
+
+PING_SECONDS: Final = 10.0
+
+_TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class WebServer:
+    """Serves the pages of some robots, by their names."""
+
+    def __init__(self, stations: Mapping[str, Station], access: Access) -> None:
+        self._stations = dict(stations)
+        self._access = access
+        self._pages: set[PageLink] = set()
+        self._drawings: Drawings | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._is_told = False
+        page = files(__package__) / 'page'
+        self._files = {
+            one.name: (one.read_bytes(), _TYPES[one.name.rpartition('.')[2]])
+            for one in page.iterdir()
+            if one.name.rpartition('.')[2] in _TYPES
+        }
+        self._files['pictures.css'] = STYLE.encode(), _TYPES['css']
+        self._files[''] = self._files['index.html']
+
+    def application(self) -> web.Application:
+        """The application of aiohttp."""
+        application = web.Application(middlewares=[self._guard], client_max_size=0)
+        application.on_startup.append(self._start)
+        application.router.add_get('/link', self._open)
+        application.router.add_get('/{name:[a-z_.]*}', self._file)
+        return application
+
+    async def _start(self, application: web.Application) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._drawings = Drawings()
+        for station in self._stations.values():
+            station.mirror.add_listener(lambda change: self._wake())
+
+    def _wake(self) -> None:
+        """From any thread; many changes make one waking."""
+        if not self._is_told and self._loop is not None:
+            self._is_told = True
+            try:
+                self._loop.call_soon_threadsafe(self._wake_pages)
+            except RuntimeError:  # the loop is closed: the server has ended
+                self._loop = None
+
+    def _wake_pages(self) -> None:
+        self._is_told = False
+        for page in self._pages:
+            page.wake()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        if not self._access.knows_host(request.host):
+            raise web.HTTPMisdirectedRequest(text=f'this server is not called {request.host[:100]!r}')
+        if not self._access.knows_origin(request.headers.get('Origin'), request.host):
+            raise web.HTTPForbidden(text='a page of another site may not use this server')
+        return await handler(request)
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        known = self._files.get(request.match_info['name'])
+        if known is None:
+            raise web.HTTPNotFound(text='there is no such file')
+        body, type = known
+        return web.Response(body=body, content_type=type, charset='utf-8', headers=self._headers(request.host))
+
+    def _headers(self, host: str) -> dict[str, str]:
+        return {
+            'Content-Security-Policy': (
+                "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+                f"connect-src 'self' ws://{host} wss://{host}; "
+                "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+            ),
+            'X-Content-Type-Options': 'nosniff',
+            'Referrer-Policy': 'no-referrer',
+            'Cross-Origin-Opener-Policy': 'same-origin',
+            'Cross-Origin-Resource-Policy': 'same-origin',
+            'Cache-Control': 'no-cache',
+        }
+
+    async def _open(self, request: web.Request) -> web.StreamResponse:
+        if len(self._pages) >= MOST_PAGES:
+            raise web.HTTPServiceUnavailable(text=f'{MOST_PAGES} pages are open already; close one')
+        robot = request.query.get('robot') or next(iter(self._stations))
+        if robot not in self._stations:
+            raise web.HTTPNotFound(text=f'there is no robot {robot[:100]!r}; there are: {", ".join(self._stations)}')
+        socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
+        assert self._drawings is not None
+        page = PageLink(socket, self._stations, robot, self._drawings, self._access.knows_token)
+        self._pages.add(page)
+        try:
+            await socket.prepare(request)
+            await page.serve()
+        finally:
+            self._pages.discard(page)
+        return socket

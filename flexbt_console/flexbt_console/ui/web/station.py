@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the page needs of one robot: its mirror, the way of commands to it, and the simulator where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from flexbt_console.commands import CommandBuilder
+from flexbt_console.mirror import Command, Mirror, UserdataScope
+
+
+class Link(Protocol):
+    """The operator link, as far as the page uses it."""
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """The userdata of the run; not on the executor thread. Raises ConsoleError."""
+
+
+class Obstacles(Protocol):
+    """Obstacles that an operator drops into a simulated world. Each method raises ConsoleError."""
+
+    @property
+    def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
+        """Those that were dropped here: name, centre (m) and radius (m) of each."""
+
+    def is_possible(self) -> bool:
+        """Whether there is a simulator."""
+
+    def drop(self, x: float, y: float, timeout: float) -> str:
+        """Put one there; gives its name. Not on the executor thread."""
+
+    def remove(self, name: str, timeout: float) -> None:
+        """Take it away again."""
+
+
+@dataclass(frozen=True)
+class Station:
+    """A robot as its operator has it; ``timeout`` is in seconds, for each answer."""
+
+    mirror: Mirror
+    link: Link
+    make: CommandBuilder
+    timeout: float
+    obstacles: Obstacles | None = None

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The server of the page: who may use it, what it takes, what it tells, and that no answer reaches another decision."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+import pytest
+from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
+from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, served
+
+from flexbt_console.errors import UsageError
+from flexbt_console.mirror import CommandKind, GridMap
+from flexbt_console.ui.web import MOST_PAGES, Access
+from flexbt_console.ui.web.picture import MOST_CELLS, map_part
+from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
+
+DEADLINE = 60.0
+
+
+class Page:
+    """A page without a browser."""
+
+    def __init__(self, socket: ClientWebSocketResponse) -> None:
+        self.socket = socket
+        self.parts: dict[str, Any] = {}
+        self.told: list[str] = []
+        self.maps: list[bytes] = []
+        self.messages: list[dict[str, Any]] = []
+
+    async def until(self, done: Callable[[], object]) -> None:
+        """Take messages until that is so."""
+        async with asyncio.timeout(DEADLINE):
+            while not done():
+                message = await self.socket.receive()
+                if message.type is WSMsgType.BINARY:
+                    self.maps.append(message.data)
+                    continue
+                assert message.type is WSMsgType.TEXT, (message, self.told)
+                content = json.loads(message.data)
+                self.messages.append(content)
+                self.parts.update(content.get('parts', {}))
+                self.told += [content['told']['text']] if 'told' in content else []
+
+    async def ask(self, **message: Any) -> str:
+        """Send that, and give what is told next."""
+        before = len(self.told)
+        await self.socket.send_json(message)
+        await self.until(lambda: len(self.told) > before)
+        return self.told[-1]
+
+    async def closed(self) -> int | None:
+        """The code with which the server closes the connection."""
+        async with asyncio.timeout(DEADLINE):
+            while (await self.socket.receive()).type not in (WSMsgType.CLOSE, WSMsgType.CLOSED, WSMsgType.CLOSING):
+                pass
+        return self.socket.close_code
+
+
+@contextlib.asynccontextmanager
+async def page(port: int, hello: object = None, **options: Any) -> AsyncIterator[Page]:
+    async with (
+        ClientSession() as session,
+        session.ws_connect(f'http://127.0.0.1:{port}/link', max_msg_size=0, **options) as socket,
+    ):
+        await socket.send_json({'hello': hello})
+        yield Page(socket)
+
+
+def with_page(robot: WebRobot, steps: Callable[[Page], Awaitable[None]]) -> None:
+    async def run(port: int) -> None:
+        async with page(port) as opened:
+            await opened.until(lambda: 'link' in opened.parts)
+            await steps(opened)
+
+    with served({'robot': robot.station()}) as port:
+        asyncio.run(run(port))
+
+
+def test_everything_of_now_is_told() -> None:
+    robot = WebRobot(is_drawn=True)
+    robot.show(PLAN)
+
+    async def look(opened: Page) -> None:
+        await opened.until(lambda: opened.maps and sum('drawing' in one for one in opened.messages) == 2)
+        parts = opened.parts
+        assert parts['link']['state'] == 'live' and parts['status']['runs'] == 'RUNNING  Patrol'
+        (decision,) = parts['decisions']
+        assert [choice['leads'] for choice in decision['choices']] == ['/Ask', '=finished']
+        assert decision['reasons'] == [f'WARN: {NASTY}'] and NASTY in decision['line']
+        assert parts['trees'][0]['statuses'] == ['running', 'success', 'running']
+        assert parts['trees'][0]['leaves'] == ['Wait']
+        assert (len(parts['plan']), parts['pose']['x'], list(parts['places'])) == (2, 2.0, ['kitchen'])
+        head = json.loads(opened.maps[0][4 : 4 + int.from_bytes(opened.maps[0][:4])])
+        assert (head['width'], head['height']) == (80, 60)
+        pictures = {one['drawing']['key']: one['drawing']['svg'] for one in opened.messages if 'drawing' in one}
+        assert 'id="s1o0"' in pictures[parts['machine']['drawing']]
+        assert 'id="t0n2"' in pictures[parts['trees'][0]['drawing']]
+        assert NASTY not in pictures[parts['trees'][0]['drawing']]  # it is escaped there
+        robot.show(PLAN)  # a heartbeat
+        before = len(opened.messages)
+        await opened.until(lambda: len(opened.messages) > before + 1)
+        for message in opened.messages[before:]:
+            assert message['parts'].keys() == {'times'}  # what has not changed is not sent again
+
+    with_page(robot, look)
+
+
+def test_an_answer_reaches_its_own_decision_alone() -> None:
+    robot = WebRobot()
+    robot.show(PLAN)
+
+    async def answer(opened: Page) -> None:
+        robot.show(OTHER)  # while the page still shows the one before
+        assert 'nothing was sent' in await opened.ask(answer='failed', decision='d1')
+        assert 'nothing was sent' in await opened.ask(do='confirm', decision='d1')
+        assert 'nothing was sent' in await opened.ask(answer='failed', decision=None)
+        assert robot.sent == []
+        assert 'confirm failed: applied' in await opened.ask(answer='failed', decision='d2')
+        (sent,) = robot.sent
+        assert (sent.kind, sent.decision_id) == (CommandKind.CONFIRM, 'd2')
+        robot.show(WHERE)
+        assert 'applied' in await opened.ask(answer='1.5 2 0.5', decision='d4')
+        assert robot.sent[-1].kind is CommandKind.ANSWER
+
+    with_page(robot, answer)
+
+
+def test_a_picture_that_is_old_takes_a_stop_alone() -> None:
+    robot = WebRobot(answers=False)
+    robot.show(PLAN)
+
+    async def blind(opened: Page) -> None:
+        robot.mirror.sender_gone()
+        await opened.until(lambda: opened.parts['link']['state'] == 'lost')
+        for message in ({'answer': 'done'}, {'do': 'pause'}, {'do': 'confirm'}, {'do': 'start Patrol'}):
+            assert 'no live link' in await opened.ask(**message, decision='d1')
+        await opened.socket.send_json({'do': 'stop', 'decision': None})
+        await asyncio.to_thread(robot.wait_sent, 1)
+        assert robot.kinds == [CommandKind.STOP]
+
+    with_page(robot, blind)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '{',
+        '[1]',
+        '7',
+        '"stop"',
+        '{}',
+        '[' * 30_000,
+        '{"do": 7}',
+        '{"answer": "done", "decision": 7}',
+        '{"do": "force /Nowhere done", "decision": null}',
+        '{"do": "sotp", "decision": null}',
+        '{"do": "web", "decision": null}',
+        '{"complete": ["s"]}',
+        '{"obstacle": [1e999, 0]}',
+        '{"obstacle": [1]}',
+        '{"obstacle": [1, 2]}',
+        '{"remove_obstacle": "robot"}',
+        '{"do": "note \\ud800", "decision": null}',
+    ],
+)
+def test_what_is_written_wrong_is_told_and_does_nothing(text: str) -> None:
+    robot = WebRobot()
+
+    async def wrong(opened: Page) -> None:
+        await opened.socket.send_str(text)
+        await opened.until(lambda: opened.told)
+        assert 'fault' not in opened.told[0] and 'Traceback' not in opened.told[0]
+        assert 'applied' in await opened.ask(do='pause', decision=None)  # it goes on
+
+    with_page(robot, wrong)
+    assert [kind for kind in robot.kinds if kind is not CommandKind.NOTE] == [CommandKind.PAUSE]
+
+
+def test_large_messages_floods_and_bytes_end_the_connection_and_nothing_else() -> None:
+    robot = WebRobot()
+
+    async def run(port: int) -> None:
+        async with page(port) as calm, page(port) as large, page(port) as flood, page(port) as binary:
+            with contextlib.suppress(ConnectionError):  # it is closed before all of it has gone
+                await large.socket.send_str('x' * 10_000_000)
+            assert await large.closed() in (1009, 1006)
+            await binary.socket.send_bytes(b'stop')
+            assert await binary.closed() == 1003
+            for _ in range(int(BURST) + 50):
+                await flood.socket.send_str('{"complete": "s"}')
+            assert await flood.closed() == 1008
+            await calm.until(lambda: 'link' in calm.parts)
+            assert 'applied' in await calm.ask(do='pause', decision=None)
+
+    with served({'robot': robot.station()}) as port:
+        asyncio.run(run(port))
+    assert robot.kinds == [CommandKind.PAUSE]
+    assert MESSAGE_BYTES < 10_000_000
+
+
+def test_the_allowance_fills_with_time() -> None:
+    now = 0.0
+    allowance = Allowance(lambda: now)
+    taken = 0
+    while allowance.take():
+        taken += 1
+    assert taken == BURST
+    now = 1.0
+    assert allowance.take()
+
+
+def test_pages_of_other_sites_and_other_names_are_refused() -> None:
+    async def run(port: int) -> None:
+        host = f'127.0.0.1:{port}'
+        async with ClientSession() as session:
+            for headers, status in (
+                ({'Host': 'evil.example'}, 421),  # a name that was made to point to us
+                ({'Host': f'evil.example:{port}'}, 421),
+                ({'Host': '[::1', 'Origin': 'http://[::1'}, 421),
+                ({'Origin': 'http://evil.example'}, 403),
+                ({'Origin': 'null'}, 403),
+                ({'Origin': f'http://{host}.evil.example'}, 403),
+                ({'Origin': 'http://localhost:1'}, 403),
+            ):
+                for path in ('', 'link', 'app.js'):
+                    async with session.get(f'http://{host}/{path}', headers=headers) as response:
+                        assert response.status == status, (headers, path)
+                with pytest.raises(WSServerHandshakeError):
+                    await session.ws_connect(f'http://{host}/link', headers=headers)
+            async with session.ws_connect(f'http://{host}/link', headers={'Origin': f'http://{host}'}):
+                pass
+            for path in ('../setup.py', '%2e%2e/server.py', 'server.py', 'page', 'link', '__init__.py', 'x' * 8000):
+                async with session.get(f'http://{host}/{path}') as response:
+                    assert response.status in (400, 404), path
+            async with session.get(f'http://{host}/') as response:
+                policy = response.headers['Content-Security-Policy']
+                assert "default-src 'none'" in policy and 'unsafe' not in policy
+                assert '://' not in (await response.text()).replace('http://www.w3.org', '')  # nothing from elsewhere
+
+    with served({'robot': WebRobot().station()}) as port:
+        asyncio.run(run(port))
+
+
+@pytest.mark.parametrize('hello', [None, '', 'wrong', 7, ['s3cret'], {'token': 's3cret'}])
+def test_without_the_token_nothing_is_told(hello: object) -> None:
+    robot = WebRobot()
+
+    async def run(port: int) -> None:
+        async with page(port, hello) as opened:
+            await opened.socket.send_json({'do': 'stop', 'decision': None})
+            assert await opened.closed() == 1008
+            assert opened.messages == []
+        async with page(port, 's3cret') as opened:
+            await opened.until(lambda: 'link' in opened.parts)
+
+    with served({'robot': robot.station()}, Access.of('127.0.0.1', 's3cret')) as port:
+        asyncio.run(run(port))
+    assert robot.sent == []
+
+
+def test_beyond_this_computer_there_is_a_token() -> None:
+    assert Access.of('127.0.0.1').token == Access.of('::1').token == Access.of('localhost').token == ''
+    first = Access.of('0.0.0.0')  # noqa: S104
+    second = Access.of('192.0.2.1')
+    assert len(first.token) > 20 and first.token != second.token
+    assert not first.knows_token('') and not first.knows_token(None) and first.knows_token(first.token)
+    assert first.page_address(80).endswith(f'#token={first.token}')
+    assert second.knows_host('192.0.2.1:80') and not second.knows_host('example.com:80')
+    with pytest.raises(UsageError):
+        Access.of('example.com')
+
+
+def test_there_are_so_many_pages_and_no_more() -> None:
+    async def run(port: int) -> None:
+        async with ClientSession() as session:
+            address = f'http://127.0.0.1:{port}/link'
+            opened = [await session.ws_connect(address) for _ in range(MOST_PAGES)]
+            async with session.get(address) as response:
+                assert response.status == 503
+            await opened[0].close()
+            async with asyncio.timeout(DEADLINE), session.get(f'{address}?robot=nobody') as response:
+                assert response.status in (404, 503)
+
+    with served({'robot': WebRobot().station()}) as port:
+        asyncio.run(run(port))
+
+
+def test_a_page_shows_the_robot_that_it_names_and_a_line_of_each() -> None:
+    one, two = WebRobot(), WebRobot()
+    two.show(PLAN)
+
+    async def run(port: int) -> None:
+        async with (
+            ClientSession() as session,
+            session.ws_connect(f'http://127.0.0.1:{port}/link?robot=one', max_msg_size=0) as socket,
+        ):
+            await socket.send_json({'hello': None})
+            opened = Page(socket)
+            await opened.until(lambda: 'robots' in opened.parts)
+            assert opened.parts['decisions'] == []
+            assert [line['name'] for line in opened.parts['robots']] == ['two', 'one']  # who waits comes first
+            assert 'applied' in await opened.ask(do='pause', decision=None)
+
+    with served({'one': one.station(), 'two': two.station()}) as port:
+        asyncio.run(run(port))
+    assert (one.kinds, two.sent) == ([CommandKind.PAUSE], [])
+
+
+@pytest.mark.parametrize(('width', 'height'), [(3001, 1999), (1, 2_000_000), (10, 10)])
+def test_a_large_map_becomes_smaller_and_no_wall_gets_lost(width: int, height: int) -> None:
+    cells = bytearray(width * height)
+    cells[-1] = 100
+    cells[0] = 255
+    head, sent = map_part(GridMap(width, height, 0.05, -1.0, -2.0, bytes(cells)))
+    assert len(sent) == head['width'] * head['height'] <= MOST_CELLS
+    assert (sent[0], sent[-1]) == (2, 1) and sent.count(0) == len(sent) - 2
+    assert head['width'] * head['resolution'] == pytest.approx(width * 0.05, abs=head['resolution'])

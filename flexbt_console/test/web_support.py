@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A robot as the mirror sees it, and the server of its page at a port of this computer."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from aiohttp import web
+
+from flexbt_console.commands import CommandBuilder
+from flexbt_console.mirror import (
+    ActiveState,
+    Behavior,
+    BehaviorList,
+    BehaviorParameter,
+    Command,
+    CommandKind,
+    CommandResult,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    GridMap,
+    LogLine,
+    Mirror,
+    NodeStatus,
+    Pose,
+    ResultCode,
+    Severity,
+    Snapshot,
+    StateKind,
+    StateStructure,
+    StatusChange,
+    Structure,
+    TreeNode,
+    UserdataScope,
+)
+from flexbt_console.ui.web import Access, Station, WebServer
+from flexbt_core.clock import ManualClock
+
+NASTY = '<img src=x onerror=alert(1)>'
+PLAN = Decision('d1', DecisionKind.TRANSITION, '/Drive', 'done', ('done', 'failed'), 2, prompt=NASTY)
+OTHER = dataclasses.replace(PLAN, id='d2', outcome='failed', prompt='other')
+WHERE = Decision('d4', DecisionKind.INPUT, '/Ask', input_type='geometry_msgs/msg/PoseStamped', prompt='Where to?')
+STRUCTURE = Structure(
+    'r1',
+    'Patrol',
+    (
+        StateStructure('/', StateKind.MACHINE, 'Patrol', ('Drive', 'Ask'), ('finished',)),
+        StateStructure('/Drive', StateKind.STATE, 'BtExecute', (), ('done', 'failed'), ('/Ask', '=finished'), (2, -1)),
+        StateStructure('/Ask', StateKind.STATE, 'Input', (), ('received',), ('/Drive',), (0,)),
+    ),
+)
+
+
+class WebRobot:
+    """An executive as the mirror sees it; it applies what it is sent when ``answers``.
+
+    With ``is_drawn`` there is a machine and a tree, of which the server has pictures made, which takes seconds.
+    """
+
+    def __init__(self, *, answers: bool = True, is_drawn: bool = False) -> None:
+        self.clock = ManualClock()
+        self.mirror = Mirror(self.clock, {'kitchen': Pose(3.0, 1.0)})
+        self.sent: list[Command] = []
+        self.arrived = threading.Condition()
+        self.answers = answers
+        self.snapshot = Snapshot(
+            'e',
+            0,
+            state=ExecutiveState.RUNNING,
+            run_id='r1',
+            behavior='Patrol',
+            autonomy=1,
+            active_states=(ActiveState('/Drive', 1.0, (f'follows {NASTY}',)),),
+            robot_pose=Pose(2.0, 2.0, 0.0),
+            stamp=5.0,
+        )
+        parameters = (BehaviorParameter('speed', 'float', '0.3'), BehaviorParameter('room', choices=('a', 'b')))
+        self.mirror.receive_behaviors(BehaviorList('e', (Behavior('Patrol', parameters=parameters),)))
+        self.mirror.receive_log(LogLine('e', 1, Severity.WARN, NASTY, '/Drive', 'r1', 4.0))
+        walls = bytes(100 if x in (0, 79) or y in (0, 59) else 0 for y in range(60) for x in range(80))
+        self.mirror.receive_map(GridMap(80, 60, 0.05, 0.0, 0.0, walls))
+        self.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
+        if is_drawn:
+            self._begin()
+        self.show()
+        self.show()
+
+    def _begin(self) -> None:
+        self.mirror.receive_structure(STRUCTURE)
+        nodes = [
+            TreeNode(1, 0, 'Main', 'Sequence'),
+            TreeNode(2, 1, NASTY, 'FollowPath'),
+            TreeNode(3, 1, 'Wait', 'Wait'),
+        ]
+        self.mirror.receive_tree_structure('t', 'Drive', nodes, 1.0)
+        statuses = [NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.RUNNING]
+        changes = [StatusChange(2.0, uid + 1, status) for uid, status in enumerate(statuses)]
+        self.mirror.receive_tree_status('t', 1, statuses, changes, 5.0, finished=False, paused=False)
+
+    def show(self, *decisions: Decision, **parts: Any) -> None:
+        """The executive says that this waits, and what else is given."""
+        changed = {'sequence': self.snapshot.sequence + 1, 'decisions': decisions, **parts}
+        self.snapshot = dataclasses.replace(self.snapshot, **changed)
+        self.mirror.receive_snapshot(self.snapshot)
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        """See :class:`flexbt_console.ui.web.Link`."""
+        tracked = self.mirror.give(command, timeout, label)
+        with self.arrived:
+            self.sent.append(command)
+            self.arrived.notify_all()
+        if self.answers:
+            self.show(results=(CommandResult(command.id, ResultCode.APPLIED),))
+        return tracked
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """See :class:`flexbt_console.ui.web.Link`."""
+        return ()
+
+    def wait_sent(self, count: int, timeout: float = 60.0) -> list[Command]:
+        """Wait until so many commands have come."""
+        with self.arrived:
+            assert self.arrived.wait_for(lambda: len(self.sent) >= count, timeout), self.sent
+            return list(self.sent)
+
+    @property
+    def kinds(self) -> list[CommandKind]:
+        """The kinds of what has come."""
+        return [command.kind for command in self.sent]
+
+    def station(self, obstacles: Any = None) -> Station:
+        """What its page needs."""
+        return Station(self.mirror, self, CommandBuilder('ann'), 5.0, obstacles)
+
+
+@contextlib.contextmanager
+def served(stations: Mapping[str, Station], access: Access | None = None, port: int = 0) -> Iterator[int]:
+    """The server of these robots on a thread of its own, for the time of the context; gives its port."""
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+
+    async def start() -> tuple[web.AppRunner, int]:
+        runner = web.AppRunner(WebServer(stations, access or Access()).application(), shutdown_timeout=0.2)
+        await runner.setup()
+        await web.TCPSite(runner, '127.0.0.1', port, reuse_address=True).start()
+        return runner, runner.addresses[0][1]
+
+    runner, used = asyncio.run_coroutine_threadsafe(start(), loop).result(60.0)
+    try:
+        yield used
+    finally:
+        asyncio.run_coroutine_threadsafe(runner.cleanup(), loop).result(60.0)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.close()
