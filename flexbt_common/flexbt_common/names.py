@@ -137,6 +137,11 @@ def costmap_services(costmap: str) -> tuple[str, str, str, str, str]:
     )
 
 
+def of_robot(namespace: str, name: str) -> str:
+    """A name of this table, for a robot in a namespace such as '/robot2'; '' is the namespace of the node."""
+    return f'{namespace.rstrip("/")}/{name}' if namespace else name
+
+
 def alive_topic(node_name: str) -> str:
     """Topic of the liveliness token of a node: relative for a relative name, absolute for an absolute one."""
     return f'{node_name}/alive'

@@ -14,13 +14,30 @@ from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, tells_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoLinkError
-from flexbt_console.link import OperatorLink, interface_problem
-from flexbt_console.mirror import AutonomyLevel, Command, CommandState, LinkState, Mirror
+from flexbt_console.link import FleetLink, OperatorLink, interface_problem
+from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Fleet, LinkState, Mirror
 from flexbt_msgs.msg import BehaviorList, ExecutiveStatus
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.waiting import uncontended_time, wait_until
 
 DEADLINE = 60.0
+
+
+def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executives: Any) -> None:
+    fleet = {name: executives(name) for name in ('first', 'second')}
+    with NodeRuntime.open('console', namespace='/first') as runtime:
+        robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann')
+        wait_until(lambda: {'/first', '/second'} <= set(robots.fleet.names), 'both robots')
+        _, link = robots.select('/second')
+        view = link.live_view(DEADLINE)
+        command = CommandBuilder('ann').start(view, 'Drive')
+        link.send(command, DEADLINE)
+        tracked = link.settled(command.id, DEADLINE)
+        assert tracked is not None and tracked.state is CommandState.APPLIED
+        assert (len(fleet['first'].received), len(fleet['second'].received)) == (0, 1)
+        assert robots.link('/first').live_view(DEADLINE).running is False
+        robots.select('/first')
+        assert not runtime.node.get_subscriptions_info_by_topic('/second/tree_status')
 
 
 class Station:

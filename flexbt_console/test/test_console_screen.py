@@ -26,6 +26,7 @@ from flexbt_console.mirror import (
     Decision,
     DecisionKind,
     ExecutiveState,
+    Fleet,
     GridMap,
     Mirror,
     NodeStatus,
@@ -119,12 +120,15 @@ class Robot:
 
 
 def on_screen(
-    robot: Robot, steps: Callable[[OperatorScreen, Pilot[None]], Awaitable[None]], size: tuple[int, int] = (100, 30)
+    robot: Robot,
+    steps: Callable[[OperatorScreen, Pilot[None]], Awaitable[None]],
+    size: tuple[int, int] = (100, 30),
+    robots: FakeRobots | None = None,
 ) -> None:
     """Run the screen, and what an operator does at it."""
 
     async def run() -> None:
-        app = OperatorScreen(robot.mirror, robot.link, CommandBuilder('ann'), 5.0, robot.clock, 'the robot goes on')
+        app = OperatorScreen(robot.mirror, robot.link, CommandBuilder('ann'), 5.0, robot.clock, 'stays', robots)
         async with app.run_test(size=size) as pilot:
             await seen(robot, pilot)
             await steps(app, pilot)
@@ -385,6 +389,63 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
         assert robot.link.kinds == [CommandKind.STOP]
 
     on_screen(robot, steps)
+
+
+class FakeRobots:
+    """Robots that are only mirrors."""
+
+    def __init__(self, count: int) -> None:
+        self.robots = {f'/robot{number:02}': Robot() for number in range(count)}
+        self.fleet = Fleet()
+        self.own = '/robot00'
+        for name, robot in self.robots.items():
+            self.fleet.add(name, robot.mirror)
+
+    def select(self, name: str) -> tuple[Mirror, NotingLink]:
+        return self.robots[name].mirror, self.robots[name].link
+
+
+def test_of_several_robots_the_one_that_waits_is_found_gone_to_and_answered_alone() -> None:
+    robots = FakeRobots(50)
+    asks, own = robots.robots['/robot37'], robots.robots['/robot00']
+    asks.show(dataclasses.replace(PLAN, since=1.0))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert '1 other needs you: o' in text_of(app)
+        await pilot.press('o')
+        await seen(own, pilot)
+        first = text_of(app).splitlines()[1]
+        assert '/robot37' in first and 'waits' in first and '4.0 s' in first
+        await pilot.press('enter', 'enter')  # the cursor is at our own robot
+        assert own.link.sent == [] and asks.link.sent == []
+        await pilot.press('o', *['up'] * 50, 'enter')
+        await pilot.press('enter')  # sooner than anybody can have read what waits there
+        assert asks.link.sent == []
+        asks.clock.advance(1.0)
+        own.clock.advance(1.0)
+        await seen(own, pilot)
+        assert '/robot37' in text_of(app).splitlines()[0]
+        await pilot.press('enter')
+        assert [(one.kind, one.decision_id) for one in asks.link.sent] == [(CommandKind.CONFIRM, 'd1')]
+        await pilot.press('o', 'down', 'f8')  # the robot under the cursor is stopped, and shown
+        await seen(own, pilot)
+        assert asks.link.kinds == [CommandKind.CONFIRM] and own.link.kinds == [CommandKind.STOP]
+        assert '/robot00' in text_of(app).splitlines()[0]
+
+    on_screen(own, steps, robots=robots)
+
+
+def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
+    robot = Robot()
+    for second in range(8):
+        robot.show(
+            state=ExecutiveState.IDLE, outcome='preempted', robot_pose=Pose(0.1 * second, 0.0), stamp=9.0 + second
+        )
+
+    async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert 'ALARM: THE ROBOT MOVES, 0.50 m so far, though the run was stopped' in text_of(app)
+
+    on_screen(robot, look)
 
 
 def test_an_idle_screen_draws_nothing() -> None:

@@ -35,7 +35,7 @@ class Terminal:
         self.pid, self._fd = pty.fork()
         if self.pid == 0:
             os.environ.update({'TERM': 'xterm-256color', **environment})
-            os.execv(sys.executable, [sys.executable, '-m', 'flexbt_console', *words])
+            os.execv(sys.executable, [sys.executable, '-m', 'flexbt_console', 'prompt', *words])
         fcntl.ioctl(self._fd, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 80, 0, 0))
 
     def read_until(self, text: bytes) -> None:

@@ -49,9 +49,13 @@ MOST_TOKENS: Final = 512
 
 
 class PresenceToken:
-    """Says that ``name`` is there until the runtime is closed. Any number of tokens may have the same name."""
+    """Says that ``name`` is there until the runtime is closed. Any number of tokens may have the same name.
 
-    def __init__(self, runtime: NodeRuntime, name: str) -> None:
+    ``namespace`` is that of the robot which is told, by default the node's own.
+    """
+
+    def __init__(self, runtime: NodeRuntime, name: str, namespace: str = '') -> None:
+        self._topic = names.of_robot(namespace, names.EXECUTIVE_PRESENCE)
         # The time of its making tells it from the other tokens of that name.
         self._word = PeerStatus(name=sendable(name), alive=True, since=runtime.clock.stamp())
         self._runtime = runtime
@@ -62,7 +66,7 @@ class PresenceToken:
         node = self._runtime.node
         matched = PublisherEventCallbacks(matched=lambda _event: self._speak())
         self._publisher = node.create_publisher(
-            PeerStatus, names.EXECUTIVE_PRESENCE, names.unacknowledged(), event_callbacks=matched
+            PeerStatus, self._topic, names.unacknowledged(), event_callbacks=matched
         )
         # Wall time: also while simulated time stands still.
         node.create_timer(WORD_SECONDS, self._speak, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -546,8 +546,14 @@ COMMANDS: Final = (
         has_arrived=_places_known,
     ),
     CommandSpec(
+        'robots',
+        'list the robots of the domain, the most urgent first, and how long each has waited',
+        Mode.ROBOTS,
+        link=LinkNeed.NONE,
+    ),
+    CommandSpec(
         'screen',
-        'the whole screen: machine, trees, map, decisions and log at a glance, one key for each command',
+        'the whole screen, also without any command: machine, trees, map, decisions and log, one key for each command',
         Mode.SCREEN,
         options=(_LEAVING,),
         link=LinkNeed.NONE,
@@ -567,7 +573,7 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'prompt',
-        'the interactive console, also without any command in a terminal',
+        'the interactive prompt, also without any command where there is no room for the screen, or Textual is missing',
         Mode.PROMPT,
         options=(_LEAVING,),
         link=LinkNeed.NONE,

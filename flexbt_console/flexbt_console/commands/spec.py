@@ -147,6 +147,7 @@ class Mode(Enum):
     PROMPT = 'prompt'
     SCREEN = 'screen'
     WEB = 'web'
+    ROBOTS = 'robots'
 
 
 @dataclass(frozen=True, slots=True)

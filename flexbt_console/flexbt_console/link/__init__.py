@@ -4,6 +4,7 @@
 The one place of the console where ROS is spoken.
 """
 
+from .fleet_link import FleetLink
 from .interface_check import interface_problem
 from .messages import (
     behaviors_record,
@@ -19,6 +20,7 @@ from .simulator_link import SimulatorLink
 from .surroundings_link import SurroundingsLink
 
 __all__ = [
+    'FleetLink',
     'OperatorLink',
     'SimulatorLink',
     'SurroundingsLink',

@@ -70,11 +70,15 @@ class OperatorLink:
     executive's subscription is discovered, and again with the same identifier until there is an answer.
     """
 
-    def __init__(self, runtime: NodeRuntime, mirror: Mirror, operator: str | None = '') -> None:
+    def __init__(self, runtime: NodeRuntime, mirror: Mirror, operator: str | None = '', namespace: str = '') -> None:
         """Join the topics; ``mirror`` has to live on the runtime's steady clock, ``operator`` is who sits here.
 
         None is an observer: nobody is present by it, and it cannot give commands, as if it were not allowed to.
+        ``namespace`` is that of the robot, by default the node's own.
         """
+        self._namespace = namespace
+        self._status_topic = self._topic(names.EXECUTIVE_STATUS)
+        self._command_topic = self._topic(names.EXECUTIVE_COMMAND)
         self._runtime = runtime
         self._mirror = mirror
         self._changed = threading.Condition()
@@ -84,7 +88,7 @@ class OperatorLink:
         self._reachable = False
         self._id = uuid.uuid4().hex
         self._sender = ExecutiveSender(
-            lambda participant: bool(writer_name(runtime.node, names.EXECUTIVE_STATUS, participant)),
+            lambda participant: bool(writer_name(runtime.node, self._status_topic, participant)),
             mirror.is_silent,
             runtime.steady.now,
         )
@@ -92,7 +96,7 @@ class OperatorLink:
         runtime.call(lambda: self._join(gives_commands=operator is not None))
         # The executive sees by this whether anybody watches, and whether the holder of the authority does.
         if operator is not None:
-            PresenceToken(runtime, operator)
+            PresenceToken(runtime, operator, namespace)
 
     def send(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
         """Give a command, called ``label``, to the executive; its fate is followed by the mirror. From any thread."""
@@ -149,7 +153,7 @@ class OperatorLink:
         """The userdata of the run, see :func:`flexbt_console.link.userdata_query.userdata`. Raises what that raises."""
         from .userdata_query import userdata  # what only this command needs
 
-        return userdata(self._runtime, path, keys, timeout)
+        return userdata(self._runtime, self._namespace, path, keys, timeout)
 
     def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node
@@ -162,19 +166,23 @@ class OperatorLink:
             (ExecutiveEvents, names.EXECUTIVE_EVENTS, event_records, self._mirror.receive_events, names.EVENTS_DEPTH),
             (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
         ):
+            topic = self._topic(topic)
             on_message = self._forward(type, topic, convert, receive)
             ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES)
         ReceivedMessages(
             node,
             ExecutiveStatus,
-            names.EXECUTIVE_STATUS,
+            self._status_topic,
             names.latched(),
             self._on_status,
             MESSAGE_BYTES,
             event_callbacks=matched,
         )
-        self._pings = node.create_publisher(Header, names.EXECUTIVE_PING, names.unacknowledged())
-        node.create_subscription(Header, names.EXECUTIVE_PONG, self._on_pong, names.unacknowledged())
+        self._pings = node.create_publisher(
+            Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.unacknowledged()
+        )
+        pong = names.of_robot(self._namespace, names.EXECUTIVE_PONG)
+        node.create_subscription(Header, pong, self._on_pong, names.unacknowledged())
         if gives_commands:
             self._open_commands()
 
@@ -184,13 +192,16 @@ class OperatorLink:
         commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
         stops = names.stop()
         stops.lifespan = commands.lifespan
-        self._stops = self._runtime.node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, stops)
+        self._stops = self._runtime.node.create_publisher(ExecutiveCommand, self._topic(names.EXECUTIVE_STOP), stops)
         self._commands = self._runtime.node.create_publisher(
             ExecutiveCommand,
-            names.EXECUTIVE_COMMAND,
+            self._command_topic,
             commands,
             event_callbacks=PublisherEventCallbacks(matched=self._on_command_matched),
         )
+
+    def _topic(self, name: str) -> str:
+        return names.of_robot(self._namespace, name)
 
     def _forward(
         self, message_type: Any, topic: str, convert: Callable[[Any], Any], receive: Callable[[Any], object]
@@ -214,7 +225,7 @@ class OperatorLink:
             return None
 
     def _on_status(self, received: Received) -> None:
-        message = self._unpacked(received, ExecutiveStatus, names.EXECUTIVE_STATUS, is_status=True)
+        message = self._unpacked(received, ExecutiveStatus, self._status_topic, is_status=True)
         if message is None:
             return
         transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
@@ -243,9 +254,9 @@ class OperatorLink:
     def _find_problems(self) -> None:
         node = self._runtime.node
         self._mirror.set_problem(
-            interface_problem(node, names.EXECUTIVE_STATUS)
-            or interface_problem(node, names.EXECUTIVE_COMMAND)
-            or senders_problem(node, names.EXECUTIVE_STATUS, self._executives)
+            interface_problem(node, self._status_topic)
+            or interface_problem(node, self._command_topic)
+            or senders_problem(node, self._status_topic, self._executives)
         )
 
     def _send_due(self) -> None:

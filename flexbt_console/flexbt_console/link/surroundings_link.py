@@ -28,12 +28,19 @@ TELL_SECONDS: Final = 10.0
 
 
 class SurroundingsLink:
-    """Feeds a mirror with trees, map and plan of a robot."""
+    """Feeds a mirror with trees, map and plan of the robot in ``namespace``, by default the node's own."""
 
-    def __init__(self, runtime: NodeRuntime, mirror: Mirror) -> None:
+    def __init__(self, runtime: NodeRuntime, mirror: Mirror, namespace: str = '') -> None:
+        self._runtime = runtime
         self._node = runtime.node
         self._mirror = mirror
+        self._namespace = namespace
+        self._subscriptions: list[Any] = []
         runtime.call(self._join)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._runtime.call(lambda: [self._node.destroy_subscription(one) for one in self._subscriptions])
 
     def _join(self) -> None:
         from nav_msgs.msg import OccupancyGrid, Path  # what only a screen needs
@@ -44,7 +51,9 @@ class SurroundingsLink:
             (OccupancyGrid, names.MAP, self._on_map, names.latched()),
             (Path, names.PLAN, self._on_plan, names.unacknowledged(1)),
         ):
-            ReceivedMessages(self._node, type, topic, qos, self._reader(type, topic, receive), MESSAGE_BYTES)
+            name = names.of_robot(self._namespace, topic)
+            messages = ReceivedMessages(self._node, type, name, qos, self._reader(type, name, receive), MESSAGE_BYTES)
+            self._subscriptions.append(messages.subscription)
 
     def _reader(self, type: Any, topic: str, receive: Any) -> Any:
         def read(received: Received) -> None:

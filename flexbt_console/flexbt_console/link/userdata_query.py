@@ -14,8 +14,12 @@ from flexbt_console.mirror import InputValue, UserdataScope
 from flexbt_msgs.action import GetUserdata
 
 
-def userdata(runtime: NodeRuntime, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-    """Ask the executive; '' is the path of every active machine, and no keys are all. Not on the executor thread.
+def userdata(
+    runtime: NodeRuntime, namespace: str, path: str, keys: Sequence[str], timeout: float
+) -> tuple[UserdataScope, ...]:
+    """Ask the executive of the robot in a namespace, '' for the node's own. Not on the executor thread.
+
+    As a path, '' is that of every active machine; no keys are all.
 
     Raises:
         RefusedError: nothing runs, the machine is not active, or there is no such key.
@@ -23,7 +27,7 @@ def userdata(runtime: NodeRuntime, path: str, keys: Sequence[str], timeout: floa
     """
     done: Future[GoalOutcome] = Future()
     goal = GetUserdata.Goal(path=path, keys=list(keys), encoding=GetUserdata.Goal.TEXT)
-    link = ActionLinks(runtime).link(GetUserdata, names.GET_USERDATA)
+    link = ActionLinks(runtime).link(GetUserdata, names.of_robot(namespace, names.GET_USERDATA))
     call = ActionCall(link, goal, on_done=done.set_result, server_timeout=timeout, accept_timeout=timeout)
     try:
         outcome = done.result(timeout)

@@ -2,6 +2,7 @@
 """The mirror of an executive: a plain model without ROS and without a user interface, which serves them all."""
 
 from .command_tracker import LONGEST_RESEND, CommandState, CommandTracker, TrackedCommand
+from .fleet import Fleet, RobotOverview, Urgency, overview_of
 from .freshness import LIVE_PERIODS, LOST_PERIODS, LOST_SECONDS, Freshness, LinkState
 from .mirror import Change, Mirror, Transit
 from .records import (
@@ -34,6 +35,7 @@ from .records import (
     UserdataScope,
     plain_type,
 )
+from .standstill import StandstillWatch, UnwantedMotion
 from .surroundings import OCCUPIED, GridMap, Points, Surroundings
 from .trees import NodeStatus, StatusChange, TreeNode, TreeRun, Trees
 from .view import View
@@ -62,6 +64,7 @@ __all__ = [
     'EventKind',
     'ExecutiveEvent',
     'ExecutiveState',
+    'Fleet',
     'Freshness',
     'GridMap',
     'InputValue',
@@ -74,8 +77,10 @@ __all__ = [
     'Pose',
     'Progress',
     'ResultCode',
+    'RobotOverview',
     'Severity',
     'Snapshot',
+    'StandstillWatch',
     'StateKind',
     'StateStructure',
     'StatusChange',
@@ -86,7 +91,10 @@ __all__ = [
     'TreeNode',
     'TreeRun',
     'Trees',
+    'UnwantedMotion',
+    'Urgency',
     'UserdataScope',
     'View',
+    'overview_of',
     'plain_type',
 ]

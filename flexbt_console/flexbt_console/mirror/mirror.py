@@ -27,6 +27,7 @@ from .records import (
     Snapshot,
     Structure,
 )
+from .standstill import StandstillWatch
 from .surroundings import GridMap, Points, Surroundings
 from .trees import NodeStatus, StatusChange, TreeNode, Trees
 from .view import View
@@ -100,6 +101,7 @@ class Mirror:
         self._events: NumberedList[ExecutiveEvent] = NumberedList(LOG_LENGTH)
         self._problem = ''
         self._trees = Trees()
+        self._standstill = StandstillWatch()
         self._surroundings = Surroundings()
 
     def add_listener(self, listener: Callable[[Change], None]) -> None:
@@ -119,6 +121,7 @@ class Mirror:
             if current is not None and current.executive_id != snapshot.executive_id:
                 self._freshness.start_over()
             self._follow(snapshot)
+            self._standstill.receive(snapshot)
             self._snapshot = snapshot
             self._sent = None if transit is None else transit.sent
             self._newest[snapshot.executive_id] = snapshot.sequence
@@ -285,6 +288,7 @@ class Mirror:
                 has_places=self._places is not None,
                 trees=self._trees.runs(),
                 surroundings=self._surroundings,
+                unwanted_motion=self._standstill.motion,
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:

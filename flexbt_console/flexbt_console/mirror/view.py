@@ -18,6 +18,7 @@ from .records import (
     StateStructure,
     Structure,
 )
+from .standstill import UnwantedMotion
 from .surroundings import Surroundings
 from .trees import TreeRun
 
@@ -31,6 +32,7 @@ class View:
     identifier of the decision, as far as it has said so. ``places`` are those of the robot (of which it has told if
     ``has_places``) and our own; where both have one of the same name, that of the robot counts. ``trees`` are
     those that go on, and the latest that have ended; they and ``surroundings`` are known where somebody asked for them.
+    ``unwanted_motion``: the robot moves though it should stand.
     """
 
     link: LinkState
@@ -45,6 +47,7 @@ class View:
     has_places: bool = False
     trees: tuple[TreeRun, ...] = ()
     surroundings: Surroundings = field(default_factory=Surroundings)
+    unwanted_motion: UnwantedMotion | None = None
 
     @property
     def live(self) -> bool:

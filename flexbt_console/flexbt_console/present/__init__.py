@@ -2,9 +2,10 @@
 """What the console knows, as text for people and as JSON for programs, and what has changed in it."""
 
 from .events import SETTLE_SECONDS, Event, Follower
-from .json_form import encode_json, failure_json, result_json, status_json, structure_json
+from .json_form import encode_json, failure_json, result_json, robots_json, status_json, structure_json
 from .rendering import (
     age_text,
+    alarm_line,
     authority_text,
     autonomy_text,
     behavior_line,
@@ -24,6 +25,7 @@ from .rendering import (
     pose_text,
     progress_text,
     reason_lines,
+    robot_line,
     stamp_text,
     status_lines,
     structure_lines,
@@ -39,6 +41,7 @@ __all__ = [
     'Line',
     'Tone',
     'age_text',
+    'alarm_line',
     'authority_text',
     'autonomy_text',
     'behavior_line',
@@ -63,6 +66,8 @@ __all__ = [
     'progress_text',
     'reason_lines',
     'result_json',
+    'robot_line',
+    'robots_json',
     'stamp_text',
     'status_json',
     'status_lines',

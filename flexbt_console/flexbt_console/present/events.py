@@ -20,6 +20,7 @@ from flexbt_core.values import one_line
 
 from .json_form import status_json, structure_json
 from .rendering import (
+    alarm_line,
     authority_text,
     autonomy_text,
     behavior_line,
@@ -65,6 +66,10 @@ class Follower:
         if before is None or (before.link, before.problem) != (view.link, view.problem):
             value = {'link': view.link.value, 'age': view.age, 'problem': view.problem}
             events.append(Event('link', value, self._link_text(view)))
+        motion = view.unwanted_motion
+        if (motion is None) != (before is None or before.unwanted_motion is None):
+            alarm = alarm_line(view) or Line('the robot stands again', Tone.GOOD)
+            events.append(Event('unwanted_motion', {'unwanted_motion': motion}, [alarm]))
         if view.structure is not None and view.structure != self._structure:
             self._structure = view.structure
             events.append(Event('structure', structure_json(view.structure), []))

@@ -6,12 +6,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import Any
 
 from flexbt_console.errors import ExitCode
-from flexbt_console.mirror import CommandState, Structure, TrackedCommand, View
+from flexbt_console.mirror import CommandState, RobotOverview, Structure, TrackedCommand, View
 
 
 def encode_json(value: Any) -> str:
@@ -24,7 +24,15 @@ def status_json(view: View) -> dict[str, Any]:
     snapshot = view.snapshot
     shown = (field.name for field in dataclasses.fields(snapshot) if field.name != 'results') if snapshot else ()
     known = {name: getattr(snapshot, name) for name in shown}
-    return {'link': view.link.value, 'age': view.age, 'problem': view.problem, **known}
+    link = {'link': view.link.value, 'age': view.age, 'problem': view.problem}
+    return {**link, 'unwanted_motion': view.unwanted_motion, **known}
+
+
+def robots_json(robots: Sequence[RobotOverview]) -> list[dict[str, Any]]:
+    """The robots, the most urgent first, each with its status."""
+    return [
+        {'robot': one.name, 'urgency': one.urgency, 'waiting': one.seconds, **status_json(one.view)} for one in robots
+    ]
 
 
 def structure_json(known: Structure) -> dict[str, Any]:

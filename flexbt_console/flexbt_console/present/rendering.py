@@ -24,11 +24,13 @@ from flexbt_console.mirror import (
     Peer,
     Pose,
     Progress,
+    RobotOverview,
     Severity,
     Snapshot,
     StateKind,
     Structure,
     TrackedCommand,
+    Urgency,
     UserdataScope,
     View,
 )
@@ -49,6 +51,14 @@ FIRST_WALL_TIME: Final = 1e9
 """Seconds since 1970: what is before 2001 is no time of day, but simulated time."""
 
 _LINK_TONES: Final = {LinkState.LIVE: Tone.GOOD, LinkState.STALE: Tone.WARNING, LinkState.LOST: Tone.ERROR}
+_URGENCY_TONES: Final = {
+    Urgency.ALARM: Tone.ERROR,
+    Urgency.DECISION: Tone.DECISION,
+    Urgency.FAILED: Tone.ERROR,
+    Urgency.SILENT: Tone.ERROR,
+    Urgency.LATE: Tone.WARNING,
+    Urgency.IDLE: Tone.DIM,
+}
 _SEVERITY_TONES: Final = {Severity.WARN: Tone.WARNING, Severity.ERROR: Tone.ERROR}
 _COMMAND_TONES: Final = {
     CommandState.APPLIED: Tone.PLAIN,
@@ -186,6 +196,7 @@ def choice_line(pending: Decision) -> str:
 def status_lines(view: View) -> list[str]:
     """The whole picture."""
     shown = [_labelled('link', link_line(view))]
+    shown += [_labelled('', alarm)] if (alarm := alarm_line(view)) else []
     if view.problem:
         shown.append(_labelled('problem', Line(one_line(view.problem), Tone.ERROR)))
     snapshot = view.snapshot
@@ -271,6 +282,34 @@ def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
     first, *more = lines(line.text)
     tone = _SEVERITY_TONES.get(line.severity, Tone.PLAIN)
     return [Line(text, tone) for text in (f'{stamp}{severity}{where}{first}', *(f'    {text}' for text in more))]
+
+
+def alarm_line(view: View) -> str:
+    """That the robot moves though it should stand; '' when it is not so."""
+    motion = view.unwanted_motion
+    if motion is None:
+        return ''
+    how_far = f'{motion.metres:.2f} m' if motion.metres >= motion.radians else f'{motion.radians:.2f} rad'
+    return Line(f'ALARM: THE ROBOT MOVES, {how_far} so far, though {motion.why}; stop it again', Tone.ERROR)
+
+
+def robot_line(robot: RobotOverview) -> str:
+    """A robot among several: what it needs and for how long, what runs, and where."""
+    view = robot.view
+    words = {
+        Urgency.ALARM: 'MOVES',
+        Urgency.DECISION: 'waits',
+        Urgency.FAILED: 'failed',
+        Urgency.SILENT: 'silent',
+        Urgency.LATE: 'late',
+    }
+    word = words.get(robot.urgency, '')
+    waited = age_text(robot.seconds) if robot.seconds else ''
+    runs = what_runs(view) if view.snapshot is not None else 'nothing was heard of it'
+    where = '  '.join(one_line(path) for path in view.active_paths)
+    asked = decision_line(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
+    text = f'{one_line(robot.name):<12} {word:<6} {waited:>8}  {runs}  {asked or where}'
+    return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))
 
 
 def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:

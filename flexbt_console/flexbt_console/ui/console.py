@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``console``: line mode with a command, the interactive prompt without one.
+"""The executable ``console``: line mode with a command, the screen without one (or the prompt, where it cannot be).
 
 What a terminal user waits for is imported first and little: ROS only when a command needs it.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import importlib.util
 import os
 import signal
 import sys
@@ -32,13 +33,13 @@ from flexbt_console.commands import (
     port_number,
 )
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.mirror import LOST_SECONDS, Mirror, Pose
+from flexbt_console.mirror import LOST_SECONDS, Fleet, Mirror, Pose
 from flexbt_console.present import Line, Tone, coloured, encode_json, failure_json, has_colours
 from flexbt_core.values import lines
 
 if TYPE_CHECKING:
     from flexbt_common.runtime import NodeRuntime
-    from flexbt_console.link import OperatorLink
+    from flexbt_console.link import FleetLink, OperatorLink
 
 PLACES_PARAMETER = 'places'
 DEFAULT_TIMEOUT = 5.0
@@ -79,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not sys.stdin.isatty():
                 print(overview(), file=sys.stderr)
                 return ExitCode.USAGE
-            line = replace(line, spec=find('prompt'))
+            line = replace(line, spec=find('screen' if _can_show_screen() else 'prompt'))
         check(line)
         code = _run(line)
         _flush()
@@ -92,6 +93,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         abandon_stdout()
         return ExitCode.OK
+
+
+def _can_show_screen() -> bool:
+    """Whether the library of the screen is installed, and this terminal can place its cursor."""
+    return importlib.util.find_spec('textual') is not None and os.environ.get('TERM', 'dumb') != 'dumb'
 
 
 def _flush() -> None:
@@ -108,12 +114,15 @@ def _run(line: CommandLine) -> ExitCode:
         return _run_web(line)
     if line.spec is not None and line.spec.action in _INTERACTIVE:
         return _run_interactive(line, _INTERACTIVE[line.spec.action])
-    from .line import Session, run
+    from .line import Session, list_robots, run
 
     keep_stdout_for_python()
     with _open_runtime(line) as runtime:
+        if line.spec is not None and line.spec.action is Mode.ROBOTS:  # who only looks is present nowhere
+            fleet = _fleet(line, runtime, None).fleet
+            return list_robots(fleet, runtime.steady, _timeout(line), as_json=line.has('--json'))
         mirror, link, make = _parts(line, runtime)
-        return run(Session(mirror, link, make, line, line.seconds('--timeout') or DEFAULT_TIMEOUT))
+        return run(Session(mirror, link, make, line, _timeout(line)))
 
 
 def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
@@ -129,9 +138,7 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
             f'the interactive {line.spec.name} needs {needs}: install it, or use a command (console --help)'
         ) from None
     with _open_runtime(line) as runtime:
-        mirror, link, make = _parts(line, runtime)
-        leaving = line.value('--leaving') or LEAVING
-        run(runtime, mirror, link, make, line.seconds('--timeout') or DEFAULT_TIMEOUT, leaving)
+        run(line, runtime)
         return ExitCode.OK
 
 
@@ -155,32 +162,50 @@ def _run_web(line: CommandLine) -> ExitCode:
         return ExitCode.OK
 
 
-def _interactive(mode: object) -> Callable[..., None]:
+def _interactive(mode: object) -> Callable[[CommandLine, NodeRuntime], None]:
     if mode is Mode.PROMPT:
         from .prompt import run_prompt
 
-        return lambda runtime, mirror, link, make, timeout, leaving: run_prompt(
-            mirror, link, make, timeout, runtime.steady, leaving
-        )
-    from flexbt_console.link import SurroundingsLink
+        def prompt(line: CommandLine, runtime: NodeRuntime) -> None:
+            mirror, link, make = _parts(line, runtime)
+            run_prompt(mirror, link, make, _timeout(line), runtime.steady, line.value('--leaving') or LEAVING)
 
+        return prompt
     from .screen import run_screen
 
-    def run(
-        runtime: NodeRuntime, mirror: Mirror, link: OperatorLink, make: CommandBuilder, timeout: float, leaving: str
-    ) -> None:
-        SurroundingsLink(runtime, mirror)
-        run_screen(mirror, link, make, timeout, runtime.steady, leaving)
+    def screen(line: CommandLine, runtime: NodeRuntime) -> None:
+        robots = _fleet(line, runtime, _operator(line))
+        make, leaving = CommandBuilder(_operator(line)), line.value('--leaving') or LEAVING
+        run_screen(*robots.select(robots.own), make, _timeout(line), runtime.steady, leaving, robots)
 
-    return run
+    return screen
 
 
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:
     from flexbt_console.link import OperatorLink
 
-    operator = None if line.has('--observer') else operator_name(line)
-    mirror = Mirror(runtime.steady, _places(line, runtime), line.seconds('--lost-after') or LOST_SECONDS)
+    operator = _operator(line)
+    mirror = _mirror_maker(line, runtime)()
     return mirror, OperatorLink(runtime, mirror, operator), CommandBuilder(operator)
+
+
+def _fleet(line: CommandLine, runtime: NodeRuntime, operator: str | None) -> FleetLink:
+    from flexbt_console.link import FleetLink
+
+    return FleetLink(runtime, Fleet(), _mirror_maker(line, runtime), operator)
+
+
+def _mirror_maker(line: CommandLine, runtime: NodeRuntime) -> Callable[[], Mirror]:
+    places, lost_after = _places(line, runtime), line.seconds('--lost-after') or LOST_SECONDS
+    return lambda: Mirror(runtime.steady, places, lost_after)
+
+
+def _operator(line: CommandLine) -> str | None:
+    return None if line.has('--observer') else operator_name(line)
+
+
+def _timeout(line: CommandLine) -> float:
+    return line.seconds('--timeout') or DEFAULT_TIMEOUT
 
 
 @contextlib.contextmanager

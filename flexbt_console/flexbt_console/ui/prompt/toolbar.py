@@ -9,6 +9,7 @@ from flexbt_console.mirror import ActiveState, CommandState, DecisionKind, View
 from flexbt_console.present import (
     Line,
     Tone,
+    alarm_line,
     authority_text,
     autonomy_text,
     choice_line,
@@ -64,6 +65,7 @@ def _head(view: View, width: int) -> list[str]:
     else:
         text = ' | '.join([word, what_runs(view), f'autonomy {autonomy_text(snapshot.autonomy)}'])
         head = [Line(text, tone_of(word))]
+    head += [alarm] if (alarm := alarm_line(view)) else []
     if view.problem:
         head += _folded(Line(one_line(view.problem), Tone.ERROR), width)
     elif not view.live and snapshot is not None:

@@ -22,23 +22,13 @@ from textual.widgets import Input
 
 from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Command, CommandState, Mirror, UserdataScope, View
+from flexbt_console.mirror import Behavior, Command, CommandState, Fleet, Mirror, UserdataScope, View
 from flexbt_console.present import (
     Line,
     Tone,
-    age_text,
-    authority_text,
-    autonomy_text,
     command_result_lines,
-    event_line,
-    log_lines,
-    missed_peers,
-    peer_line,
-    pose_text,
-    tone_of,
-    what_runs,
 )
-from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, cut, interpret
+from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -47,8 +37,10 @@ from .dialogs import ChoiceList, Reading, StartForm
 from .glyphs import glyphs
 from .keys import KEYS, Key, help_lines, line_for
 from .machine_lines import machine_lines, outcome_texts
-from .map_canvas import Frame, MapCanvas
-from .panes import Pane, drawn, styled
+from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
+from .overview import Overview, others_text
+from .panes import Pane, styled
+from .status_lines import alarm_text, keys_text, log_text, status_text
 from .tree_lines import tree_lines
 
 P = ParamSpec('P')
@@ -61,9 +53,6 @@ AGE_SECONDS: Final = 0.5
 
 TOLD_LINES: Final = 200
 """Lines that the console itself has told, and are remembered."""
-
-CURSOR_STEPS: Final = {'left': (-1, 0), 'right': (1, 0), 'up': (0, -1), 'down': (0, 1)}
-CURSOR_TURNS: Final = {'less_than_sign': math.tau / 16.0, 'greater_than_sign': -math.tau / 16.0}
 
 ZOOMED: Final = ('machine', 'map', 'log')
 
@@ -78,14 +67,24 @@ class Link(Protocol):
         """The userdata of the run; not on the executor thread. Raises ConsoleError."""
 
 
+class Robots(Protocol):
+    """Several robots, one of which is on the screen; see :class:`flexbt_console.link.FleetLink`."""
+
+    fleet: Fleet
+    own: str
+
+    def select(self, name: str) -> tuple[Mirror, Link]:
+        """Have map and trees come from a robot, and give its mirror and its link."""
+
+
 class _Completing(Suggester):
-    def __init__(self, mirror: Mirror) -> None:
+    def __init__(self, view: Callable[[], View]) -> None:
         super().__init__(use_cache=False, case_sensitive=True)
-        self._mirror = mirror
+        self._view = view
 
     async def get_suggestion(self, value: str) -> str | None:
         """The line with its last word completed."""
-        found = candidates(value, self._mirror.view())
+        found = candidates(value, self._view())
         head = value[: len(value) - len(value.rpartition(' ')[2])]
         return f'{head}{found[0]}' if value and found else None
 
@@ -140,9 +139,19 @@ class OperatorScreen(App[None]):
     ]
 
     def __init__(
-        self, mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str
+        self,
+        mirror: Mirror,
+        link: Link,
+        make: CommandBuilder,
+        timeout: float,
+        clock: Clock,
+        leaving: str,
+        robots: Robots | None = None,
     ) -> None:
         super().__init__()
+        self._robots = robots
+        self._robot = robots.own if robots is not None else ''
+        self._followed: list[Mirror] = []
         self._mirror = mirror
         self._link = link
         self._make = make
@@ -150,17 +159,13 @@ class OperatorScreen(App[None]):
         self._clock = clock
         self._leaving = leaving
         self._signs = glyphs()
-        self._canvas = MapCanvas(self._signs)
+        self._map = MapPane(self._signs)
         self._picking = Picking(clock)
         self._told: deque[tuple[float, str]] = deque(maxlen=TOLD_LINES)
-        self._pending: list[str] = []
+        self._pending: list[tuple[Mirror, str]] = []
         self._is_planned = False
         self._drawn_at = -math.inf
         self._zoomed = 0
-        self._frame: Frame | None = None
-        self._cursor: tuple[float, float] | None = None
-        self._cursor_yaw = 0.0
-        self._cursor_decision = ''
         self._is_quitting = False
         self._line_bound = Bound(None)
 
@@ -176,7 +181,7 @@ class OperatorScreen(App[None]):
             yield Pane(id='lines')
         yield Input(
             id='line',
-            suggester=_Completing(self._mirror),
+            suggester=_Completing(lambda: self._mirror.view()),
             placeholder='a command; Tab completes, Esc leaves',
             disabled=True,
         )
@@ -184,7 +189,9 @@ class OperatorScreen(App[None]):
 
     def on_mount(self) -> None:
         """Follow the mirror."""
-        self._mirror.add_listener(lambda change: self._wake())
+        self._follow(self._mirror)
+        if self._robots is not None:
+            self._robots.fleet.add_listener(lambda: self._wake() if isinstance(self.screen, Overview) else None)
         self.set_interval(AGE_SECONDS, self.draw)
         self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
         self.draw()
@@ -223,9 +230,11 @@ class OperatorScreen(App[None]):
         view = self._mirror.view()
         self._settle()
         self._picking.drawn(view)
-        if self._cursor is not None and (view.decision is None or view.decision.id != self._cursor_decision):
-            self._cursor = None
+        if self._map.lose(view):
             self.tell([Line('the question is gone; nothing was sent', Tone.WARNING)])
+        if isinstance(self.screen, Overview):
+            self.screen.draw()
+            return
         base = self.screen_stack[0]
         for name, draw in self._parts():
             pane = base.query_one(f'#{name}', Pane)
@@ -239,36 +248,13 @@ class OperatorScreen(App[None]):
     def _parts(self) -> tuple[tuple[str, Callable[[View, int, int], Text]], ...]:
         return (
             ('status', self._status),
-            ('alarm', self._alarm),
+            ('alarm', lambda view, columns, rows: alarm_text(view, columns)),
             ('machine', self._machine),
-            ('map', self._map),
+            ('map', self._map.draw),
             ('decision', self._decision),
             ('lines', self._lines),
-            ('keys', self._keys),
+            ('keys', lambda view, columns, rows: keys_text(view, columns)),
         )
-
-    def _status(self, view: View, columns: int, rows: int) -> Text:
-        snapshot = view.snapshot
-        if snapshot is None:
-            return styled([Line(' NO EXECUTIVE: is it running, in this namespace and domain?', Tone.ERROR)])
-        link = 'LIVE' if view.live else f'{view.link.name} {age_text(view.age or 0.0)}'
-        authority = f'  authority {authority_text(snapshot)}' if snapshot.authority else ''
-        text = f' {link}  {what_runs(view)}  autonomy {autonomy_text(snapshot.autonomy)}{authority}'
-        shown = styled([Line(cut(text, columns).ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
-        shown.stylize('reverse')
-        return shown
-
-    def _alarm(self, view: View, columns: int, rows: int) -> Text:
-        shown: list[str] = []
-        snapshot = view.snapshot
-        if view.problem:
-            shown.append(Line(f' {one_line(view.problem)}', Tone.ERROR))
-        if snapshot is not None and not view.live:
-            shown.append(Line(' BLIND: this is how it was then; only STOP is sent', Tone.ERROR))
-        if snapshot is not None:
-            shown += [Line(f' {peer_line(peer)}', tone_of(peer_line(peer))) for peer in missed_peers(snapshot)]
-            shown += [Line(f' {one_line(snapshot.message)}', Tone.WARNING)] if snapshot.message else []
-        return styled([Line(cut(line, columns), tone_of(line)) for line in shown[:3]])
 
     def _machine(self, view: View, columns: int, rows: int) -> Text:
         running = view.running_trees
@@ -286,54 +272,18 @@ class OperatorScreen(App[None]):
             text.stylize('dim')
         return text
 
-    def _map(self, view: View, columns: int, rows: int) -> Text:
-        snapshot = view.snapshot
-        robot = snapshot.robot_pose if snapshot else None
-        room = rows - 1
-        if columns < 8 or room < 3:
-            return Text('')
-        self._frame, cells = self._canvas.draw(view.surroundings, robot, view.places, self._cursor, columns, room)
-        text = drawn(cells)
-        where = pose_text(robot).partition('  (')[0]
-        plan = f'  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else ''
-        if self._cursor is not None:
-            where = f'cursor x {self._cursor[0]:.2f}  y {self._cursor[1]:.2f}  yaw {self._cursor_yaw:.2f}'
-            plan = '  Enter answers, Esc leaves'
-        text.append('\n' + cut(f'{where}{plan}', columns), 'bold' if self._cursor is not None else '')
-        if not view.live:
-            text.stylize('dim')
-        return text
-
     def _decision(self, view: View, columns: int, rows: int) -> Text:
         return styled(decision_lines(view, self._picking.picked(view.decision), columns, self._signs))
 
-    def _lines(self, view: View, columns: int, rows: int) -> Text:
-        told = [(stamp, 1, [line]) for stamp, line in self._told]
-        known = [(line.stamp, 0, log_lines(line, with_time=True)) for line in self._mirror.log(max(1, rows))]
-        events = [
-            (event.stamp, 0, [event_line(event, with_time=True)])
-            for event in self._mirror.events(max(1, rows))
-            if event.operator != self._make.operator  # what became of one's own commands is told already
-        ]
-        merged = sorted([*known, *events, *told], key=lambda one: one[:2])
-        shown = [line for _, _, text in merged[-max(1, rows) :] for line in text]
-        return styled([Line(cut(line, columns), tone_of(line)) for line in shown[-max(1, rows) :]])
+    def _status(self, view: View, columns: int, rows: int) -> Text:
+        if self._robots is None or len(self._robots.fleet.names) < 2:
+            return status_text(view, columns, '', '')
+        return status_text(view, columns, self._robot, others_text(self._robots.fleet.overview(), self._robot))
 
-    def _keys(self, view: View, columns: int, rows: int) -> Text:
-        room = columns
-        chosen: set[str] = set()
-        for key in sorted(KEYS, key=lambda one: (one.rank, bool(one.blocked(view)))):
-            needed = len(key.shown) + len(key.label) + 3
-            if key.rank < 3 and needed <= room:
-                chosen.add(key.action)
-                room -= needed
-        text = Text(no_wrap=True, end='')
-        for key in KEYS:
-            if key.action in chosen:
-                is_blocked = bool(key.blocked(view))
-                text.append(f'{key.shown} ', 'dim' if is_blocked else 'bold')
-                text.append(f'{key.label}  ', 'dim' if is_blocked else '')
-        return text
+    def _lines(self, view: View, columns: int, rows: int) -> Text:
+        # What became of one's own commands is told already.
+        events = [event for event in self._mirror.events(max(1, rows)) if event.operator != self._make.operator]
+        return log_text(self._mirror.log(max(1, rows)), events, self._told, columns, rows)
 
     # What is done
 
@@ -342,9 +292,14 @@ class OperatorScreen(App[None]):
         """A key of the table was pressed."""
         key = next(key for key in KEYS if key.action == action)
         view = self._mirror.view()
-        if len(self.screen_stack) > 1 and action != 'stop':
+        if isinstance(self.screen, Overview) and action == 'stop' and self._robots is not None:
+            name = self.screen.chosen  # the one under the cursor is meant, and what becomes of it is seen
+            self.pop_screen()
+            self.switch(name)
+            view = self._mirror.view()
+        elif len(self.screen_stack) > 1 and action != 'stop':
             return
-        if action == 'confirm' and self._cursor is not None:
+        if action == 'confirm' and self._map.is_pointing:
             self._answer_by_cursor(view)
             return
         if why := key.blocked(view):
@@ -368,20 +323,13 @@ class OperatorScreen(App[None]):
     @_guarded
     def action_cursor(self, key: str) -> None:
         """Move or turn the cursor on the map."""
-        if self._cursor is None or self._frame is None:
-            return
-        if key in CURSOR_STEPS:
-            across, down = CURSOR_STEPS[key]
-            x, y = self._cursor
-            self._cursor = x + across * 2.0 * self._frame.step, y - down * 4.0 * self._frame.step
-        else:
-            self._cursor_yaw = math.remainder(self._cursor_yaw + CURSOR_TURNS[key], math.tau)
-        self.draw()
+        if self._map.move(key):
+            self.draw()
 
     @_guarded
     def action_leave_mode(self) -> None:
         """Leave what was begun; nothing is sent."""
-        self._cursor = None
+        self._map.leave()
         self._is_quitting = False
         self._close_line()
         self.draw()
@@ -398,7 +346,7 @@ class OperatorScreen(App[None]):
 
     def _carry_out(self, meaning: Meaning, view: View) -> None:
         if meaning.command is not None:
-            self._pending.append(meaning.command.id)
+            self._pending.append((self._mirror, meaning.command.id))
             self._link.send(meaning.command, self._timeout, meaning.label)
         elif meaning.local is Local.QUIT:
             self.exit()
@@ -425,10 +373,10 @@ class OperatorScreen(App[None]):
 
     def _settle(self) -> None:
         """Tell what became of the commands."""
-        for command_id in list(self._pending):
-            tracked = self._mirror.command(command_id)
+        for mirror, command_id in list(self._pending):
+            tracked = mirror.command(command_id)
             if tracked is None or tracked.state is not CommandState.PENDING:
-                self._pending.remove(command_id)
+                self._pending.remove((mirror, command_id))
                 self.tell(command_result_lines(tracked) if tracked is not None else [])
 
     def _warn(self, text: str) -> None:
@@ -453,21 +401,12 @@ class OperatorScreen(App[None]):
             self._warn(str(error))
 
     def _do_point(self, key: Key, view: View) -> None:
-        robot = view.snapshot.robot_pose if view.snapshot else None
-        if view.decision is None or self._frame is None:
+        if not self._map.point(view):
             self._warn('there is no map to point at yet; ":" types a place, or x y yaw')
-            return
-        middle = self._frame.centre(self._frame.columns // 2, self._frame.rows // 2)
-        self._cursor = (robot.x, robot.y) if robot is not None else middle
-        self._cursor_yaw = robot.yaw if robot is not None else 0.0
-        self._cursor_decision = view.decision.id
         self.draw()
 
     def _answer_by_cursor(self, view: View) -> None:
-        assert self._cursor is not None
-        decision = view.pending(self._cursor_decision)
-        text = f'{self._cursor[0]:.3f} {self._cursor[1]:.3f} {self._cursor_yaw:.3f}'
-        self._cursor = None
+        text, decision = self._map.answer(view)
         try:
             if decision is None:
                 self._warn('the question is gone; nothing was sent')
@@ -475,6 +414,35 @@ class OperatorScreen(App[None]):
                 self._carry_out(choose(text, view, self._make, decision), view)
         except ConsoleError as error:
             self._warn(str(error))
+
+    def _do_robots(self, key: Key, view: View) -> None:
+        if self._robots is None:
+            self._warn('there is one robot here')
+            return
+
+        def chosen(name: str | None) -> None:
+            if name is not None:
+                self.switch(name)
+
+        self.push_screen(Overview(self._robots.fleet.overview, self._robot), chosen)
+
+    def switch(self, name: str) -> None:
+        """Go to another robot: all panes show it, and all commands are for it."""
+        if self._robots is None or name == self._robot:
+            return
+        self._mirror, self._link = self._robots.select(name)
+        self._robot = name
+        self._picking.moved()
+        self._map = MapPane(self._signs)
+        self._told.clear()
+        self._follow(self._mirror)
+        self.tell([f'this is {one_line(name)}'])
+        self.draw()
+
+    def _follow(self, mirror: Mirror) -> None:
+        if mirror not in self._followed:
+            self._followed.append(mirror)
+            mirror.add_listener(lambda change: self._wake() if mirror is self._mirror else None)
 
     def _do_force(self, key: Key, view: View) -> None:
         choices = [(path, outcome) for path in view.active_paths for outcome in view.outcomes(path)]
@@ -582,7 +550,15 @@ class OperatorScreen(App[None]):
             line.action_cursor_right()
 
 
-def run_screen(mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str) -> None:
+def run_screen(
+    mirror: Mirror,
+    link: Link,
+    make: CommandBuilder,
+    timeout: float,
+    clock: Clock,
+    leaving: str,
+    robots: Robots | None = None,
+) -> None:
     """Run the screen in this terminal until the operator leaves it."""
-    app: Any = OperatorScreen(mirror, link, make, timeout, clock, leaving)
+    app: Any = OperatorScreen(mirror, link, make, timeout, clock, leaving, robots)
     app.run()

@@ -42,6 +42,11 @@ class Picking:
         if self._pick is not None and self._pick.decision_id != shown:
             self._pick = None
 
+    def moved(self) -> None:
+        """The operator went to another robot: what was picked is gone, and what comes up there is new to the eye."""
+        self._pick = None
+        self._shown.drawn('')
+
     def picked(self, decision: Decision | None) -> str:
         """What Enter answers: what was picked, or else the outcome that the state wants; '' is nothing."""
         if decision is None:

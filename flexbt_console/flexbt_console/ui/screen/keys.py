@@ -82,6 +82,7 @@ _OF_SCREEN: Final = (
     Key(('colon', 'slash'), ':', 'command', 'type any command; Tab completes it, Esc leaves', 'command_line'),
     Key(('question_mark', 'f1'), '?', 'keys', 'show the keys and the commands', 'help'),
     Key(('z',), 'z', 'zoom', 'the next pane alone on the screen; after the last, all of them', 'zoom', rank=2),
+    Key(('o',), 'o', 'robots', 'all robots, the most urgent first; Enter goes to one', 'robots', rank=2),
     Key(('q',), 'q', 'quit', 'leave the screen', 'leave'),
     Key(('u',), 'u', 'userdata', 'show what the states have handed to each other', 'userdata', _runs, rank=3),
     Key(('n',), 'n', 'note', 'write a remark into the log', 'note', rank=3),

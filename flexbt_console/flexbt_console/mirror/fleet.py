@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Several robots, one mirror each, and which of them needs its operator first."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+from .freshness import LinkState
+from .mirror import Mirror
+from .view import View
+
+
+class Urgency(IntEnum):
+    """What a robot needs of its operator, the most urgent first."""
+
+    ALARM = 0
+    DECISION = 1
+    FAILED = 2
+    SILENT = 3
+    LATE = 4
+    RUNS = 5
+    IDLE = 6
+
+
+@dataclass(frozen=True, slots=True)
+class RobotOverview:
+    """One robot among several: its namespace, its picture, what it needs, and for how many seconds already.
+
+    The seconds are 0 where nobody has to do anything.
+    """
+
+    name: str
+    view: View
+    urgency: Urgency
+    seconds: float
+
+
+def overview_of(name: str, view: View) -> RobotOverview:
+    """What a robot needs, by its picture."""
+    snapshot = view.snapshot
+    if snapshot is None or view.link is LinkState.LOST:
+        return RobotOverview(name, view, Urgency.SILENT, view.age or 0.0)
+    if view.unwanted_motion is not None:
+        return RobotOverview(name, view, Urgency.ALARM, 0.0)
+    if view.decision is not None:
+        return RobotOverview(name, view, Urgency.DECISION, max(0.0, snapshot.stamp - view.decision.since))
+    if not view.running and snapshot.outcome in ('error', 'failed'):
+        return RobotOverview(name, view, Urgency.FAILED, 0.0)
+    if not view.live or any(peer.late or not peer.alive for peer in snapshot.peers):
+        return RobotOverview(name, view, Urgency.LATE, 0.0 if view.live else view.age or 0.0)
+    return RobotOverview(name, view, Urgency.RUNS if view.running else Urgency.IDLE, 0.0)
+
+
+class Fleet:
+    """The mirrors of several robots by their namespaces. Thread-safe; listeners are called without a lock."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._mirrors: dict[str, Mirror] = {}
+        self._listeners: list[Callable[[], None]] = []
+
+    def add(self, name: str, mirror: Mirror) -> None:
+        """Take a robot in. It stays, also when it is not heard any more: somebody has to see that."""
+        with self._lock:
+            self._mirrors[name] = mirror
+        mirror.add_listener(lambda change: self._tell())
+        self._tell()
+
+    def add_listener(self, listener: Callable[[], None]) -> None:
+        """Call ``listener`` after each change of any robot, on the thread that brought it."""
+        with self._lock:
+            self._listeners.append(listener)
+
+    def mirror(self, name: str) -> Mirror:
+        """The mirror of a robot. Raises KeyError when it is not known."""
+        with self._lock:
+            return self._mirrors[name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The namespaces of the robots, sorted."""
+        with self._lock:
+            return tuple(sorted(self._mirrors))
+
+    def overview(self) -> list[RobotOverview]:
+        """The robots, the most urgent first; of the same urgency, who has waited longest."""
+        robots = [overview_of(name, self.mirror(name).view()) for name in self.names]
+        return sorted(robots, key=lambda one: (one.urgency, -one.seconds))
+
+    def _tell(self) -> None:
+        with self._lock:
+            listeners = tuple(self._listeners)
+        for listener in listeners:
+            listener()

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A robot that moves though it should stand: the run is paused and nothing of it goes on, or it was stopped.
+
+By the poses of the statuses, so on any link. A pose that the localization corrects by more than the limits is told as
+well, for a moment: nobody can tell it from a robot that is pushed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from .records import ExecutiveState, Pose, Snapshot
+
+BRAKING_SECONDS: Final = 3.0
+"""In which a robot that is to stand may still move, on the clock of the executive."""
+
+MOVED_METRES: Final = 0.1
+TURNED_RADIANS: Final = 0.2
+"""Of motion from the place where it should stand, from which on it is told."""
+
+NOISE_METRES: Final = 0.01
+NOISE_RADIANS: Final = 0.02
+"""Between two poses of a robot that stands."""
+
+CALM_SECONDS: Final = 5.0
+"""After which a robot that stands again is no alarm any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnwantedMotion:
+    """How far the robot has moved, m, and turned, rad, from where it should stand; ``why`` it should."""
+
+    why: str
+    metres: float
+    radians: float
+
+
+class StandstillWatch:
+    """Watches one robot by its snapshots."""
+
+    def __init__(self) -> None:
+        self._should_since: float | None = None
+        self._anchor: Pose | None = None
+        self._last: Pose | None = None
+        self._moved_at = 0.0
+        self.motion: UnwantedMotion | None = None
+
+    def receive(self, snapshot: Snapshot) -> None:
+        """Take a snapshot that is newer than those before."""
+        why, pose, now = _why_stand(snapshot), snapshot.robot_pose, snapshot.stamp
+        last, self._last = self._last, pose
+        if not why or pose is None or (self._should_since is not None and now < self._should_since):
+            self._should_since = self._anchor = self.motion = None
+            return
+        if self._should_since is None:
+            self._should_since = now
+        if self._anchor is None or self._anchor.frame != pose.frame or now - self._should_since < BRAKING_SECONDS:
+            self._anchor, self._moved_at = pose, now
+            return
+        if last is not None and _differ(last, pose, NOISE_METRES, NOISE_RADIANS):
+            self._moved_at = now
+        if _differ(self._anchor, pose, MOVED_METRES, TURNED_RADIANS):
+            self.motion = UnwantedMotion(why, _metres(self._anchor, pose), _radians(self._anchor, pose))
+        if self.motion is not None and now - self._moved_at >= CALM_SECONDS:
+            self._anchor, self.motion = pose, None
+
+
+def _why_stand(snapshot: Snapshot) -> str:
+    """Why the robot should stand; '' when it may move."""
+    if snapshot.state is ExecutiveState.PAUSED:
+        stands = all(state.paused and not state.not_paused for state in snapshot.active_states)
+        return 'the run is paused' if stands else ''
+    if snapshot.state is ExecutiveState.STOPPING:
+        return 'the run is stopped'
+    is_stopped = snapshot.state is ExecutiveState.IDLE and snapshot.outcome == 'preempted'
+    return 'the run was stopped' if is_stopped else ''
+
+
+def _metres(a: Pose, b: Pose) -> float:
+    return math.dist((a.x, a.y), (b.x, b.y))
+
+
+def _radians(a: Pose, b: Pose) -> float:
+    return abs(math.remainder(a.yaw - b.yaw, math.tau))
+
+
+def _differ(a: Pose, b: Pose, metres: float, radians: float) -> bool:
+    return _metres(a, b) > metres or _radians(a, b) > radians

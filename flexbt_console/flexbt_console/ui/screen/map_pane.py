@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The map on the screen, and the cursor on it by which a pose is answered."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from rich.text import Text
+
+from flexbt_console.mirror import Decision, View
+from flexbt_console.present import pose_text
+from flexbt_console.ui.interaction import cut
+
+from .glyphs import Glyphs
+from .map_canvas import Frame, MapCanvas
+from .panes import drawn
+
+CURSOR_STEPS: Final = {'left': (-1, 0), 'right': (1, 0), 'up': (0, -1), 'down': (0, 1)}
+CURSOR_TURNS: Final = {'less_than_sign': math.tau / 16.0, 'greater_than_sign': -math.tau / 16.0}
+
+
+class MapPane:
+    """Draws the map. The cursor belongs to one decision, and is gone with it."""
+
+    def __init__(self, signs: Glyphs) -> None:
+        self._canvas = MapCanvas(signs)
+        self._frame: Frame | None = None
+        self._cursor: tuple[float, float] | None = None
+        self._yaw = 0.0
+        self._decision = ''
+
+    @property
+    def is_pointing(self) -> bool:
+        """Whether there is a cursor."""
+        return self._cursor is not None
+
+    def point(self, view: View) -> bool:
+        """Put the cursor where the robot is; False while there is no map, or nothing is asked."""
+        robot = view.snapshot.robot_pose if view.snapshot else None
+        if view.decision is None or self._frame is None:
+            return False
+        middle = self._frame.centre(self._frame.columns // 2, self._frame.rows // 2)
+        self._cursor = (robot.x, robot.y) if robot is not None else middle
+        self._yaw = robot.yaw if robot is not None else 0.0
+        self._decision = view.decision.id
+        return True
+
+    def move(self, key: str) -> bool:
+        """Move or turn the cursor by a key of the tables above; False while there is none."""
+        if self._cursor is None or self._frame is None:
+            return False
+        if key in CURSOR_STEPS:
+            across, down = CURSOR_STEPS[key]
+            x, y = self._cursor
+            self._cursor = x + across * 2.0 * self._frame.step, y - down * 4.0 * self._frame.step
+        else:
+            self._yaw = math.remainder(self._yaw + CURSOR_TURNS[key], math.tau)
+        return True
+
+    def leave(self) -> None:
+        """Take the cursor away."""
+        self._cursor = None
+
+    def lose(self, view: View) -> bool:
+        """Take the cursor away when what it answers is not what waits first any more; whether that was so."""
+        if self._cursor is None or (view.decision is not None and view.decision.id == self._decision):
+            return False
+        self._cursor = None
+        return True
+
+    def answer(self, view: View) -> tuple[str, Decision | None]:
+        """What the cursor says, and the decision that it answers, None when that is gone; takes the cursor away."""
+        assert self._cursor is not None
+        text = f'{self._cursor[0]:.3f} {self._cursor[1]:.3f} {self._yaw:.3f}'
+        self._cursor = None
+        return text, view.pending(self._decision)
+
+    def draw(self, view: View, columns: int, rows: int) -> Text:
+        """The map in so many rows of so many cells; the last row tells where the robot, or the cursor, is."""
+        robot = view.snapshot.robot_pose if view.snapshot else None
+        room = rows - 1
+        if columns < 8 or room < 3:
+            return Text('')
+        self._frame, cells = self._canvas.draw(view.surroundings, robot, view.places, self._cursor, columns, room)
+        text = drawn(cells)
+        where = pose_text(robot).partition('  (')[0]
+        plan = f'  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else ''
+        if self._cursor is not None:
+            where = f'cursor x {self._cursor[0]:.2f}  y {self._cursor[1]:.2f}  yaw {self._yaw:.2f}'
+            plan = '  Enter answers, Esc leaves'
+        text.append('\n' + cut(f'{where}{plan}', columns), 'bold' if self._cursor is not None else '')
+        if not view.live:
+            text.stylize('dim')
+        return text

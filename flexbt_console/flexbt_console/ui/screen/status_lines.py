@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The lines around the panes: link and run at the top, what is wrong below them, the log, and the keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from rich.text import Text
+
+from flexbt_console.mirror import ExecutiveEvent, LogLine, View
+from flexbt_console.present import (
+    Line,
+    Tone,
+    age_text,
+    alarm_line,
+    authority_text,
+    autonomy_text,
+    event_line,
+    log_lines,
+    missed_peers,
+    peer_line,
+    tone_of,
+    what_runs,
+)
+from flexbt_console.ui.interaction import cut
+from flexbt_core.values import one_line
+
+from .keys import KEYS
+from .panes import styled
+
+ALARM_ROWS = 3
+
+
+def status_text(view: View, columns: int, robot: str, others: str) -> Text:
+    """The first line; ``robot`` names it where there are several, ``others`` says what those need."""
+    snapshot = view.snapshot
+    who = f'{one_line(robot)}  ' if robot else ''
+    needs = f'  {others}' if others else ''
+    if snapshot is None:
+        text = f' {who}NO EXECUTIVE: is it running, in this namespace and domain?{needs}'
+        return styled([Line(cut(text, columns), Tone.ERROR)])
+    link = 'LIVE' if view.live else f'{view.link.name} {age_text(view.age or 0.0)}'
+    authority = f'  authority {authority_text(snapshot)}' if snapshot.authority else ''
+    text = f' {who}{link}  {what_runs(view)}  autonomy {autonomy_text(snapshot.autonomy)}{authority}{needs}'
+    shown = styled([Line(cut(text, columns).ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
+    shown.stylize('reverse')
+    return shown
+
+
+def alarm_text(view: View, columns: int) -> Text:
+    """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows."""
+    snapshot = view.snapshot
+    shown: list[str] = [alarm] if (alarm := alarm_line(view)) else []
+    if view.problem:
+        shown.append(Line(one_line(view.problem), Tone.ERROR))
+    if snapshot is not None and not view.live:
+        shown.append(Line('BLIND: this is how it was then; only STOP is sent', Tone.ERROR))
+    if snapshot is not None:
+        shown += [peer_line(peer) for peer in missed_peers(snapshot)]
+        shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
+    return styled([Line(cut(f' {line}', columns), tone_of(line)) for line in shown[:ALARM_ROWS]])
+
+
+def log_text(
+    lines: Iterable[LogLine],
+    events: Iterable[ExecutiveEvent],
+    told: Iterable[tuple[float, str]],
+    columns: int,
+    rows: int,
+) -> Text:
+    """The latest of the log, of transitions and commands, and of what the console itself has told, by their times."""
+    merged = [
+        *((line.stamp, 0, log_lines(line, with_time=True)) for line in lines),
+        *((event.stamp, 0, [event_line(event, with_time=True)]) for event in events),
+        *((stamp, 1, [line]) for stamp, line in told),
+    ]
+    merged.sort(key=lambda one: one[:2])
+    rows = max(1, rows)
+    shown: Sequence[str] = [line for _, _, text in merged[-rows:] for line in text][-rows:]
+    return styled([Line(cut(line, columns), tone_of(line)) for line in shown])
+
+
+def keys_text(view: View, columns: int) -> Text:
+    """The keys, as many as there is room for; those that cannot be used now are dim."""
+    room = columns
+    chosen: set[str] = set()
+    for key in sorted(KEYS, key=lambda one: (one.rank, bool(one.blocked(view)))):
+        needed = len(key.shown) + len(key.label) + 3
+        if key.rank < 3 and needed <= room:
+            chosen.add(key.action)
+            room -= needed
+    text = Text(no_wrap=True, end='')
+    for key in KEYS:
+        if key.action in chosen:
+            is_blocked = bool(key.blocked(view))
+            text.append(f'{key.shown} ', 'dim' if is_blocked else 'bold')
+            text.append(f'{key.label}  ', 'dim' if is_blocked else '')
+    return text

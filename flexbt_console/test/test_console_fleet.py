@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Several robots: which needs its operator first; a robot that moves though it should stand."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+
+from flexbt_console.mirror import (
+    ActiveState,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Fleet,
+    Mirror,
+    Pose,
+    Snapshot,
+    StandstillWatch,
+    Urgency,
+)
+from flexbt_core.clock import ManualClock
+
+ASKED = Decision('d', DecisionKind.TRANSITION, '/Drive', 'done', ('done',), 2, since=100.0)
+RUNS = Snapshot('e', 1, state=ExecutiveState.RUNNING, run_id='r', stamp=130.0, robot_pose=Pose(0.0, 0.0))
+
+
+def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -> None:
+    clock = ManualClock()
+    shown = {
+        'idle': dataclasses.replace(RUNS, state=ExecutiveState.IDLE, outcome='finished'),
+        'runs': RUNS,
+        'failed': dataclasses.replace(RUNS, state=ExecutiveState.IDLE, outcome='error'),
+        'asks': dataclasses.replace(RUNS, decisions=(ASKED,)),
+        'asks longer': dataclasses.replace(RUNS, decisions=(dataclasses.replace(ASKED, since=70.0),)),
+    }
+    names = [*shown, 'silent', 'never heard']
+    random.Random(1).shuffle(names)
+    fleet = Fleet()
+    mirrors = {name: Mirror(clock) for name in names}
+    for name, mirror in mirrors.items():
+        fleet.add(name, mirror)
+    mirrors['silent'].receive_snapshot(RUNS)
+    clock.advance(30.0)
+    for name, snapshot in shown.items():
+        mirrors[name].receive_snapshot(snapshot)
+        mirrors[name].receive_snapshot(dataclasses.replace(snapshot, sequence=2))
+    expected = ['asks longer', 'asks', 'failed', 'silent', 'never heard', 'runs', 'idle']
+    overview = fleet.overview()
+    assert [robot.name for robot in overview] == expected
+    assert [robot.seconds for robot in overview] == [60.0, 30.0, 0.0, 30.0, 0.0, 0.0, 0.0]
+    assert overview[0].urgency is Urgency.DECISION
+
+
+def watch(snapshots: list[Snapshot]) -> list[bool]:
+    """Whether there is an alarm after each of them, one second apart."""
+    watched, alarms = StandstillWatch(), []
+    for second, snapshot in enumerate(snapshots):
+        watched.receive(dataclasses.replace(snapshot, stamp=100.0 + second))
+        alarms.append(watched.motion is not None)
+    return alarms
+
+
+def at(x: float, **parts: object) -> Snapshot:
+    return dataclasses.replace(RUNS, robot_pose=Pose(x, 0.0), **parts)  # type: ignore[arg-type]
+
+
+def test_a_robot_that_moves_after_a_stop_is_an_alarm_until_it_stands() -> None:
+    driven = [at(0.3 * second) for second in range(5)]
+    stopped = {'state': ExecutiveState.IDLE, 'outcome': 'preempted'}
+    braking = [at(1.3, state=ExecutiveState.STOPPING), at(1.4, **stopped), at(1.4, **stopped), at(1.4, **stopped)]
+    stands = [at(1.4 + 0.004 * (second % 2), **stopped) for second in range(20)]
+    assert not any(watch([*driven, *braking, *stands]))
+    creeps = [at(1.4 + 0.06 * second, **stopped) for second in range(10)]
+    rest = [at(1.94, **stopped)] * 10
+    alarms = watch([*driven, *braking, *creeps, *rest])
+    assert alarms.index(True) in range(10, 13)  # 0.1 m later
+    assert alarms[18] and not alarms[-1]
+    assert not any(watch([*driven, *braking, *creeps, at(3.0)])[-1:])  # another run may drive
+
+
+def test_a_paused_robot_may_move_only_by_what_says_that_it_goes_on() -> None:
+    held = (ActiveState('/Drive', paused=True),)
+    goes_on = (ActiveState('/Drive', paused=True, not_paused=('Drive: its action has no pause',)),)
+    for active, expected in ((held, True), (goes_on, False)):
+        moves = [at(0.2 * second, state=ExecutiveState.PAUSED, active_states=active) for second in range(10)]
+        assert watch(moves)[-1] is expected
