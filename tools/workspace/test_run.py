@@ -9,7 +9,7 @@ import sys
 import time
 import xml.etree.ElementTree as ElementTree  # of files that our own pytest runs wrote
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,7 +20,15 @@ from .workspace import Workspace
 
 DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
 LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: tests mostly wait for something
-LONGEST = ('flexbt_system_tests', 'flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_common', 'flexbt_core')
+LONGEST = (
+    'flexbt_system_tests',
+    'flexbt_sim',
+    'flexbt_common',
+    'flexbt_core',
+    'flexbt_onboard',
+    'flexbt_server',
+    'flexbt_console',
+)
 """The packages whose tests take longest, in that order. They begin first, so that none is left alone at the end."""
 SPREAD = LONGEST[0]  # takes far longer than any other: a worker of pytest for each processor
 _POLL_SECONDS = 0.1
@@ -56,15 +64,13 @@ class Tally:
 
 def run(workspace: Workspace) -> int:
     """Runs everything; gives the exit code. The last line printed is the summary."""
-    failed_checks = failing_checks(workspace)
-    tally = Tally(passed=len(all_checks(workspace)) - len(failed_checks))
-    tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
-
     packages = {package.name: package for package in workspace.layout.packages() if package.test_modules()}
     runs = [_Run(workspace, package) for package in packages.values()]
     runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
     runs.sort(key=lambda run: run.rank)
-    _finish(runs, time.monotonic() + DEADLINE)
+    failed_checks = _finish(runs, time.monotonic() + DEADLINE, lambda: failing_checks(workspace))
+    tally = Tally(passed=len(all_checks(workspace)) - len(failed_checks))
+    tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
     _show_results(workspace)
     for one in runs:
         one.count(tally)
@@ -75,10 +81,16 @@ def run(workspace: Workspace) -> int:
     return 1 if tally.failures else 0
 
 
-def _finish(runs: list[_Run], deadline: float) -> None:
-    """Lets the runs come to their end, `LANES` at a time; what has not by the deadline (monotonic) is stopped."""
-    waiting, running = deque(runs), list[_Run]()
+def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) -> list[str]:
+    """Lets the runs come to their end, `LANES` at a time; what has not by the deadline (monotonic) is stopped.
+
+    The first of them go on while `lint` is at work, which mostly needs one processor; gives what that found.
+    """
+    waiting, running = deque(runs[LANES:]), runs[:LANES]
     try:
+        for one in running:
+            one.start()
+        failed_checks = lint()
         while waiting or running:
             running = [one for one in running if not one.ended()]
             while waiting and len(running) < LANES:
@@ -91,6 +103,7 @@ def _finish(runs: list[_Run], deadline: float) -> None:
     finally:
         for one in running:
             one.stop()
+    return failed_checks
 
 
 class _Run:
