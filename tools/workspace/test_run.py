@@ -137,13 +137,15 @@ class _Run:
         options += [variant.tests] if variant else []
         if options:
             command += ['--pytest-args', *options]
+        environment = {**workspace.environment, **(variant.environment if variant else {})}
+        environment.pop('PYTHONDONTWRITEBYTECODE', None)  # or each pytest would rewrite the plug-ins that it loads anew
         if variant:
             print(f'once more with {variant}: {variant.package}/{variant.tests}', flush=True)
         self._process = subprocess.Popen(
             [str(word) for word in workspace.inside(command)],
             stdin=subprocess.DEVNULL,
             stderr=subprocess.STDOUT,
-            env={**workspace.environment, **(variant.environment if variant else {})},
+            env=environment,
             cwd=workspace.layout.root,
             start_new_session=True,
         )
