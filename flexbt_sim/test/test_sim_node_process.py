@@ -54,16 +54,17 @@ def test_a_simulator_whose_world_raises_ends_and_says_why() -> None:
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_everything_in_time(number: signal.Signals) -> None:
-    running = [
-        start('simulator'),
-        start('simulator', 'speed_factor:=0.0'),
-        start('simulator', 'speed_factor:=0.0001'),
-        start('navigation', 'use_sim_time:=true'),
-    ]
-    for process in running:
-        assert process.stderr is not None
-        assert process.stderr.readline()  # it has said that it runs
-    for process in running:
+    running = []
+    for executable, setting in (
+        ('navigation', 'use_sim_time:=true'),
+        ('simulator', 'speed_factor:=1.0'),
+        ('simulator', 'speed_factor:=0.0001'),
+        ('simulator', 'speed_factor:=0.0'),  # which takes all of a processor
+    ):
+        running.append(start(executable, setting))
+        assert running[-1].stderr is not None
+        assert running[-1].stderr.readline()  # it has said that it runs
+    for process in reversed(running):
         began = uncontended_time()
         process.send_signal(number)
         _, err = process.communicate(timeout=DEADLINE)

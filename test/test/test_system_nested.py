@@ -8,7 +8,6 @@ import os
 import subprocess
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,9 +21,9 @@ INNER = 'inspector/onboard_executive'
 DEADLINE = 60.0
 
 
-@pytest.fixture
-def stack(tmp_path: Path) -> Iterator[Stack]:
-    with Stack(tmp_path) as stack:
+@pytest.fixture(scope='module')
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+    with Stack(tmp_path_factory.mktemp('robot')) as stack:
         for name in ('bt_server', 'onboard_executive', INNER):
             stack.start(name, {'use_sim_time': 'false'})
         wait_for_server()
