@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page in a real browser: what is seen, what clicks and keys do, how a lost link and a lost server look."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, served
+
+from flexbt_console.mirror import CommandKind, ExecutiveState, NodeStatus, StatusChange
+
+selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
+from selenium import webdriver  # noqa: E402
+from selenium.webdriver.chrome.service import Service  # noqa: E402
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+DRIVER = shutil.which('chromedriver')
+DEADLINE = 90.0
+FLAGS = (
+    'headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking disable-component-update '
+    'disable-sync disable-dev-shm-usage force-prefers-reduced-motion window-size=1400,950'
+)
+
+pytestmark = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason='no Chromium with its driver: apt install chromium chromium-driver'
+)
+
+
+class Browser:
+    """A browser at a page."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def until(self, done: Callable[[], object]) -> Any:
+        """Wait until that is so, and give it."""
+        end = time.monotonic() + DEADLINE
+        while not (found := done()):
+            assert time.monotonic() < end, self.driver.find_element(By.TAG_NAME, 'body').text
+            time.sleep(0.05)
+        return found
+
+    def text(self, id: str) -> str:
+        """What is read at an element."""
+        return str(self.driver.execute_script('return document.getElementById(arguments[0]).innerText', id))
+
+    def until_text(self, id: str, text: str) -> None:
+        """Wait until that is read there."""
+        self.until(lambda: text in self.text(id))
+
+    def run(self, script: str, *words: Any) -> Any:
+        """Run a script in the page."""
+        return self.driver.execute_script(script, *words)
+
+    def press(self, *keys: str) -> None:
+        """Press keys, wherever the focus is."""
+        ActionChains(self.driver).send_keys(*keys).perform()
+
+    def until_it_may_be_answered(self) -> None:
+        """Wait for as long as what has just come up takes no answer, in the time of the page."""
+        shown = self.run('return performance.now()')
+        self.until(lambda: self.run('return performance.now()') > shown + 400.0)
+
+    def until_live(self) -> None:
+        """Wait for a page that is live."""
+        self.until_text('link', 'LIVE')
+        self.until(lambda: self.run('return document.body.classList.contains("blind")') is False)
+
+
+@pytest.fixture(scope='module')
+def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    for flag in FLAGS.split():
+        options.add_argument(f'--{flag}')
+    options.add_argument(f'--user-data-dir={tmp_path_factory.mktemp("chromium")}')
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
+    started = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
+    try:
+        yield started
+    finally:
+        started.quit()
+
+
+@pytest.fixture
+def browser(driver: Any) -> Iterator[Browser]:
+    yield Browser(driver)
+    complaints = [one['message'] for one in driver.get_log('browser') if one['level'] == 'SEVERE']
+    driver.get('about:blank')
+    # What is expected: a server that is lost, and nothing that the policy has held up.
+    assert [text for text in complaints if 'ERR_CONNECTION' not in text and 'WebSocket' not in text] == []
+
+
+def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
+    robot = WebRobot(is_drawn=True)
+    robot.show(PLAN)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until(lambda: browser.run('return document.querySelectorAll("#machine svg, #trees svg").length') == 2)
+        for id, text in (
+            ('runs', 'Patrol'),
+            ('active', f'/Drive: follows {NASTY}'),
+            ('decision-line', NASTY),
+            ('decision-body', f'because WARN: {NASTY}'),
+            ('decision-body', '1 done (wanted) → /Ask'),
+            ('decision-body', '2 failed → ends with finished'),
+            ('log', NASTY),
+            ('trees', 'Drive: ▶ Wait'),
+            ('pose', 'x 2.00 m'),
+        ):
+            browser.until_text(id, text)
+        assert browser.run('return document.images.length') == 0
+        classes = 'return document.querySelector(`[id="${arguments[0]}"]`).getAttribute("class")'
+        assert {'lit', 'waits'} <= set(browser.run(classes, 's1').split())
+        assert 'wanted' in browser.run(classes, 's1o0') and 'lit' not in browser.run(classes, 's2')
+        assert 'success' in browser.run(classes, 't0n1')
+        assert '▶' in browser.run('return document.querySelector(`[id="t0n2"]`).textContent')
+        statuses = [NodeStatus.FAILURE, NodeStatus.SUCCESS, NodeStatus.FAILURE]
+        changes = [StatusChange(6.0, 1, NodeStatus.FAILURE), StatusChange(6.0, 3, NodeStatus.FAILURE)]
+        robot.mirror.receive_tree_status('t', 2, statuses, changes, 6.0, finished=False, paused=False)
+        browser.until(lambda: 'failure' in browser.run(classes, 't0n2'))
+        assert '✗' in browser.run('return document.querySelector(`[id="t0n2"]`).textContent')
+        # The map has walls, the plan and the robot: the canvas has their colours.
+        colours = browser.run(
+            'const c = document.getElementById("map");'
+            'const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;'
+            'const s = new Set(); for (let i = 0; i < d.length; i += 4) s.add(`${d[i]},${d[i + 1]},${d[i + 2]}`);'
+            ' return [...s]'
+        )
+        assert {'48,52,60', '255,255,255', '29,95,208', '179,38,30'} <= set(colours)
+
+
+def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.show(PLAN)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        button = '[data-choice=failed]'
+        browser.until(lambda: browser.driver.find_elements(By.CSS_SELECTOR, button))
+        # The button of d1, pressed when d2 is on the page: as a late click.
+        browser.run('window.late = document.querySelector(arguments[0])', button)
+        robot.show(OTHER)
+        browser.until_text('decision-line', 'other')
+        browser.run('window.late.click()')  # sooner than anybody can have read it
+        browser.until_text('told', 'nothing was sent')
+        browser.until_it_may_be_answered()
+        browser.run('window.late.click()')
+        browser.until_text('told', 'changed')
+        assert robot.sent == []
+        browser.driver.find_element(By.CSS_SELECTOR, button).click()
+        (sent,) = robot.wait_sent(1)
+        assert (sent.kind, sent.decision_id) == (CommandKind.CONFIRM, 'd2')
+        browser.until_text('told', 'applied')
+
+
+def test_everything_can_be_done_by_keys(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.show(PLAN)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until(lambda: browser.run('return document.querySelector("[data-choice]") !== null'))
+        browser.press('2')
+        pressed = 'return document.querySelector("[data-choice=failed]").getAttribute("aria-pressed")'
+        browser.until(lambda: browser.run(pressed) == 'true')
+        browser.press(Keys.ENTER)
+        assert robot.wait_sent(1)[0].outcome == 'failed'
+        robot.show(WHERE)
+        browser.until_text('decision-line', 'Where to?')
+        browser.until_text('map-keys', 'arrows')
+        browser.press('g')
+        browser.press(Keys.ARROW_RIGHT, Keys.ARROW_UP, '<')
+        browser.until_it_may_be_answered()
+        browser.press(Keys.ENTER)
+        (answer,) = robot.wait_sent(2)[1].inputs
+        assert answer.type.startswith('geometry_msgs') and robot.sent[1].decision_id == 'd4'
+        robot.show(state=ExecutiveState.RUNNING)
+        browser.until_text('decision-line', 'nothing waits')
+        browser.run('document.activeElement.blur()')
+        browser.press(':')
+        browser.press('note a "word"', Keys.ENTER)
+        assert robot.wait_sent(3)[2].text == 'a word'
+        browser.press(Keys.F8)  # also while a line is typed
+        assert robot.wait_sent(4)[3].kind is CommandKind.STOP
+        # Tab reaches every control, and each has a name.
+        names = browser.run(
+            'return [...document.querySelectorAll("button, input, select, canvas, [tabindex]")]'
+            '.filter(e => e.checkVisibility() && !e.disabled && !(e.innerText || e.labels?.length ||'
+            ' e.getAttribute("aria-label") || e.getAttribute("aria-labelledby") || e.textContent)).map(e => e.id)'
+        )
+        assert names == []
+
+
+def test_a_click_on_the_map_answers_and_drops_an_obstacle(browser: Browser) -> None:
+    class World:
+        dropped: tuple[tuple[str, float, float, float], ...] = ()
+
+        def is_possible(self) -> bool:
+            return True
+
+        def drop(self, x: float, y: float, timeout: float) -> str:
+            self.dropped += (('box', x, y, 0.2),)
+            return 'box'
+
+        def remove(self, name: str, timeout: float) -> None:
+            self.dropped = ()
+
+    robot, world = WebRobot(), World()
+    robot.show(WHERE)
+    with served({'robot': robot.station(world)}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('map-keys', 'Click')
+        canvas = browser.driver.find_element(By.ID, 'map')
+        ActionChains(browser.driver).move_to_element(canvas).click().perform()  # the middle of the map is 2.0, 1.5
+        (value,) = robot.wait_sent(1)[0].inputs
+        where = json.loads(value.text)['pose']['position']
+        assert (where['x'], where['y']) == pytest.approx((2.0, 1.5), abs=0.05)
+        browser.until(lambda: browser.driver.find_element(By.ID, 'drop').is_displayed())
+        browser.driver.find_element(By.ID, 'drop').click()
+        ActionChains(browser.driver).move_to_element(canvas).click().perform()
+        browser.until_text('obstacles', 'remove box')
+        assert world.dropped[0][1:] == pytest.approx((2.0, 1.5, 0.2), abs=0.05)
+        assert len(robot.sent) == 1
+        browser.driver.find_element(By.CSS_SELECTOR, '#obstacles button').click()
+        browser.until(lambda: not world.dropped)
+
+
+def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> None:
+    robot = WebRobot(answers=False)
+    robot.show(PLAN)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        robot.mirror.sender_gone()
+        robot.clock.advance(7.0)
+        browser.until_text('link', 'LOST')
+        browser.until_text('alarm', 'BLIND')
+        browser.until_text('age', 's old')
+        assert browser.run('return [...document.querySelectorAll("[data-choice], #pause")].every(b => b.disabled)')
+        assert float(browser.run('return getComputedStyle(document.querySelector("main")).opacity')) < 0.6
+        browser.press('1', Keys.ENTER)
+        browser.until_text('told', 'nothing was sent')
+        browser.press('!')
+        assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.STOP]
+
+
+def test_a_lost_server_is_told_and_found_again(browser: Browser) -> None:
+    robot = WebRobot()
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+    browser.until_text('link', 'NO SERVER')
+    browser.until_text('alarm', 'trying again')
+    browser.press('!')
+    browser.until_text('told', 'nothing was sent')
+    with served({'robot': robot.station()}, port=port):
+        browser.until_live()
+        browser.press('p')
+        assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.PAUSE]
