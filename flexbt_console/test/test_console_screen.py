@@ -188,6 +188,7 @@ def test_enter_answers_the_decision_on_the_screen_and_no_later_one() -> None:
         await pilot.press('enter')
         (sent,) = robot.link.sent
         assert (sent.kind, sent.decision_id, sent.outcome) == (CommandKind.CONFIRM, 'd1', '')
+        assert sent.wait_interaction >= 0.0 and sent.wait_queue >= 0.0
 
     on_screen(robot, steps)
 

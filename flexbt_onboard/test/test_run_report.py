@@ -203,3 +203,27 @@ def test_what_comes_after_the_end_is_not_of_the_run() -> None:
     (run,) = metrics_of({**kind, 'run': 'r', 'stamp': kind['at']} for kind in kinds)
     assert run.duration == 2.0
     assert [(one.command, one.time) for one in run.interventions] == [('STOP', 3.0)]
+
+
+def test_waits_are_told_by_their_causes() -> None:
+    def event(time: float, name: str, **fields: Any) -> dict[str, Any]:
+        return {'event': name, 'stamp': time, 'time': time, 'run': 'r', **fields}
+
+    answer = {'command': 'CONFIRM', 'effect': 'applied'}
+    (run,) = metrics_of(
+        [
+            event(0.0, 'started', behavior='B'),
+            event(1.0, 'waiting', decision='d1', path='/A', kind='transition'),
+            event(1.0, 'waiting', decision='d2', path='/B', kind='transition'),
+            event(9.0, 'decided', decision='d1'),
+            event(9.0, 'command', decision='d1', wait_queue=0.0, wait_interaction=3.0, **answer),
+            event(20.0, 'decided', decision='d2'),
+            event(20.1, 'command', decision='d2', wait_queue=3.0, wait_interaction=2.0, **answer),
+            event(21.0, 'waiting', decision='d3', path='/A', kind='transition'),
+            event(25.0, 'decided', decision='d3'),
+            event(26.0, 'ended', outcome='done'),
+        ]
+    )
+    causes = run.wait_causes()
+    assert causes == {'queue': 3.0, 'unnoticed': 5.0 + 14.0, 'interaction': 5.0, 'not measured': 4.0}
+    assert sum(causes.values()) == sum(wait.end - wait.begin for wait in run.waits)

@@ -7,6 +7,7 @@ A new command is a constant and its fields in flexbt_msgs/msg/ExecutiveCommand, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -229,4 +230,7 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
     }
     if command.kind in (ExecutiveCommand.START, ExecutiveCommand.AUTONOMY):
         fields['autonomy'] = int(command.autonomy)
+    for name in ('wait_queue', 'wait_interaction'):
+        if 0.0 <= getattr(command, name) < math.inf:
+            fields[name] = round(float(getattr(command, name)), 3)
     return {name: value for name, value in fields.items() if value != '' and value != {}}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,13 +35,21 @@ class Visit:
 
 @dataclass(frozen=True)
 class Wait:
-    """Waiting for the operator at a state."""
+    """Waiting for the operator at a state.
+
+    ``wall`` is how long, s of wall time; ``queue`` of it the operator dealt with other decisions, ``interaction`` with
+    this one, as the console has measured; None when it has not.
+    """
 
     path: str
     begin: float
     end: float
     kind: str
     outcome: str
+    decision: str = ''
+    wall: float = 0.0
+    queue: float | None = None
+    interaction: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +104,23 @@ class RunMetrics:
             total += max(0.0, wait.end - max(wait.begin, until))
             until = max(until, wait.end)
         return total
+
+    def wait_causes(self) -> dict[str, float]:
+        """Wall time of the waits by cause, s: the operator dealt with others, had noticed nothing, dealt with it.
+
+        (Wait times by queues, by loss of situation awareness, and by interaction: Cummings and Mitchell 2008.)
+        """
+        causes = dict.fromkeys(('queue', 'unnoticed', 'interaction', 'not measured'), 0.0)
+        for wait in self.waits:
+            if wait.queue is None or wait.interaction is None:
+                causes['not measured'] += wait.wall
+                continue
+            interaction = min(wait.interaction, wait.wall)
+            queue = min(wait.queue, wait.wall - interaction)
+            causes['interaction'] += interaction
+            causes['queue'] += queue
+            causes['unnoticed'] += wait.wall - interaction - queue
+        return causes
 
     def paths(self) -> list[PathMetrics]:
         """Figures by path, in the order of the first entry, each machine before what is in it."""
@@ -162,6 +187,8 @@ class _Reader:
         self._clock = clock
         self._active: dict[str, float] = {}
         self._waiting: dict[str, tuple[float, Event]] = {}
+        self._causes: dict[str, tuple[float, float]] = {}
+        self._wall = 0.0
         self._now: float | None = None
         self._is_over = False
 
@@ -181,6 +208,7 @@ class _Reader:
         else:
             now = max(now, self._now)
         self._now = metrics.end = now
+        self._wall = float(event.get('time', 0.0))
         path = str(event.get('path', ''))
         if kind == 'started':
             metrics.behavior, metrics.by = str(event.get('behavior', '')), str(event.get('by', ''))
@@ -196,6 +224,9 @@ class _Reader:
         elif kind == 'fault':
             metrics.faults += 1
         elif kind == 'command':
+            if event.get('effect') == 'applied' and 'wait_queue' in event and 'wait_interaction' in event:
+                measured = float(event['wait_queue']), float(event['wait_interaction'])
+                self._causes[str(event.get('decision'))] = measured
             parts = [event.get(name) for name in _TOLD]
             text = ' '.join(str(part) for part in parts if part not in (None, ''))
             metrics.interventions.append(
@@ -223,6 +254,10 @@ class _Reader:
     def finished(self) -> RunMetrics:
         """The figures, when there are no more events."""
         self.interrupt()
+        for place, wait in enumerate(self._metrics.waits):
+            if wait.decision in self._causes:
+                queue, interaction = self._causes[wait.decision]
+                self._metrics.waits[place] = replace(wait, queue=queue, interaction=interaction)
         return self._metrics
 
     def _leave(self, path: str, now: float, outcome: str, reason: str) -> None:
@@ -242,6 +277,8 @@ class _Reader:
                     now,
                     str(event.get('kind', '')),
                     str(event.get('outcome', '')),
+                    decision,
+                    max(0.0, self._wall - float(event.get('time', 0.0))),
                 )
             )
 

@@ -55,6 +55,7 @@ def as_json(run: RunMetrics) -> dict[str, object]:
         'begin': run.begin,
         'duration': run.duration,
         'waiting': run.waiting,
+        'wait_causes': run.wait_causes(),
         'outcome': run.outcome,
         'message': run.message,
         'faults': run.faults,
@@ -75,6 +76,7 @@ def as_text(run: RunMetrics) -> list[str]:
         f'run {one_line(run.run)}, started by {one_line(run.by) or "?"}, {run.duration:.1f} s',
         f'waiting for the operator {run.waiting:.1f} s ({share:.0f} %), decisions {len(run.waits)}, '
         f'faults {run.faults}',
+        'of it (wall time): ' + ', '.join(f'{cause} {seconds:.1f} s' for cause, seconds in run.wait_causes().items()),
         '',
         f'{"state":40} {"visits":>6} {"total s":>9} {"longest s":>9} {"waiting s":>9}  outcomes',
     ]

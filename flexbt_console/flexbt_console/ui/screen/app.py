@@ -10,6 +10,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Final, ParamSpec, Protocol
 
 from rich.text import Text
@@ -22,13 +23,13 @@ from textual.widgets import Input
 
 from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Command, CommandState, Fleet, Mirror, UserdataScope, View
+from flexbt_console.mirror import Behavior, Command, CommandState, Fleet, Mirror, RobotOverview, UserdataScope, View
 from flexbt_console.present import (
     Line,
     Tone,
     command_result_lines,
 )
-from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, interpret
+from flexbt_console.ui.interaction import Attention, Bound, Local, Meaning, choose, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -161,6 +162,8 @@ class OperatorScreen(App[None]):
         self._signs = glyphs()
         self._map = MapPane(self._signs)
         self._picking = Picking(clock)
+        self._attention = Attention(clock)
+        self._overview: list[RobotOverview] = []
         self._told: deque[tuple[float, str]] = deque(maxlen=TOLD_LINES)
         self._pending: list[tuple[Mirror, str]] = []
         self._is_planned = False
@@ -230,6 +233,9 @@ class OperatorScreen(App[None]):
         view = self._mirror.view()
         self._settle()
         self._picking.drawn(view)
+        self._overview = self._robots.fleet.overview() if self._robots is not None else []
+        views = [one.view for one in self._overview] or [view]
+        self._attention.pending([decision.id for one in views for decision in one.decisions])
         if self._map.lose(view):
             self.tell([Line('the question is gone; nothing was sent', Tone.WARNING)])
         if isinstance(self.screen, Overview):
@@ -276,9 +282,9 @@ class OperatorScreen(App[None]):
         return styled(decision_lines(view, self._picking.picked(view.decision), columns, self._signs))
 
     def _status(self, view: View, columns: int, rows: int) -> Text:
-        if self._robots is None or len(self._robots.fleet.names) < 2:
+        if len(self._overview) < 2:
             return status_text(view, columns, '', '')
-        return status_text(view, columns, self._robot, others_text(self._robots.fleet.overview(), self._robot))
+        return status_text(view, columns, self._robot, others_text(self._overview, self._robot))
 
     def _lines(self, view: View, columns: int, rows: int) -> Text:
         # What became of one's own commands is told already.
@@ -346,6 +352,8 @@ class OperatorScreen(App[None]):
 
     def _carry_out(self, meaning: Meaning, view: View) -> None:
         if meaning.command is not None:
+            meaning = replace(meaning, command=self._with_waits(meaning.command))
+            assert meaning.command is not None
             self._pending.append((self._mirror, meaning.command.id))
             self._link.send(meaning.command, self._timeout, meaning.label)
         elif meaning.local is Local.QUIT:
@@ -360,6 +368,20 @@ class OperatorScreen(App[None]):
             self._read(meaning.line.spec.name, action.show(meaning.line, view, self._mirror).text)
         elif meaning.local is Local.ASK:
             threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
+
+    def _with_waits(self, command: Command) -> Command:
+        """With why the decision that it answers has waited, for the report of the run."""
+        if not command.decision_id:
+            return command
+        queue, interaction = self._attention.answered(command.decision_id)
+        return replace(command, wait_queue=queue, wait_interaction=interaction)
+
+    async def on_event(self, event: events.Event) -> None:
+        """See :class:`textual.app.App`. Every key counts as dealing with the decision on the screen."""
+        if isinstance(event, events.Key):
+            decision = self._mirror.view().decision
+            self._attention.touched(decision.id if decision is not None else '')
+        await super().on_event(event)
 
     def _ask(self, meaning: Meaning) -> None:
         assert meaning.line is not None and meaning.line.spec is not None
