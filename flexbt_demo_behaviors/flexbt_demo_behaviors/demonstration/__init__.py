@@ -1,7 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executable ``demo``: processes, session, scripted operator, report and picture."""
 
-from .demo_processes import DemoSettings, Process, built_in_places, console_command, demo_processes, first_place
+from .demo_processes import (
+    DemoSettings,
+    ParameterValue,
+    Process,
+    built_in_places,
+    console_command,
+    demo_processes,
+    first_place,
+)
 from .interactive import run_console
 from .options import parse_options, speed_factor
 from .picture import draw_tracks, write_picture
@@ -12,7 +20,7 @@ from .ros_domain import DISCOVERY_PORT, DISCOVERY_PORT_STEP, DOMAINS, NoFreeDoma
 from .running import Interrupted, run_demonstration
 from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
 from .session import READY_TIMEOUT_S, Session, join_robot, set_environment
-from .simulation import Box, Simulation
+from .simulation import Box, Simulation, call_service
 
 __all__ = [
     'ANSWER_TIMEOUT_S',
@@ -30,6 +38,7 @@ __all__ = [
     'GoalResult',
     'Interrupted',
     'NoFreeDomainError',
+    'ParameterValue',
     'Pose',
     'Process',
     'ProcessGroup',
@@ -39,6 +48,7 @@ __all__ = [
     'Simulation',
     'Timeline',
     'built_in_places',
+    'call_service',
     'console_command',
     'demo_processes',
     'draw_tracks',

@@ -13,7 +13,7 @@ from ament_index_python.packages import get_package_prefix, get_package_share_di
 from flexbt_console.commands import load_places
 from flexbt_console.errors import UsageError
 
-ParameterValue = bool | int | float | str | tuple[float, ...]
+ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -106,5 +106,5 @@ def _parameter_text(value: ParameterValue) -> str:
     if isinstance(value, bool):
         return 'true' if value else 'false'
     if isinstance(value, tuple):
-        return f'[{", ".join(repr(float(item)) for item in value)}]'
+        return f'[{", ".join(_parameter_text(item if isinstance(item, str) else float(item)) for item in value)}]'
     return "'" + value.replace("'", "''") + "'" if isinstance(value, str) else repr(value)

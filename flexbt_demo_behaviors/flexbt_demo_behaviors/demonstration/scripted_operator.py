@@ -44,7 +44,7 @@ class ScriptedOperator:
 
     `send` hands a command to the operator link with the seconds within which it shall be answered. `notify`
     is to be called whenever something that is waited for may have changed, `abandon` when nothing will come
-    any more.
+    any more. Who `is_on_call` does not start the behaviors: they end when they may.
     """
 
     def __init__(
@@ -54,8 +54,10 @@ class ScriptedOperator:
         send: Callable[[Command, float], TrackedCommand],
         make: CommandBuilder,
         timeline: Timeline,
+        is_on_call: bool = False,
     ) -> None:
         self.track = track
+        self._is_on_call = is_on_call
         self._mirror = mirror
         self._send = send
         self._make = make
@@ -132,7 +134,7 @@ class ScriptedOperator:
         """Wait until the state `path` asks the operator something of this kind that was not answered yet."""
 
         def decision(view: View) -> Decision | None:
-            _check_running(view)
+            self._check_running(view)
             asked = (item for item in view.decisions if item.kind is kind and item.path == path)
             return next((item for item in asked if item.id not in self._answered), None)
 
@@ -142,7 +144,7 @@ class ScriptedOperator:
         """Wait until the leaf `path` is active."""
 
         def active(view: View) -> bool:
-            _check_running(view)
+            self._check_running(view)
             return path in view.active_paths
 
         self.wait(active, f'state {path}', timeout)
@@ -151,7 +153,7 @@ class ScriptedOperator:
         """Wait until an active state shows that a node of its tree whose path contains `node` is running."""
 
         def running(view: View) -> bool:
-            _check_running(view)
+            self._check_running(view)
             states = view.snapshot.active_states if view.snapshot else ()
             return any(node in line for state in states for line in state.activity)
 
@@ -161,7 +163,7 @@ class ScriptedOperator:
         """Wait until the robot has driven so far since the goal was given, and is moving."""
 
         def far(view: View) -> bool:
-            _check_running(view)
+            self._check_running(view)
             return self.track.length - self._goal_length >= metres and not self.track.at_rest
 
         self.wait(far, f'{metres:g} m driven', DRIVE_TIMEOUT_S)
@@ -174,7 +176,7 @@ class ScriptedOperator:
         """
 
         def begun(view: View) -> bool:
-            _check_running(view)
+            self._check_running(view)
             if self.track.has_begun(node):
                 return True
             asked = any(item.kind is DecisionKind.INPUT and item.id not in self._answered for item in view.decisions)
@@ -221,10 +223,14 @@ class ScriptedOperator:
         """Answer the request for a goal with a named place."""
         decision = self.wait_decision(DecisionKind.INPUT, state, ANSWER_TIMEOUT_S)
         self._tell('answers', f'"{decision.prompt}" with {label} {self._place(label)}')
+        self.expect_goal(label)
+        self._give(self._make.answer(self._mirror.view(), decision.id, label))
+
+    def expect_goal(self, label: str) -> None:
+        """The robot is to drive to a named place now, by whose will ever."""
         self._goal_label = label
         self._goal_time = self.track.time
         self._goal_length = self.track.length
-        self._give(self._make.answer(self._mirror.view(), decision.id, label))
 
     def decline(self, state: str = '/AskGoal') -> None:
         """Decline the request for a goal."""
@@ -290,6 +296,20 @@ class ScriptedOperator:
         if tracked.state is not CommandState.APPLIED:
             raise DemoError(f'the command {name} was not applied ({tracked.state.value}): {tracked.reason}')
 
+    def _check_running(self, view: View) -> None:
+        """Raise DemoError when the behavior has ended, or waits for a person where the script knows of no decision."""
+        snapshot = view.snapshot
+        if snapshot is None:
+            return
+        if snapshot.run_id and snapshot.state is ExecutiveState.IDLE and not self._is_on_call:
+            why = f': {snapshot.message}' if snapshot.message else ''
+            raise DemoError(f'the behavior {snapshot.behavior} ended by {snapshot.outcome!r} before its time{why}')
+        for decision in snapshot.decisions:
+            if decision.kind is DecisionKind.TRANSITION:
+                raise DemoError(
+                    f'{decision.path} waits for a person to confirm {decision.outcome!r}, which is not expected'
+                )
+
     def _place(self, label: str) -> Pose:
         place = self._mirror.view().places[label]
         return Pose(place.x, place.y, place.yaw)
@@ -303,21 +323,6 @@ class ScriptedOperator:
 
 def _called(behavior: str, arguments: Mapping[str, str]) -> str:
     return ' '.join([repr(behavior), *(f'{name}={value!r}' for name, value in arguments.items())])
-
-
-def _check_running(view: View) -> None:
-    """Raise DemoError when the behavior has ended, or waits for a person where the script knows of no decision."""
-    snapshot = view.snapshot
-    if snapshot is None:
-        return
-    if snapshot.run_id and snapshot.state is ExecutiveState.IDLE:
-        why = f': {snapshot.message}' if snapshot.message else ''
-        raise DemoError(f'the behavior {snapshot.behavior} ended by {snapshot.outcome!r} before its time{why}')
-    for decision in snapshot.decisions:
-        if decision.kind is DecisionKind.TRANSITION:
-            raise DemoError(
-                f'{decision.path} waits for a person to confirm {decision.outcome!r}, which is not expected'
-            )
 
 
 def _described(view: View) -> str:

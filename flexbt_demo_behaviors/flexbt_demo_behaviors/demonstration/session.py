@@ -61,13 +61,18 @@ def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, tim
 
 
 @contextlib.contextmanager
-def join_robot(operator: str, timeline: Timeline, namespace: str | None = None) -> Iterator[Session]:
-    """Sit down at the link of the robot in a namespace, and watch the robot, for the time of the context."""
+def join_robot(
+    operator: str, timeline: Timeline, namespace: str | None = None, *, is_on_call: bool = False
+) -> Iterator[Session]:
+    """Sit down at the link of the robot in a namespace, and watch the robot, for the time of the context.
+
+    ``is_on_call``: somebody else starts the behaviors, so that the end of one is no surprise.
+    """
     with NodeRuntime.open('demo', namespace=namespace) as runtime:
         track = RobotTrack()
         mirror = Mirror(runtime.steady)
         link = OperatorLink(runtime, mirror)
-        scripted = ScriptedOperator(mirror, track, link.send, CommandBuilder(operator), timeline)
+        scripted = ScriptedOperator(mirror, track, link.send, CommandBuilder(operator), timeline, is_on_call)
         track.on_change = scripted.notify
         mirror.add_listener(Narrator(mirror, timeline))
         subscribe_to_robot(runtime, track)

@@ -53,7 +53,7 @@ class Simulation:
     """
 
     def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float = REAL_TIME) -> None:
-        self._links = ServiceLinks(runtime)
+        self._runtime = runtime
         self._timeline = timeline
         self._speed = speed
         self._boxes: dict[str, Box] = {}
@@ -86,20 +86,7 @@ class Simulation:
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """The response of a service of the simulator."""
-        outcomes: list[ServiceOutcome] = []
-        done = threading.Event()
-
-        def on_done(outcome: ServiceOutcome) -> None:
-            outcomes.append(outcome)
-            done.set()
-
-        link: Any = self._links.link(service_type, f'{names.SIMULATOR}/{name}')
-        ServiceCall(link, request, on_done=on_done, server_timeout=ANSWER_TIMEOUT_S, response_timeout=ANSWER_TIMEOUT_S)
-        done.wait()
-        response = outcomes[0].response
-        if response is None:
-            raise DemoError(f'the service {name} of the simulator: {outcomes[0].reason}')
-        return response
+        return call_service(self._runtime, service_type, f'{names.SIMULATOR}/{name}', request)
 
     def _ask(self, service_type: Any, name: str, request: Any) -> None:
         result = self.call(service_type, name, request).result
@@ -111,3 +98,21 @@ class Simulation:
         response = self.call(SetParameters, 'set_parameters', SetParameters.Request(parameters=[value]))
         if not response.results[0].successful:
             raise DemoError(f'the speed of the simulator was not set: {response.results[0].reason}')
+
+
+def call_service(runtime: NodeRuntime, service_type: Any, name: str, request: Any) -> Any:
+    """The response of a service. Raises DemoError when there is none in time."""
+    outcomes: list[ServiceOutcome] = []
+    done = threading.Event()
+
+    def on_done(outcome: ServiceOutcome) -> None:
+        outcomes.append(outcome)
+        done.set()
+
+    link: Any = ServiceLinks(runtime).link(service_type, name)
+    ServiceCall(link, request, on_done=on_done, server_timeout=ANSWER_TIMEOUT_S, response_timeout=ANSWER_TIMEOUT_S)
+    done.wait()
+    response = outcomes[0].response
+    if response is None:
+        raise DemoError(f'the service {name}: {outcomes[0].reason}')
+    return response

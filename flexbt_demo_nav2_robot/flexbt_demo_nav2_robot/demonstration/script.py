@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the scripted operator does while the program drives, and the branches that are taken."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from flexbt_console.mirror import DecisionKind
+from flexbt_demo_behaviors.demonstration import (
+    ANSWER_TIMEOUT_S,
+    DRIVE_TIMEOUT_S,
+    Box,
+    DemoError,
+    DemoReport,
+    ScriptedOperator,
+    Simulation,
+    Timeline,
+)
+from flexbt_msgs.srv import ControlTree
+
+PAUSED: Final = "the program's drive paused, and resumed"
+CONFIRMED: Final = 'the program asks, and goes on as confirmed'
+RECOVERED: Final = 'a blocked doorway: recovery until it is free'
+REROUTED: Final = 'sent elsewhere before the program goes on'
+PREEMPTED: Final = "the program's round stopped by the operator"
+HOME: Final = 'sent home, and arrived there'
+BRANCHES: Final = (PAUSED, CONFIRMED, RECOVERED, REROUTED, PREEMPTED, HOME)
+
+TITLE: Final = 'Demonstration 4: a robot of Nav2'
+
+PACKING_DOOR: Final = Box(7.5, 4.0, 1.1, 0.3)
+"""In the only doorway of the packing room, and nothing gets past it."""
+
+TOLD: Final = (
+    'to the shelf: SUCCEEDED',
+    'Is the robot loaded? go_on',
+    'to the packing room: SUCCEEDED',
+    'Is the robot unloaded? go_on',
+    'another round: CANCELED',
+    'The round was broken off. What now? home',
+    'home: SUCCEEDED',
+)
+"""What the program says of its tasks when everything was as here."""
+
+
+@dataclass
+class Warehouse:
+    """What the operator has before them: the robot, the world, and the program with its log file."""
+
+    operator: ScriptedOperator
+    simulation: Simulation
+    timeline: Timeline
+    control_tree: Callable[[int], ControlTree.Response]
+    start_program: Callable[[], None]
+    log: Path
+    ended: threading.Event = field(default_factory=threading.Event)
+
+
+def supervise(warehouse: Warehouse, report: DemoReport) -> None:
+    """Look after a program from its start to its end."""
+    operator, simulation = warehouse.operator, warehouse.simulation
+
+    operator.expect_goal('shelf')
+    warehouse.start_program()
+    operator.wait_driven(1.0)
+    _pause(warehouse)
+    report.take(PAUSED)
+    question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('arrived', must_reach=True))
+    operator.expect_goal('packing')
+    operator.choose(question, 'go_on')
+    report.take(CONFIRMED)
+
+    operator.wait_driven(4.0)
+    with simulation.in_real_time():  # the recoveries of a tree are over after some ten seconds
+        simulation.put('cupboard', PACKING_DOOR)
+        operator.wait_begun('RecoveryActions')
+        simulation.take_away('cupboard')
+    question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('arrived', must_reach=True))
+    report.take(RECOVERED)
+
+    operator.choose(question, 'elsewhere')
+    operator.give_goal('hatch', '/AskPlace')
+    question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('sent there', must_reach=True))
+    report.take(REROUTED)
+
+    operator.expect_goal('shelf')
+    operator.choose(question, 'go_on')
+    operator.wait_driven(1.0)
+    operator.stop()
+    operator.wait_rest(ANSWER_TIMEOUT_S)
+    question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('stopped on the way', must_reach=False))
+    report.take(PREEMPTED)
+
+    operator.expect_goal('dock')
+    operator.choose(question, 'home')
+    operator.wait(lambda _view: warehouse.ended.is_set(), 'end of the program', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('arrived', must_reach=True))
+    _check_told(warehouse.log, TOLD)
+    report.take(HOME)
+
+
+def _pause(warehouse: Warehouse) -> None:
+    """Pause the tree that drives for the program, see that the robot stands, and resume it."""
+    for command, name in ((ControlTree.Request.PAUSE, 'pauses'), (ControlTree.Request.RESUME, 'resumes')):
+        warehouse.timeline.tell('operator', f'{name} the tree that drives for the program')
+        response = warehouse.control_tree(command)
+        if not response.success:
+            raise DemoError(f'the operator {name} the tree: {response.message}')
+        if command == ControlTree.Request.PAUSE:
+            warehouse.operator.wait_rest(ANSWER_TIMEOUT_S)
+    warehouse.operator.wait_driven(1.0)
+
+
+def _check_told(log: Path, expected: Sequence[str]) -> None:
+    """Check what the program has found out about its tasks."""
+    told = [line for line in log.read_text().splitlines() if not line.startswith('[')]  # those of loggers
+    if told != list(expected):
+        raise DemoError(f'the program says {told}, not {list(expected)}')

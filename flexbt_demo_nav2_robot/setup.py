@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+package_name = 'flexbt_demo_nav2_robot'
+
+
+def share(directory: str, pattern: str) -> tuple[str, list[str]]:
+    """Files of a source directory that are installed into the same directory of the package share."""
+    return f'share/{package_name}/{directory}', sorted(str(file) for file in Path(directory).glob(pattern))
+
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test', 'test.*']),
+    package_data={package_name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
+        ('share/' + package_name, ['package.xml']),
+        share('trees', '*.xml'),
+        share('config', '*.yaml'),
+        share('launch', '*.launch.py'),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test looks for it
+    zip_safe=True,
+    maintainer='The FlexBT developers',
+    maintainer_email='maintainers@flexbt.invalid',
+    description='A robot of Nav2 under an operator: trees, a program, and a behavior that it asks.',
+    license='BSD-3-Clause',
+    entry_points={
+        'console_scripts': [
+            'deliveries = flexbt_demo_nav2_robot.program.deliveries:main',
+            'nav2_robot = flexbt_demo_nav2_robot.demonstration.main:main',
+        ],
+        'flexbt.behaviors': [
+            'ask_operator = flexbt_demo_nav2_robot.behavior.ask_operator:AskOperator',
+        ],
+    },
+)
