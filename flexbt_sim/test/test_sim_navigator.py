@@ -172,3 +172,15 @@ def test_a_robot_that_is_no_circle_gets_through_a_door_and_touches_nothing() -> 
         world = World(walled(100, 120, 0.05, wall))
         world.add('robot', RobotModel(footprint=box(0.6, 0.4), lidar=LidarModel(beams=180)), start)
         check_reached(world, Navigator(world, 'robot').navigate(Pose(3.5, 1.0, 1.0)))
+
+
+@pytest.mark.parametrize('number', [2, 5, 7, 9, 23])
+def test_a_robot_touches_nobody_who_walks_to_and_fro_across_its_way(number: int) -> None:
+    x, side = 1.0 + 0.1 * number, 1.6 if number % 2 else -1.6
+    world = World(OccupancyMap(numpy.zeros((80, 160), numpy.int8), 0.05, Pose(-1.0, -2.0, 0.0)), seed=number)
+    robot = world.add('robot', RobotModel(), Pose(0.0, 0.0, 0.0))
+    walk = RouteModel(waypoints=((x, -side), (x, side)), speed=0.4)
+    world.add('walker', ObstacleModel(Pose(x, side, 0.0), Circle(0.2), route=walk))
+    trip = Navigator(world, 'robot').navigate(Pose(5.5, 0.0, 0.0), timeout=300.0)
+    assert (trip.code, trip.contacts) == ('', 0)
+    assert robot.pose.distance(Pose(5.5, 0.0, 0.0)) < 0.25

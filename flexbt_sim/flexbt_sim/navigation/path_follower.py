@@ -7,10 +7,11 @@ The rules are those of Nav2's regulated pure pursuit controller, with speeds tha
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy
 
@@ -30,6 +31,12 @@ JOIN_DISTANCE: Final = 0.25
 SIDE_GAP: Final = 0.03
 SIDE_TIME: Final = 0.4
 """What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
+
+AWAY: Final = 0.25
+"""From what touches it the robot moves away only: for each metre driven so many metres."""
+
+FASTEST: Final = 1.0
+"""Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
 
 STILL: Final = Pose(0.0, 0.0, 0.0)
 
@@ -69,6 +76,14 @@ class FollowerLimits:
     patience: float = 0.3
     collision_time: float = 1.0
     turning_radius: float = 0.0
+
+
+class Sight(NamedTuple):
+    """Clearance, m, of what was seen, at a pose and a time, s."""
+
+    time: float
+    pose: Pose
+    clearance: float
 
 
 class ProgressChecker:
@@ -145,6 +160,7 @@ class PathFollower:
         self._has_begun = False
         self._at_goal = False
         self._blocked_since: float | None = None if before is None else before._blocked_since
+        self._sights: deque[Sight] = deque() if before is None else before._sights
         self.speed: float = 0.0 if before is None else before.speed
         self.speed_limit = math.inf
         """m/s, of the topic of that name."""
@@ -181,7 +197,7 @@ class PathFollower:
             turn = self._turn_by(angle)
             seconds = min(limits.collision_time, abs(angle / turn.angular))
             return self._wait_for_way(now) if collides(self._costmap, pose, turn, seconds) else turn
-        velocity = self._pursue(pose)
+        velocity = self._pursue(pose, now)
         if velocity is None:
             velocity = self._wait_for_way(now)
         else:
@@ -211,7 +227,7 @@ class PathFollower:
         """See :class:`flexbt_sim.navigation.motions.Motion`."""
         self._costmap = costmap
 
-    def _pursue(self, pose: Pose) -> Velocity | None:
+    def _pursue(self, pose: Pose, now: float) -> Velocity | None:
         """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""
         limits = self._limits
         reach = min(limits.lookahead_max, max(limits.lookahead_min, self.speed * limits.lookahead_time))
@@ -221,7 +237,7 @@ class PathFollower:
             carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
             velocity = self._towards(pose, carrot)
             if not self._is_blocked(pose, carrot, velocity):
-                return self._kept_apart(pose, velocity)
+                return self._kept_apart(pose, velocity, now)
             if not self._is_free_until(end):
                 return None
             reach /= 2.0
@@ -254,21 +270,38 @@ class PathFollower:
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
         return Velocity(speed, angular)
 
-    def _kept_apart(self, pose: Pose, velocity: Velocity) -> Velocity | None:
+    def _kept_apart(self, pose: Pose, velocity: Velocity, now: float) -> Velocity | None:
         """Slower on the same arc where the robot comes nearer to something that may move; not at all when it is near.
 
-        Look-ahead finds what is on the arc. This finds what comes from the side, between two scans.
+        Look-ahead finds what is on the arc. This finds what comes from the side, between two scans. For what comes
+        nearer by itself the robot stops earlier, by as much as that may move until the robot stands, and waits.
         """
         radius = self._costmap.inflation.robot_radius
-        reach = radius + SIDE_GAP + SIDE_TIME * velocity.linear
+        reach = radius + SIDE_GAP + SIDE_TIME * (self._limits.speed + FASTEST)
         here = self._costmap.clearance_seen(pose.x, pose.y, reach)
-        if velocity.linear == 0.0 or here == math.inf:
+        closing = self._closing_speed(pose, here, reach, now)
+        if velocity.linear == 0.0 or here >= radius + SIDE_GAP + SIDE_TIME * (velocity.linear + closing):
             return velocity
         ahead = drive(pose, *velocity, SIDE_TIME / 2.0)
-        if self._costmap.clearance_seen(ahead.x, ahead.y, reach) >= here:
+        escape = max(closing, AWAY * velocity.linear if here < radius else 0.0) * SIDE_TIME / 2.0
+        if self._costmap.clearance_seen(ahead.x, ahead.y, reach) >= here + escape:
             return velocity
-        share = min(1.0, (here - radius - SIDE_GAP) / (SIDE_TIME * velocity.linear))
-        return Velocity(velocity.linear * share, velocity.angular * share) if share > 0.0 else None
+        share = (here - radius - SIDE_GAP - SIDE_TIME * closing) / (SIDE_TIME * velocity.linear)
+        if share > 0.0:
+            return Velocity(velocity.linear * min(1.0, share), velocity.angular * min(1.0, share))
+        return STOP if closing > 0.0 else None
+
+    def _closing_speed(self, pose: Pose, here: float, reach: float, now: float) -> float:
+        """How fast, m/s, what was seen has come nearer to where the robot was a moment ago: by its own motion."""
+        sights = self._sights
+        while sights and now - sights[0].time > SIDE_TIME + 1e-6:
+            sights.popleft()
+        sights.append(Sight(now, pose, min(here, reach)))
+        if here == math.inf:
+            return 0.0
+        then = sights[0]
+        nearer = then.clearance - min(reach, self._costmap.clearance_seen(then.pose.x, then.pose.y, reach))
+        return min(FASTEST, max(0.0, nearer - self._costmap.world.resolution) / SIDE_TIME)
 
     def _turn_by(self, angle: float) -> Velocity:
         return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))
