@@ -14,6 +14,7 @@ from flexbt_demo_behaviors.demonstration import (
     console_command,
     demo_processes,
     first_place,
+    page_command,
 )
 
 
@@ -52,6 +53,7 @@ def test_leaving_the_console_is_told_to_end_the_demonstration() -> None:
     file, *words = console_command()
     assert Path(file).is_file()
     assert words[:3] == ['screen', '--leaving', 'the demonstration ends']
+    assert page_command(8465)[1:4] == ['web', '--port', '8465']
 
 
 def test_a_places_file_without_places_is_refused(tmp_path: Path) -> None:

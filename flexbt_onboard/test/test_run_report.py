@@ -85,7 +85,9 @@ def test_times_visits_and_waiting_are_those_of_the_run(seed: int) -> None:
     assert sum(one.waiting for one in found.values()) == pytest.approx(waiting)
     assert run.duration == pytest.approx(sum(found[path].total for path in found if path in PATHS))
     picture = parsed(timeline(run))
-    bars = [one for one in picture.iter() if one.tag.endswith('rect') and one.get('class')]
+    bars = [one for one in picture.iter() if one.tag.endswith('rect') and len(one)]  # those with a tooltip
+    shown = [one.get('class') for one in picture.iter() if one.tag.endswith(('rect', 'line')) and not len(one)]
+    assert {kind for kind in shown if kind not in ('back', 'grid')} == {bar.get('class') for bar in bars}  # the legend
     assert len(bars) == len(run.visits) + len(run.waits)
     assert all(float(bar.get('x', 0)) + float(bar.get('width', 0)) <= 260 + 900 + 1 for bar in bars)
 

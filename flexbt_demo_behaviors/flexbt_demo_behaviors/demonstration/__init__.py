@@ -9,6 +9,7 @@ from .demo_processes import (
     console_command,
     demo_processes,
     first_place,
+    page_command,
 )
 from .interactive import run_console
 from .options import parse_options, speed_factor
@@ -55,6 +56,7 @@ __all__ = [
     'first_place',
     'join_robot',
     'own_domain',
+    'page_command',
     'parse_options',
     'run_console',
     'run_demonstration',

@@ -85,6 +85,14 @@ def console_command(leaving: str = 'the demonstration ends', namespace: str = ''
     return [executable, mode, '--leaving', leaving, *parameters]
 
 
+def page_command(port: int) -> list[str]:
+    """The command line that serves the operator's page for a browser; empty where its library is missing."""
+    if importlib.util.find_spec('aiohttp') is None:
+        return []
+    executable, *parameters = Process('flexbt_console', 'console').command()
+    return [executable, 'web', '--port', str(port), *parameters]
+
+
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
     """The processes behind the operator's console, in the order in which they are started."""
     simulated: dict[str, ParameterValue] = {'use_sim_time': True}

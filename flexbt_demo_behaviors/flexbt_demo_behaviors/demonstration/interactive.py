@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import socket
 import subprocess
 import sys
 import termios
@@ -11,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 from flexbt_console.mirror import AutonomyLevel
 
-from .demo_processes import DemoSettings, console_command
+from .demo_processes import DemoSettings, console_command, page_command
 from .process_group import EndedProcess, ProcessGroup
 from .report import Timeline
 from .scripts import Demonstration
@@ -34,11 +35,23 @@ def run_interactive(
         session.operator.wait_state('/AskGoal')
     group.watch(lambda process: ended.update({process.name: process}))
     print(INTRODUCTION.format(behavior=demonstration.behavior, place=place), end='')
-    print(flush=True)
+    print(_serve_page(group), flush=True)
     exit_code = run_console(console_command())
     for process in ended.values():
         print(process.report(), file=sys.stderr)
     return exit_code
+
+
+def _serve_page(group: ProcessGroup) -> str:
+    """Serve the operator's page, too; where it is."""
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        port = free.getsockname()[1]
+    command = page_command(port)
+    if not command:
+        return ''
+    group.start('web', command)
+    return f'In a browser: http://127.0.0.1:{port}/\n'
 
 
 def run_console(command: Sequence[str]) -> int:

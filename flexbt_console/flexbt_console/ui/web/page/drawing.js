@@ -36,6 +36,7 @@ export function show(place, key) {
   if (!source) return null;
   const made = copy(source);
   made.setAttribute('aria-hidden', 'true');
+  for (const side of ['width', 'height']) made.setAttribute(side, parseFloat(source.getAttribute(side)));  // pixels for points
   place.replaceChildren(made);
   place.dataset.key = key;
   return made;

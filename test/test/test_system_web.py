@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The operator's page with a real robot: a goal, a decision, a late answer, an obstacle, a stop; without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
+
+from flexbt_testing.system.processes import Stack, executable
+
+DEADLINE = 120.0
+BEHAVIOR = 'Navigate Split'
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> Iterator[str]:
+    """Where the page of a robot is, whose behavior waits for a goal."""
+    with Stack(tmp_path) as stack:
+        stack.start_all({'speed_factor': '5.0'})
+        line = [executable('console'), 'web', '--port', '0', '--operator', 'ann', '--timeout', '30']
+        with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as web:
+            try:
+                assert web.stdout is not None
+                told = web.stdout.readline()
+                found = re.search(r'http://127\.0\.0\.1:\d+/', told)
+                assert found is not None, told
+                yield found[0]
+                web.send_signal(signal.SIGINT)
+                assert web.wait(DEADLINE) == 0
+            finally:
+                web.kill()
+
+
+class Page:
+    """What a page knows."""
+
+    def __init__(self, socket: ClientWebSocketResponse) -> None:
+        self.socket = socket
+        self.parts: dict[str, Any] = {}
+        self.told: list[str] = []
+
+    async def until(self, done: Callable[[dict[str, Any]], object]) -> Any:
+        async with asyncio.timeout(DEADLINE):
+            while True:
+                with suppress(KeyError, IndexError, TypeError):
+                    if found := done(self.parts):
+                        return found
+                message = await self.socket.receive()
+                assert message.type in (WSMsgType.TEXT, WSMsgType.BINARY), message
+                if message.type is WSMsgType.TEXT:
+                    content = json.loads(message.data)
+                    self.parts.update(content.get('parts', {}))
+                    self.told += [content['told']['text']] if 'told' in content else []
+
+    async def do(self, line: str, **more: Any) -> None:
+        before = len(self.told)
+        await self.socket.send_json({'do': line, 'decision': None, **more})
+        await self.until(lambda parts: len(self.told) > before)
+        assert 'applied' in self.told[-1], self.told
+
+
+def test_a_robot_is_sent_off_from_the_page(address: str) -> None:
+    async def operate() -> None:
+        async with ClientSession() as session, session.ws_connect(f'{address}link', max_msg_size=0) as socket:
+            await socket.send_json({'hello': None})
+            page = Page(socket)
+            await page.until(
+                lambda parts: parts['link']['state'] == 'live' and parts['behaviors'] and parts['simulator']
+            )
+            await page.until(lambda parts: parts['status']['missed'] == [])
+            await page.do(f"start '{BEHAVIOR}' --autonomy high")
+            where = await page.until(lambda parts: parts['decisions'][0]['wants_pose'] and parts['decisions'][0])
+            await page.until(lambda parts: parts['machine'])
+            await socket.send_json({'answer': '10 2.3 0', 'decision': where['id']})
+            judged = await page.until(lambda parts: parts['decisions'][0]['kind'] == 'choice' and parts['decisions'][0])
+            assert len(page.parts['plan']) > 2
+            leads = {choice['value']: choice['leads'] for choice in judged['choices']}
+            assert leads['done'].endswith('FollowPath')
+            await socket.send_json({'answer': '10 2.3 0', 'decision': where['id']})  # late: the one before
+            await page.until(lambda parts: 'nothing was sent' in page.told[-1])
+            assert page.parts['decisions'][0]['id'] == judged['id']
+            await socket.send_json({'answer': 'done', 'decision': judged['id']})
+            await page.until(lambda parts: parts['trees'][0]['leaves'] == ['FollowPath'])
+            x, y = page.parts['pose']['x'], page.parts['pose']['y']
+            await page.until(lambda parts: abs(parts['pose']['x'] - x) + abs(parts['pose']['y'] - y) > 0.5)
+            await socket.send_json({'obstacle': [x, y]})  # where it has been
+            (obstacle,) = await page.until(lambda parts: parts['obstacles'])
+            await socket.send_json({'remove_obstacle': obstacle[0]})
+            await page.until(lambda parts: parts['obstacles'] == [])
+            await page.do('stop')
+            await page.until(lambda parts: parts['status']['state'] == 'idle')
+
+    asyncio.run(operate())
