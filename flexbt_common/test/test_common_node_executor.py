@@ -8,22 +8,28 @@ import random
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
 import pytest
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherEventType, QoSSubscriptionEventType
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    QoSPublisherEventType,
+    QoSSubscriptionEventType,
+    SubscriptionEventCallbacks,
+)
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future, Task
 from std_msgs.msg import Int32
 
 from flexbt_common.runtime import LatestMessage
-from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit
+from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit, node_executor
+from flexbt_common.runtime.rclpy_private import SWITCH
 from flexbt_msgs.srv import ControlTree
-from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
 
@@ -31,11 +37,11 @@ DEADLINE = 60.0
 class Bench:
     """A node on its executor, turned by the test itself or in a thread."""
 
-    def __init__(self, context: rclpy.Context) -> None:
+    def __init__(self, context: rclpy.Context, make: Callable[..., Any] = NodeExecutor) -> None:
         self.context = context
         self.node = Node('bench', context=context)
         self.faults: list[Exception] = []
-        self.executor = NodeExecutor(self.node, self.faults.append)
+        self.executor = make(self.node, self.faults.append)
 
     def turn_until(self, condition: Callable[[], Any], what: str) -> None:
         end = time.monotonic() + DEADLINE
@@ -53,14 +59,22 @@ class Bench:
         self.node.destroy_node()
 
 
-@pytest.fixture
-def bench() -> Iterator[Bench]:
+@contextmanager
+def open_bench(make: Callable[..., Any] = NodeExecutor) -> Iterator[Bench]:
     context = rclpy.Context()
     rclpy.init(args=[], context=context)
-    bench = Bench(context)
-    yield bench
-    bench.close()
-    rclpy.try_shutdown(context=context)
+    bench = Bench(context, make)
+    try:
+        yield bench
+    finally:
+        bench.close()
+        rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with open_bench() as bench:
+        yield bench
 
 
 @pytest.fixture(params=['polls', 'resumes'])
@@ -143,30 +157,33 @@ def test_only_events_of_ends_that_do_not_fit_may_come_late(kind: Any) -> None:
     }
 
 
-def test_a_message_that_nobody_waits_for_is_kept_for_who_asks(bench: Bench) -> None:
-    awaits = threading.Event()
-    called: list[int | None] = []
+@pytest.mark.parametrize('stock', ['0', '1'])
+def test_a_message_that_nobody_waits_for_is_kept_for_who_asks(monkeypatch: pytest.MonkeyPatch, stock: str) -> None:
+    monkeypatch.setenv(SWITCH, stock)
+    with open_bench(node_executor) as bench:
+        awaits = threading.Event()
+        called: list[int | None] = []
 
-    def newest() -> int | None:
-        message = latest.message
-        return None if message is None else int(message.data)
+        def newest() -> int | None:
+            message = latest.message
+            return None if message is None else int(message.data)
 
-    def tell() -> None:
-        called.append(newest())
+        def tell() -> None:
+            called.append(newest())
 
-    latest = LatestMessage(bench.node, Int32, 'numbers', 1, tell, awaits.is_set)
-    numbers = bench.node.create_publisher(Int32, 'numbers', 10)
-    bench.turn_until(numbers.get_subscription_count, 'the discovery')
-    for number in range(50):
-        numbers.publish(Int32(data=number))
-        bench.executor.turn(0.001)
-    wait_until(lambda: newest() == 49, 'the newest message')
-    assert called == []
-    awaits.set()
-    numbers.publish(Int32(data=50))
-    bench.turn_until(lambda: called == [50], 'the message that is awaited')
-    latest.close()
-    assert newest() == 50
+        latest = LatestMessage(bench.node, Int32, 'numbers', 1, tell, awaits.is_set)
+        numbers = bench.node.create_publisher(Int32, 'numbers', 10)
+        bench.turn_until(numbers.get_subscription_count, 'the discovery')
+        for number in range(50):
+            numbers.publish(Int32(data=number))
+            bench.executor.turn(0.001)
+        bench.turn_until(lambda: newest() == 49, 'the newest message')
+        assert called == []
+        awaits.set()
+        numbers.publish(Int32(data=50))
+        bench.turn_until(lambda: called == [50], 'the message that is awaited')
+        latest.close()
+        assert newest() == 50
 
 
 def test_entities_come_and_go_in_callbacks_and_other_threads_and_nothing_is_lost(bench: Bench) -> None:
@@ -234,6 +251,21 @@ def test_entities_come_and_go_in_callbacks_and_other_threads_and_nothing_is_lost
     assert not churn_faults and not bench.faults
     for _, seen in live.values():
         assert seen == sorted(set(seen))
+
+
+def test_what_another_thread_is_destroying_is_waited_for_no_more(bench: Bench) -> None:
+    seen: list[int] = []
+    numbers = bench.node.create_publisher(Int32, 'numbers', 10)
+    bench.node.create_subscription(Int32, 'numbers', lambda message: seen.append(message.data), 10)
+    events = SubscriptionEventCallbacks(liveliness=lambda event: None)
+    other = bench.node.create_subscription(Int32, 'others', lambda message: None, 10, event_callbacks=events)
+    bench.turn_until(numbers.get_subscription_count, 'the discovery')
+    bench.executor.turn(0.0)  # which has seen all of them
+    for handler in other.event_handlers:
+        handler.destroy()  # which rclpy does before it wakes the executor
+    bench.executor.turn(0.0)
+    numbers.publish(Int32(data=1))
+    bench.turn_until(lambda: seen == [1], 'the message')
 
 
 def test_the_wait_set_is_made_anew_when_the_node_has_changed_and_only_then(bench: Bench) -> None:

@@ -70,7 +70,8 @@ class LatestMessage:
         def callback(data: bytes) -> None:
             """For the executor of rclpy, which has taken the message."""
             self._keep(data)
-            self._on_message()
+            if self._is_awaited():
+                self._on_message()
 
         callback.take_all = self._take_all  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
         callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]

@@ -159,7 +159,11 @@ class NodeExecutor(OpenExecutor):
             self._entities = self._entities_of_node()
         if self.simulated_time.subscription is not None:
             timeout = LONGEST_WAIT if timeout is None else min(timeout, LONGEST_WAIT)
-        ready = self._entities.ready(timeout)
+        try:
+            ready = self._entities.ready(timeout)
+        except InvalidHandle:  # another thread is destroying an entity
+            self._is_changed = True
+            return
         self.simulated_time.hear()  # first, so that no message is from the future
         for take, entity in ready:
             self._call(take, entity)
