@@ -30,8 +30,10 @@ def run(workspace: Workspace) -> int:
     return 1 if failed else 0
 
 
-def failing_checks(workspace: Workspace) -> list[str]:
+def failing_checks(workspace: Workspace, *, alone: bool = True) -> list[str]:
     """Runs all checkers, reports what they find, gives the names of those that found something.
+
+    `alone`: whether nothing else is written to the terminal meanwhile.
 
     Raises WorkspaceError when a checker is not installed.
     """
@@ -40,7 +42,7 @@ def failing_checks(workspace: Workspace) -> list[str]:
     failed = []
     for check in checks:
         try:
-            with step(check.name) as shown:
+            with step(check.name, alone=alone) as shown:
                 shown.outcome = 'passed'
                 run_logged(
                     workspace.inside(check.command),

@@ -27,10 +27,11 @@ class Step:
     and one for the end.
     """
 
-    def __init__(self, label: str) -> None:
+    def __init__(self, label: str, *, alone: bool = True) -> None:
+        """`alone`: nothing else is written meanwhile; otherwise a terminal is treated as a log file."""
         self.outcome = 'done'
         self._label = label
-        self._live = sys.stdout.isatty()
+        self._live = alone and sys.stdout.isatty()
         self._start = time.monotonic()
         self._next_note = _FIRST_NOTE_S
         if self._live:
@@ -61,9 +62,9 @@ class Step:
 
 
 @contextmanager
-def step(label: str) -> Iterator[Step]:
+def step(label: str, *, alone: bool = True) -> Iterator[Step]:
     """Shows `label`, and at the end how it went and how long it took. Set `outcome` for another word than done."""
-    shown = Step(label)
+    shown = Step(label, alone=alone)
     try:
         yield shown
     except BaseException as error:

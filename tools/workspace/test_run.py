@@ -68,7 +68,7 @@ def run(workspace: Workspace) -> int:
     runs = [_Run(workspace, package) for package in packages.values()]
     runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
     runs.sort(key=lambda run: run.rank)
-    failed_checks = _finish(runs, time.monotonic() + DEADLINE, lambda: failing_checks(workspace))
+    failed_checks = _finish(runs, time.monotonic() + DEADLINE, lambda: failing_checks(workspace, alone=False))
     tally = Tally(passed=len(all_checks(workspace)) - len(failed_checks))
     tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
     _show_results(workspace)
