@@ -22,6 +22,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
+from flexbt_core.behavior_tree.engine.tick_control import MOST_WAITING
 from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
 
 PAUSE, RESUME, STEP = TickCommand.PAUSE, TickCommand.RESUME, TickCommand.STEP
@@ -211,6 +212,21 @@ def test_a_step_whose_tick_raises_is_answered_and_the_error_goes_on() -> None:
         control.tick(running)
     assert answers[0] == ''
     assert 'scripted fault' in answers[1]
+
+
+def test_commands_that_flood_a_tree_that_blocks_are_refused_and_those_before_have_their_effect() -> None:
+    control = TickControl(on_command=lambda: None, on_change=lambda _paused: None)
+    answers: list[str] = []
+    for _ in range(MOST_WAITING + 5):
+        control.command(PAUSE, answers.append)
+    assert len(answers) == 5
+    assert f'{MOST_WAITING} commands wait' in answers[0]
+    control.tick(tree('<Runs/>', services={'ticks': 0}))
+    assert answers[5:] == [''] * MOST_WAITING
+    assert control.paused
+    control.command(RESUME, answers.append)
+    control.tick(tree('<Runs/>', services={'ticks': 0}))
+    assert answers[-1] == '' and not control.paused
 
 
 def test_many_threads_step_a_tree_and_each_step_is_one_tick() -> None:

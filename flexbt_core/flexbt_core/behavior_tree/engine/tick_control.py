@@ -15,6 +15,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from enum import Enum
+from typing import Final
 
 from flexbt_core.behavior_tree.model import NodeStatus
 
@@ -30,6 +31,10 @@ class TickCommand(Enum):
     PAUSE = 'pause'
     RESUME = 'resume'
     STEP = 'step'
+
+
+MOST_WAITING: Final = 1000
+"""Commands that wait for the tick that is under way; further ones are refused."""
 
 
 class TickControl:
@@ -64,13 +69,15 @@ class TickControl:
     def command(self, command: TickCommand, answer: Answer) -> None:
         """Asks for something. PAUSE is answered when no tick is under way any more, STEP when its tick is over."""
         with self._lock:
-            closed = self._closed
-            if closed is None:
+            refusal = self._closed
+            if refusal is None and len(self._commands) >= MOST_WAITING:
+                refusal = f'{MOST_WAITING} commands wait for the end of the tick that is under way'
+            if refusal is None:
                 self._commands.append((command, answer))
-        if closed is None:
+        if refusal is None:
             self._on_command()
         else:
-            answer(closed)
+            answer(refusal)
 
     def hold(self, reason: str) -> None:
         """Has the tree held for the host's ``reason``, until it is called with ''. From any thread."""
