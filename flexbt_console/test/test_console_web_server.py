@@ -14,7 +14,7 @@ from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType, WSServerH
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, served
 
 from flexbt_console.errors import UsageError
-from flexbt_console.mirror import CommandKind, GridMap
+from flexbt_console.mirror import CommandKind, ExecutiveState, GridMap, Pose
 from flexbt_console.ui.web import MOST_PAGES, Access
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
@@ -106,6 +106,18 @@ def test_everything_of_now_is_told() -> None:
         await opened.until(lambda: len(opened.messages) > before + 1)
         for message in opened.messages[before:]:
             assert message['parts'].keys() == {'times'}  # what has not changed is not sent again
+
+    with_page(robot, look)
+
+
+def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
+    robot = WebRobot()
+
+    async def look(opened: Page) -> None:
+        for second in range(8):
+            where = Pose(0.1 * second, 0.0)
+            robot.show(state=ExecutiveState.IDLE, outcome='preempted', robot_pose=where, stamp=9.0 + second)
+        await opened.until(lambda: 'THE ROBOT MOVES' in opened.parts['status']['alarm'])
 
     with_page(robot, look)
 

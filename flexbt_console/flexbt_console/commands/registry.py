@@ -256,6 +256,7 @@ _PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 
 _ADDRESS = Option(
     '--address', 'address to listen at (default 127.0.0.1: this computer only; beyond it a token is needed)', 'IP'
 )
+_ROBOT = Option('--robot', 'namespace of a robot (default: that of the console alone)', 'NAME', repeated=True)
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
     '--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
@@ -562,9 +563,11 @@ COMMANDS: Final = (
         'web',
         'the page for a browser: machine, trees and map as pictures, decisions, commands and log',
         Mode.WEB,
-        options=(_PORT, _ADDRESS),
+        options=(_ROBOT, _PORT, _ADDRESS),
         details=(
-            'It prints the address of the page, and serves it until it is interrupted. At an address beyond this '
+            'It prints the address of the page, and serves it until it is interrupted. With several robots the page '
+            'has a line for each, those that wait first, and ?robot=NAME opens one of them.',
+            'At an address beyond this '
             'computer the page needs the token that is part of the printed address; FLEXBT_WEB_TOKEN sets it, and '
             'then it is needed on this computer, too. Nothing is encrypted: for an open network, use a tunnel '
             '(ssh -L 8465:localhost:8465 STATION).',

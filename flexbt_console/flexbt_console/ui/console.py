@@ -149,16 +149,20 @@ def _run_web(line: CommandLine) -> ExitCode:
         if error.name != 'aiohttp':
             raise
         raise UsageError('the page needs aiohttp: install it, or use a command (console --help)') from None
-    from flexbt_console.link import SimulatorLink, SurroundingsLink
+    from flexbt_console.link import OperatorLink, SimulatorLink, SurroundingsLink
 
     access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
     port = port_number(line.value('--port') or str(DEFAULT_PORT))
     with _open_runtime(line) as runtime:
-        mirror, link, make = _parts(line, runtime)
-        SurroundingsLink(runtime, mirror)
-        name = runtime.node.get_namespace().strip('/') or 'robot'
-        timeout = line.seconds('--timeout') or DEFAULT_TIMEOUT
-        run_web({name: Station(mirror, link, make, timeout, SimulatorLink(runtime))}, access, port, print_address)
+        operator, make_mirror, simulator = _operator(line), _mirror_maker(line, runtime), SimulatorLink(runtime)
+        stations = {}
+        for given in line.values('--robot') or [runtime.node.get_namespace()]:
+            namespace, mirror = full_namespace(given), make_mirror()
+            link = OperatorLink(runtime, mirror, operator, namespace)
+            SurroundingsLink(runtime, mirror, namespace)
+            station = Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
+            stations[namespace.strip('/') or 'robot'] = station
+        run_web(stations, access, port, print_address)
         return ExitCode.OK
 
 

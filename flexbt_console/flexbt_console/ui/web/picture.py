@@ -10,6 +10,7 @@ from flexbt_console.commands import COMMANDS
 from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LogLine, TreeRun, View
 from flexbt_console.present import (
     age_text,
+    alarm_line,
     authority_text,
     autonomy_text,
     decision_line,
@@ -61,6 +62,7 @@ def _status(view: View) -> dict[str, Any] | None:
         'running': view.running,
         'run': snapshot.run_id,
         'runs': what_runs(view),
+        'alarm': alarm_line(view),
         'message': one_line(snapshot.message),
         'autonomy': snapshot.autonomy,
         'autonomy_text': autonomy_text(snapshot.autonomy),

@@ -124,7 +124,7 @@ function drawHead() {
   if (!server.open) alarm.push(server.text);
   else if (!live) alarm.push('BLIND: this is how it was then; only STOP is sent');
   if (known.link?.problem) alarm.push(known.link.problem);
-  if (status) alarm.push(...status.missed, ...(status.message ? [status.message] : []));
+  if (status) alarm.push(...(status.alarm ? [status.alarm] : []), ...status.missed, ...(status.message ? [status.message] : []));
   if (byId('alarm').textContent !== alarm.join('\n')) byId('alarm').textContent = alarm.join('\n');
   document.body.classList.toggle('blind', !live);
   bar.allow(live);
