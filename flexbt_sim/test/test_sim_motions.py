@@ -15,6 +15,7 @@ from sim_maps import drawn, free_places, places, rooms, worlds
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import (
     LOOK_AHEAD,
+    ROLL_TIME,
     STOP,
     AssistedTeleop,
     Costmap,
@@ -138,11 +139,12 @@ def test_a_drive_is_complete_or_an_obstacle_is_ahead_and_not_touched(
     anywhere = free_places(world, LIMITS.radius)
     assume(not anywhere.is_empty)
     start = data.draw(anywhere)
-    way = way_ahead(world, start, sign, distance + SPARE)
+    rolls = ROLL_TIME * speed
+    way = way_ahead(world, start, sign, distance + rolls + SPARE)
     done = run(world, start, DriveMotion(sign * distance, sign * speed, 0.0, costs(world)))
     if done.code:
         assert done.code == 'COLLISION_AHEAD'
-        assert way < distance + SPARE
+        assert way < distance + rolls + SPARE
         assert not done.touched
         assert start.distance(done.robot.pose) >= way - LOOK_AHEAD * max(speed, 0.1) - SPARE
     else:

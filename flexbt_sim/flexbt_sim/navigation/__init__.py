@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Planning and control. Pure."""
 
-from .behaviors import AssistedTeleop, DriveMotion, SpinMotion
+from .behaviors import ROLL_TIME, AssistedTeleop, DriveMotion, SpinMotion
 from .collision_monitor import slowed
 from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
 from .layers import LayeredCostmap, Observation, ObstacleRanges
@@ -18,6 +18,7 @@ __all__ = [
     'INSCRIBED',
     'LETHAL',
     'LOOK_AHEAD',
+    'ROLL_TIME',
     'SPACING',
     'STILL',
     'STOP',

@@ -76,6 +76,10 @@ class SpinMotion:
         self._costmap = costmap
 
 
+ROLL_TIME: Final = 0.1
+"""How long, s, the robot may drive on beyond its distance: until the command to stop is there, and while it brakes."""
+
+
 class DriveMotion:
     """Drives straight, forward or backward, for a distance."""
 
@@ -97,7 +101,7 @@ class DriveMotion:
         if remaining <= 0.0:
             return None
         velocity = Velocity(self._speed, 0.0)
-        seconds = min(LOOK_AHEAD, remaining / abs(self._speed))
+        seconds = min(LOOK_AHEAD, remaining / abs(self._speed) + ROLL_TIME)
         if collides(self._costmap, pose, velocity, seconds):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of driving')
         return velocity
