@@ -123,9 +123,13 @@ def test_with_a_window_the_robot_is_looked_for_from_where_it_was_on_the_same_pat
     assert points_of(tree.board.get('part')) == LINE[::-1]
 
 
+COORDINATES = st.integers(-40, 40).map(lambda eighths: eighths / 8.0)
+"""m. Their squares are exact, so that of points that are as near it is the same one however distances are compared."""
+
+
 @given(
-    st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=1, max_size=30),
-    st.floats(0, 10), st.floats(0, 10), st.floats(-5, 5), st.floats(-5, 5),
+    st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=30),
+    st.floats(0, 10), st.floats(0, 10), COORDINATES, COORDINATES,
 )  # fmt: skip
 def test_the_part_is_as_long_as_asked_for(
     points: list[tuple[float, float]], forward: float, backward: float, x: float, y: float
