@@ -268,3 +268,19 @@ def test_a_lost_server_is_told_and_found_again(browser: Browser) -> None:
         browser.until_live()
         browser.press('p')
         assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.PAUSE]
+
+
+def test_fifty_robots_have_a_line_each_and_keep_the_focus(browser: Browser) -> None:
+    robots = {f'r{number}': WebRobot() for number in range(50)}
+    with served({name: robot.station() for name, robot in robots.items()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/?robot=r7')
+        browser.until_live()
+        browser.until(lambda: browser.run('return document.querySelectorAll("[data-robot]").length') == 50)
+        browser.run('document.querySelector("[data-robot=r30]").focus()')
+        robots['r41'].show(PLAN)  # who waits comes first
+        first = 'return document.querySelector("[data-robot]").dataset.robot'
+        browser.until(lambda: browser.run(first) == 'r41')
+        assert browser.run('return document.activeElement.dataset.robot') == 'r30'
+        browser.press(Keys.ENTER)
+        browser.until(lambda: browser.run('return document.getElementById("robot").value') == 'r30')
+        assert all(robot.sent == [] for robot in robots.values())

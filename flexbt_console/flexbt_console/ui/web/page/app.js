@@ -147,12 +147,14 @@ function drawHead() {
 
 function drawRobots() {
   byId('robots-pane').hidden = known.robots.length < 2;
+  const focused = document.activeElement?.dataset.robot;
   byId('robots').replaceChildren(...known.robots.map((robot) => {
-    const button = element('button', {type: 'button', 'aria-pressed': String(robot.name === known.robot)},
+    const button = element('button', {type: 'button', 'data-robot': robot.name, 'aria-pressed': String(robot.name === known.robot)},
       `${robot.waits ? '? ' : robot.link === 'live' ? '' : '✗ '}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`);
     button.addEventListener('click', () => goTo(robot.name));
     return element('li', {}, button);
   }));
+  if (focused) document.querySelector(`[data-robot="${CSS.escape(focused)}"]`)?.focus();
 }
 
 function drawObstacles() {
