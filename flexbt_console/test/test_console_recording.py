@@ -24,12 +24,13 @@ from mcap.reader import SeekingReader, make_reader
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder
-from flexbt_console.errors import ExitCode
+from flexbt_console.errors import ExitCode, RefusedError
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
 from flexbt_console.present import behavior_line
 from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
+from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.run_file import Recorded, read_run
 from flexbt_console.recording.topics import TOPICS
 from flexbt_testing.waiting import wait_until
@@ -126,6 +127,27 @@ def test_the_console_sees_in_a_replay_what_it_saw_of_the_robot(executives: Any, 
         assert seen.structure == view.structure and seen.behaviors == view.behaviors
         assert at.mirror.log()[: len(logs)] == logs
         assert 'replay of run.mcap' in behavior_line(seen)
+
+
+def test_a_player_shows_each_moment_as_it_was_also_going_back(executives: Any, tmp_path: Path) -> None:
+    file = tmp_path / 'run.mcap'
+    view, logs = run_recorded(executives, file, 'played', signal.SIGINT)
+    player = RunPlayer(file)
+    player.go_to(player.duration)
+    seen = player.mirror.view()
+    assert seen.live and seen.decisions == view.decisions and seen.structure == view.structure
+    assert player.mirror.log()[: len(logs)] == logs
+    player.step(-1)
+    before = player.mirror.view().snapshot
+    assert before is not None and seen.snapshot is not None and before.sequence < seen.snapshot.sequence
+    player.go_to(0.0)
+    player.find('AskGoal')
+    found = player.time
+    said = [*player.mirror.view().active_paths, *(line.text for line in player.mirror.log())]
+    assert found > 0.0 and any('AskGoal' in text for text in said)
+    with pytest.raises(RefusedError, match='nothing has'):
+        player.find('what nobody has said')
+    assert player.time == found
 
 
 def indexed(file: Path) -> list[tuple[str, bytes]]:

@@ -79,7 +79,7 @@ def test_the_robot_that_waits_is_found_stopped_and_left(tmp_path: Path, terminal
         assert isinstance(started, dict) and started['result'] == 'applied', started
         terminal.shows('1 other needs you: o')
         terminal.keys('o')
-        terminal.shows(r'2 robots, 1 need')
+        terminal.shows('robots: 2  need you: 1')
         terminal.shows(r'/robot2 +waits +\d.*\n> /robot1')
         terminal.keys('Up', 'Enter')
         terminal.shows(r'^ /robot2  LIVE  RUNNING')

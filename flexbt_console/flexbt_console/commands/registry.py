@@ -575,6 +575,14 @@ COMMANDS: Final = (
         link=LinkNeed.NONE,
     ),
     CommandSpec(
+        'replay',
+        'show a recording on the screen: time line, step, search, speed',
+        Mode.REPLAY,
+        (Argument('FILE'),),
+        link=LinkNeed.NONE,
+        details=('Nothing is published; the executable `replay` publishes a recording for other consoles.',),
+    ),
+    CommandSpec(
         'prompt',
         'the interactive prompt, also without any command where there is no room for the screen, or Textual is missing',
         Mode.PROMPT,

@@ -148,6 +148,7 @@ class Mode(Enum):
     SCREEN = 'screen'
     WEB = 'web'
     ROBOTS = 'robots'
+    REPLAY = 'replay'
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,12 +17,13 @@ from .messages import (
 )
 from .operator_link import OperatorLink
 from .simulator_link import SimulatorLink
-from .surroundings_link import SurroundingsLink
+from .surroundings_link import SurroundingsFeed, SurroundingsLink
 
 __all__ = [
     'FleetLink',
     'OperatorLink',
     'SimulatorLink',
+    'SurroundingsFeed',
     'SurroundingsLink',
     'behaviors_record',
     'command_message',

@@ -6,6 +6,7 @@ A console that only commands does without: it is several times what the operator
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from flexbt_common import names
@@ -45,14 +46,16 @@ class SurroundingsLink:
     def _join(self) -> None:
         from nav_msgs.msg import OccupancyGrid, Path  # what only a screen needs
 
-        for type, topic, receive, qos in (
-            (TreeStructure, names.TREE_STRUCTURE, self._on_structure, names.latched(STATUS_DEPTH)),
-            (TreeStatus, names.TREE_STATUS, self._on_status, names.latched(STATUS_DEPTH)),
-            (OccupancyGrid, names.MAP, self._on_map, names.latched()),
-            (Path, names.PLAN, self._on_plan, names.unacknowledged(1)),
+        receivers = SurroundingsFeed(self._mirror).receivers
+        for type, topic, qos in (
+            (TreeStructure, names.TREE_STRUCTURE, names.latched(STATUS_DEPTH)),
+            (TreeStatus, names.TREE_STATUS, names.latched(STATUS_DEPTH)),
+            (OccupancyGrid, names.MAP, names.latched()),
+            (Path, names.PLAN, names.unacknowledged(1)),
         ):
             name = names.of_robot(self._namespace, topic)
-            messages = ReceivedMessages(self._node, type, name, qos, self._reader(type, name, receive), MESSAGE_BYTES)
+            read = self._reader(type, name, receivers[topic])
+            messages = ReceivedMessages(self._node, type, name, qos, read, MESSAGE_BYTES)
             self._subscriptions.append(messages.subscription)
 
     def _reader(self, type: Any, topic: str, receive: Any) -> Any:
@@ -64,6 +67,19 @@ class SurroundingsLink:
                 self._node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
 
         return read
+
+
+class SurroundingsFeed:
+    """Messages of trees, map and plan into a mirror, by the names of their topics; ValueError for one that is wrong."""
+
+    def __init__(self, mirror: Mirror) -> None:
+        self._mirror = mirror
+        self.receivers: dict[str, Callable[[Any], None]] = {
+            names.TREE_STRUCTURE: self._on_structure,
+            names.TREE_STATUS: self._on_status,
+            names.MAP: self._on_map,
+            names.PLAN: self._on_plan,
+        }
 
     def _on_structure(self, message: Any) -> None:
         nodes = [TreeNode(node.uid, node.parent, node.name, node.registration, node.path) for node in message.nodes]

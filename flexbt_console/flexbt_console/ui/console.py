@@ -112,6 +112,8 @@ def _flush() -> None:
 def _run(line: CommandLine) -> ExitCode:
     if line.spec is not None and line.spec.action is Mode.WEB:
         return _run_web(line)
+    if line.spec is not None and line.spec.action is Mode.REPLAY:
+        return _run_replay(line)
     if line.spec is not None and line.spec.action in _INTERACTIVE:
         return _run_interactive(line, _INTERACTIVE[line.spec.action])
     from .line import Session, list_robots, run
@@ -140,6 +142,23 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
     with _open_runtime(line) as runtime:
         run(line, runtime)
         return ExitCode.OK
+
+
+def _run_replay(line: CommandLine) -> ExitCode:
+    from flexbt_console.recording import open_recording
+    from flexbt_core.clock import SteadyClock
+
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise UsageError('a recording is shown in a terminal; the executable `replay` publishes it for other consoles')
+    player = open_recording(Path(line.first_word))
+    try:
+        from .screen import show_recording
+    except ModuleNotFoundError as error:
+        if error.name is None or not error.name.startswith('textual'):
+            raise
+        raise UsageError('the screen needs textual: install it, or use the executable `replay`') from None
+    show_recording(player, SteadyClock())
+    return ExitCode.OK
 
 
 def _run_web(line: CommandLine) -> ExitCode:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The operator's screen: machine, trees, map, decisions and log; one key for each command. Needs textual."""
 
-from .app import OperatorScreen, run_screen
+from .app import OperatorScreen, run_screen, show_recording
 from .keys import KEYS
+from .replay_bar import NoLink, ReplayBar
 
-__all__ = ['KEYS', 'OperatorScreen', 'run_screen']
+__all__ = ['KEYS', 'NoLink', 'OperatorScreen', 'ReplayBar', 'run_screen', 'show_recording']

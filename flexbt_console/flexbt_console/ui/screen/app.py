@@ -41,6 +41,7 @@ from .machine_lines import machine_lines, outcome_texts
 from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
 from .overview import Overview, others_text
 from .panes import Pane, styled
+from .replay_bar import MOVES, NoLink, Player, ReplayBar
 from .status_lines import alarm_text, keys_text, log_text, status_text
 from .tree_lines import tree_lines
 
@@ -51,6 +52,9 @@ REDRAW_SECONDS: Final = 0.05
 
 AGE_SECONDS: Final = 0.5
 """How often what time alone changes is looked at."""
+
+PLAY_SECONDS: Final = 0.1
+"""From one picture of a recording that plays to the next."""
 
 TOLD_LINES: Final = 200
 """Lines that the console itself has told, and are remembered."""
@@ -134,6 +138,7 @@ class OperatorScreen(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(','.join(key.keys), f'press("{key.action}")', show=False) for key in KEYS if key.action != 'pick'),
         *(Binding(str(number), f'pick({number})', show=False) for number in range(1, 10)),
+        *(Binding(key, f'replay("{move}")', show=False) for key, move in MOVES.items()),
         Binding('f8', 'press("stop")', show=False, priority=True),
         Binding('escape', 'leave_mode', show=False),
         *(Binding(key, f'cursor("{key}")', show=False) for key in (*CURSOR_STEPS, *CURSOR_TURNS)),
@@ -148,8 +153,10 @@ class OperatorScreen(App[None]):
         clock: Clock,
         leaving: str,
         robots: Robots | None = None,
+        replay: ReplayBar | None = None,
     ) -> None:
         super().__init__()
+        self._replay = replay
         self._robots = robots
         self._robot = robots.own if robots is not None else ''
         self._followed: list[Mirror] = []
@@ -196,6 +203,8 @@ class OperatorScreen(App[None]):
         if self._robots is not None:
             self._robots.fleet.add_listener(lambda: self._wake() if isinstance(self.screen, Overview) else None)
         self.set_interval(AGE_SECONDS, self.draw)
+        if self._replay is not None:
+            self.set_interval(PLAY_SECONDS, self._play_on)
         self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
         self.draw()
 
@@ -259,7 +268,10 @@ class OperatorScreen(App[None]):
             ('map', self._map.draw),
             ('decision', self._decision),
             ('lines', self._lines),
-            ('keys', lambda view, columns, rows: keys_text(view, columns)),
+            (
+                'keys',
+                lambda view, columns, rows: self._replay.text(columns) if self._replay else keys_text(view, columns),
+            ),
         )
 
     def _machine(self, view: View, columns: int, rows: int) -> Text:
@@ -316,6 +328,24 @@ class OperatorScreen(App[None]):
             own(key, view)
         else:
             self.do(line_for(action, view))
+
+    @_guarded
+    def action_replay(self, move: str) -> None:
+        """Move on the time line of the recording."""
+        if self._replay is not None:
+            self._replay.move(move)
+            self._show_replay()
+
+    @_guarded
+    def _play_on(self) -> None:
+        if self._replay is not None and self._replay.play_on():
+            self._show_replay()
+
+    def _show_replay(self) -> None:
+        assert self._replay is not None
+        self._mirror = self._replay.player.mirror
+        self._told.clear()
+        self.draw()
 
     @_guarded
     def action_pick(self, number: int) -> None:
@@ -559,6 +589,10 @@ class OperatorScreen(App[None]):
         self._close_line()
         view = self._mirror.view()
         try:
+            if self._replay is not None and event.value.startswith('/'):
+                self._replay.player.find(event.value[1:])
+                self._show_replay()
+                return
             self._carry_out(interpret(event.value, view, self._make, self._line_bound), view)
         except ConsoleError as error:
             self._warn(str(error))
@@ -583,4 +617,11 @@ def run_screen(
 ) -> None:
     """Run the screen in this terminal until the operator leaves it."""
     app: Any = OperatorScreen(mirror, link, make, timeout, clock, leaving, robots)
+    app.run()
+
+
+def show_recording(player: Player, clock: Clock) -> None:
+    """Show a recording in this terminal until the operator leaves it."""
+    bar, make = ReplayBar(player, clock), CommandBuilder(None)
+    app: Any = OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar)
     app.run()

@@ -64,7 +64,7 @@ class Overview(ModalScreen[str | None]):
         """Draw the robots as they are now."""
         robots, columns, rows = self._robots(), self.size.width, self.size.height
         needing = sum(one.urgency in NEEDING for one in robots)
-        head: str = Line(cut(f' {len(robots)} robots, {needing} need you', columns), Tone.PLAIN)
+        head: str = Line(cut(f' robots: {len(robots)}  need you: {needing}', columns), Tone.PLAIN)
         lines: list[str] = []
         place = 0
         for number, robot in enumerate(robots):

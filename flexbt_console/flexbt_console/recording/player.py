@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recorded run at any of its times, as the mirror of a console would have had it. Nothing is published."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from rclpy.serialization import deserialize_message
+
+from flexbt_common import names
+from flexbt_common.values import resolve_type
+from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.link import (
+    SurroundingsFeed,
+    behaviors_record,
+    event_records,
+    log_record,
+    places_record,
+    snapshot_record,
+    structure_record,
+)
+from flexbt_console.mirror import Mirror, Transit
+from flexbt_core.clock import ManualClock
+
+from .definitions import full_definition
+from .run_file import Recorded, read_run
+from .topics import NOT_REPLAYED, TOPICS
+
+MOMENT: Final = 0.02
+"""Seconds within which what is said belongs together, such as a status and a line of the log."""
+
+
+class RunPlayer:
+    """A recording, and the ``mirror`` at ``time``, in seconds from its first message on.
+
+    Raises:
+        UsageError: the file cannot be read, has no run, or was recorded with other definitions of the messages.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._messages = [one for one in read_run(file) if one.topic not in NOT_REPLAYED and one.topic in TOPICS]
+        if not self._messages:
+            raise UsageError(f'{file}: has no messages of a run')
+        for name, definition in {one.type: one.definition for one in self._messages}.items():
+            if full_definition(name) != definition:
+                raise UsageError(f'{file}: {name} has another definition than when this was recorded')
+        begin = self._messages[0].time
+        self._times = [(one.time - begin) * 1e-9 for one in self._messages]
+        self.duration = self._times[-1]
+        self.time = -1.0
+        self.go_to(0.0)
+
+    def go_to(self, time: float) -> None:
+        """Show what was known at a time, limited to the recording. Going back is going there from the beginning."""
+        time = min(max(0.0, time), self.duration)
+        if time < self.time or self.time < 0.0:
+            self._clock = ManualClock()
+            self.mirror = Mirror(self._clock)
+            self._receive = _receivers(self.mirror)
+            self._next = 0
+        end = bisect.bisect_right(self._times, time)
+        for place in range(self._next, end):
+            self._clock.set(self._times[place])
+            self._take(self._messages[place])
+        self._next = end
+        self._clock.set(time)
+        self.time = time
+
+    def step(self, by: int) -> None:
+        """Go to the next (1) or the last (-1) moment at which the executive said something."""
+        said = [time for time, one in zip(self._times, self._messages, strict=True) if one.topic in _SAID]
+        if by > 0:
+            self.go_to(next((time for time in said if time > self.time), self.duration) + MOMENT)
+        else:
+            self.go_to(next((time for time in reversed(said) if time < self.time - 2.0 * MOMENT), 0.0) + MOMENT)
+
+    def find(self, text: str) -> None:
+        """Go to the next moment in which something is said that has this text in it, in any case of its letters.
+
+        Raises:
+            RefusedError: there is none from here on.
+        """
+        wanted = text.lower().encode()
+        for time, one in zip(self._times, self._messages, strict=True):
+            if time > self.time and one.topic in _SAID and wanted in one.data.lower():
+                self.go_to(time + MOMENT)
+                return
+        raise RefusedError(f'nothing has {text!r} in it after {self.time:.1f} s')
+
+    def _take(self, one: Recorded) -> None:
+        receive = self._receive.get(one.topic)
+        if one.topic != names.EXECUTIVE_STATUS and receive is None:
+            return
+        message: Any = deserialize_message(one.data, resolve_type(one.type).message)
+        if receive is not None:
+            receive(message)
+        else:
+            self.mirror.receive_snapshot(snapshot_record(message), Transit(one.sent * 1e-9, one.time * 1e-9))
+
+
+_SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS})
+
+
+def _receivers(mirror: Mirror) -> dict[str, Callable[[Any], object]]:
+    return {
+        names.EXECUTIVE_STRUCTURE: lambda message: mirror.receive_structure(structure_record(message)),
+        names.EXECUTIVE_BEHAVIORS: lambda message: mirror.receive_behaviors(behaviors_record(message)),
+        names.EXECUTIVE_LOG: lambda message: mirror.receive_log(log_record(message)),
+        names.EXECUTIVE_EVENTS: lambda message: mirror.receive_events(event_records(message)),
+        names.PLACES: lambda message: mirror.receive_places(places_record(message)),
+        **SurroundingsFeed(mirror).receivers,
+    }

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording on the screen: its time line, and the keys that move on it. Nothing can be commanded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from rich.text import Text
+
+from flexbt_console.errors import RefusedError
+from flexbt_console.mirror import Command, Mirror, UserdataScope
+from flexbt_console.present import Line, Tone
+from flexbt_console.ui.interaction import cut
+from flexbt_core.clock import Clock
+
+from .panes import styled
+
+SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
+JUMP_SECONDS: Final = 10.0
+MOVES: Final = {
+    'space': 'play',
+    'full_stop': 'forward',
+    'comma': 'back',
+    'right_square_bracket': 'faster',
+    'left_square_bracket': 'slower',
+    'end': 'jump_forward',
+    'home': 'jump_back',
+}
+"""What each key does on the time line."""
+
+HELP: Final = 'space plays  , . step  Home End 10 s  [ ] speed  :/TEXT finds  q quits'
+
+
+class Player(Protocol):
+    """A recording; see :class:`flexbt_console.recording.player.RunPlayer`."""
+
+    mirror: Mirror
+    time: float
+    duration: float
+
+    def go_to(self, time: float) -> None:
+        """Show what was known at a time, s."""
+
+    def step(self, by: int) -> None:
+        """Go to the next moment (1) or the last one (-1)."""
+
+    def find(self, text: str) -> None:
+        """Go to the next moment in which this is said. Raises RefusedError when there is none."""
+
+
+class NoLink:
+    """A recording takes no commands."""
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        """Refuse it."""
+        raise RefusedError('this is a recording; nothing was sent')
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """Refuse it."""
+        raise RefusedError('this is a recording, which has no userdata')
+
+
+class ReplayBar:
+    """Plays a recording in the time of ``clock``."""
+
+    def __init__(self, player: Player, clock: Clock) -> None:
+        self.player = player
+        self._clock = clock
+        self._speed = SPEEDS.index(1.0)
+        self._played_from: float | None = None
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether it goes on by itself."""
+        return self._played_from is not None
+
+    def play_on(self) -> bool:
+        """Go to where the recording is now; whether it has moved."""
+        if self._played_from is None:
+            return False
+        now = self._clock.now()
+        passed, self._played_from = now - self._played_from, now
+        self.player.go_to(self.player.time + passed * SPEEDS[self._speed])
+        if self.player.time >= self.player.duration:
+            self._played_from = None
+        return True
+
+    def move(self, what: str) -> None:
+        """Do what a key of :data:`MOVES` stands for."""
+        if what == 'play':
+            self._played_from = None if self.is_playing else self._clock.now()
+        elif what in ('forward', 'back'):
+            self._played_from = None
+            self.player.step(1 if what == 'forward' else -1)
+        elif what in ('faster', 'slower'):
+            self._speed = min(max(0, self._speed + (1 if what == 'faster' else -1)), len(SPEEDS) - 1)
+        else:
+            by = JUMP_SECONDS if what == 'jump_forward' else -JUMP_SECONDS
+            self.player.go_to(self.player.time + by)
+
+    def text(self, columns: int) -> Text:
+        """The time line in one row."""
+        player = self.player
+        state = 'plays' if self.is_playing else 'stands'
+        head = f' {state} x{SPEEDS[self._speed]:g}  {player.time:.1f} / {player.duration:.1f} s '
+        room = max(4, columns - len(head) - len(HELP) - 5)
+        place = round(player.time / player.duration * (room - 1)) if player.duration else 0
+        line = '-' * place + '|' + '-' * (room - 1 - place)
+        return styled([Line(cut(f'{head}[{line}]  {HELP}', columns), Tone.PLAIN)])
