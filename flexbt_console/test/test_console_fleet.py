@@ -78,6 +78,14 @@ def test_a_robot_that_moves_after_a_stop_is_an_alarm_until_it_stands() -> None:
     assert not any(watch([*driven, *braking, *creeps, at(3.0)])[-1:])  # another run may drive
 
 
+def test_a_robot_that_creeps_is_an_alarm_however_often_its_pose_is_told() -> None:
+    stopped = {'state': ExecutiveState.IDLE, 'outcome': 'preempted'}
+    creeps = [at(0.008 * second, **stopped) for second in range(60)]  # less than the noise from one to the next
+    alarms = watch([*creeps, *[creeps[-1]] * 10])
+    first = alarms.index(True)
+    assert first < 30 and all(alarms[first:60]) and not alarms[-1]
+
+
 def test_a_paused_robot_may_move_only_by_what_says_that_it_goes_on() -> None:
     held = (ActiveState('/Drive', paused=True),)
     goes_on = (ActiveState('/Drive', paused=True, not_paused=('Drive: its action has no pause',)),)

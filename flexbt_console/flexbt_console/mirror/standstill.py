@@ -22,7 +22,7 @@ TURNED_RADIANS: Final = 0.2
 
 NOISE_METRES: Final = 0.01
 NOISE_RADIANS: Final = 0.02
-"""Between two poses of a robot that stands."""
+"""By which the poses of a robot that stands differ, however many of them there are."""
 
 CALM_SECONDS: Final = 5.0
 """After which a robot that stands again is no alarm any more."""
@@ -43,24 +43,23 @@ class StandstillWatch:
     def __init__(self) -> None:
         self._should_since: float | None = None
         self._anchor: Pose | None = None
-        self._last: Pose | None = None
+        self._stood: Pose | None = None
         self._moved_at = 0.0
         self.motion: UnwantedMotion | None = None
 
     def receive(self, snapshot: Snapshot) -> None:
         """Take a snapshot that is newer than those before."""
         why, pose, now = _why_stand(snapshot), snapshot.robot_pose, snapshot.stamp
-        last, self._last = self._last, pose
         if not why or pose is None or (self._should_since is not None and now < self._should_since):
             self._should_since = self._anchor = self.motion = None
             return
         if self._should_since is None:
             self._should_since = now
         if self._anchor is None or self._anchor.frame != pose.frame or now - self._should_since < BRAKING_SECONDS:
-            self._anchor, self._moved_at = pose, now
+            self._anchor, self._stood, self._moved_at = pose, pose, now
             return
-        if last is not None and _differ(last, pose, NOISE_METRES, NOISE_RADIANS):
-            self._moved_at = now
+        if self._stood is None or _differ(self._stood, pose, NOISE_METRES, NOISE_RADIANS):
+            self._stood, self._moved_at = pose, now  # not from one status to the next: they may be as near as one likes
         if _differ(self._anchor, pose, MOVED_METRES, TURNED_RADIANS):
             self.motion = UnwantedMotion(why, _metres(self._anchor, pose), _radians(self._anchor, pose))
         if self.motion is not None and now - self._moved_at >= CALM_SECONDS:
