@@ -38,6 +38,11 @@ def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executive
         assert robots.link('/first').live_view(DEADLINE).running is False
         robots.select('/first')
         assert not runtime.node.get_subscriptions_info_by_topic('/second/tree_status')
+    with NodeRuntime.open('console') as runtime:
+        robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann')
+        wait_until(lambda: {'/first', '/second'} <= set(robots.fleet.names), 'both robots')
+        assert '/' not in robots.fleet.names  # nobody is there, and nobody has asked for it
+        assert robots.select('/')[0].view().snapshot is None  # what the screen begins with
 
 
 class Station:

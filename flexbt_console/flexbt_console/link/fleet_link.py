@@ -25,7 +25,8 @@ class FleetLink:
     """Joins every robot whose executive is there; ``fleet`` has their mirrors, made by ``make_mirror``.
 
     ``operator`` is as for :class:`OperatorLink`: who sits here is present at all of them. Map and trees come from the
-    robot that was selected last, at first the one in the node's own namespace.
+    robot that was selected last, at first the one in the node's own namespace. That is in the fleet when its executive
+    is there, or when the node has a namespace: who gives none need not have a robot there.
     """
 
     def __init__(
@@ -36,9 +37,9 @@ class FleetLink:
         self._runtime = runtime
         self._make_mirror = make_mirror
         self._operator = operator
-        self._links: dict[str, OperatorLink] = {}
+        self._joined: dict[str, tuple[Mirror, OperatorLink]] = {}
         self._surroundings: SurroundingsLink | None = None
-        runtime.call(lambda: self._join(self.own))
+        runtime.call(lambda: self._join(self.own) if self.own == '/' else self._list(self.own))
         runtime.call(self._look)
         runtime.call(
             lambda: runtime.node.create_timer(LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -46,11 +47,11 @@ class FleetLink:
 
     def link(self, name: str) -> OperatorLink:
         """The link of a robot. Raises KeyError when it is not known."""
-        return self._links[name]
+        return self._joined[name][1]
 
     def select(self, name: str) -> tuple[Mirror, OperatorLink]:
         """Have map and trees come from a robot, and give its mirror and its link. Raises KeyError as :meth:`link`."""
-        mirror, link = self.fleet.mirror(name), self.link(name)
+        mirror, link = self._joined[name]
         if self._surroundings is not None:
             self._surroundings.close()
         self._surroundings = SurroundingsLink(self._runtime, mirror, name)
@@ -62,10 +63,13 @@ class FleetLink:
         for topic, types in node.get_topic_names_and_types():
             name = topic.removesuffix(ending) or '/'
             is_status = topic.endswith(ending) and _STATUS_TYPE in types
-            if is_status and name not in self._links and node.count_publishers(topic) > 0:
-                self._join(name)
+            if is_status and name not in self.fleet.names and node.count_publishers(topic) > 0:
+                self._list(name)
 
-    def _join(self, name: str) -> None:
+    def _join(self, name: str) -> Mirror:
         mirror = self._make_mirror()
-        self._links[name] = OperatorLink(self._runtime, mirror, self._operator, name)
-        self.fleet.add(name, mirror)
+        self._joined[name] = mirror, OperatorLink(self._runtime, mirror, self._operator, name)
+        return mirror
+
+    def _list(self, name: str) -> None:
+        self.fleet.add(name, self._joined[name][0] if name in self._joined else self._join(name))

@@ -63,6 +63,8 @@ class Overview(ModalScreen[str | None]):
     def draw(self) -> None:
         """Draw the robots as they are now."""
         robots, columns, rows = self._robots(), self.size.width, self.size.height
+        if robots and all(one.name != self.chosen for one in robots):
+            self.chosen = robots[0].name
         needing = sum(one.urgency in NEEDING for one in robots)
         head: str = Line(cut(f' robots: {len(robots)}  need you: {needing}', columns), Tone.PLAIN)
         lines: list[str] = []
