@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
@@ -16,6 +17,7 @@ from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, served
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror import CommandKind, ExecutiveState, GridMap, Pose
 from flexbt_console.ui.web import MOST_PAGES, Access
+from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
 
@@ -108,6 +110,68 @@ def test_everything_of_now_is_told() -> None:
             assert message['parts'].keys() == {'times'}  # what has not changed is not sent again
 
     with_page(robot, look)
+
+
+def test_a_stop_waits_for_no_request_that_waits() -> None:
+    robot, go_on = WebRobot(), threading.Event()
+
+    class World:
+        dropped = ()
+
+        def is_possible(self) -> bool:
+            return True
+
+        def drop(self, x: float, y: float, timeout: float) -> str:
+            assert go_on.wait(DEADLINE)
+            return 'dropped'
+
+    async def run(port: int) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            pages = [await stack.enter_async_context(page(port)) for _ in range(4)]
+            for opened in pages:  # as many as there are threads for them, and more
+                for _ in range(MOST_AT_ONCE):
+                    await opened.socket.send_json({'obstacle': [1, 1]})
+            for opened in pages:
+                assert 'wait for their answers' in await opened.ask(obstacle=[2, 2])
+                assert 'applied' in await opened.ask(do='stop', decision=None)
+            assert not go_on.is_set()
+            go_on.set()
+            await pages[0].until(lambda: sum('stands at' in told for told in pages[0].told) == MOST_AT_ONCE)
+
+    with served({'robot': robot.station(World())}) as port:
+        try:
+            asyncio.run(run(port))
+        finally:
+            go_on.set()
+    assert robot.kinds == [CommandKind.STOP] * 4
+
+
+def test_a_drawing_that_comes_back_after_many_others_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_console.ui.web.page_link.DRAWINGS_KEPT', 1)
+    robot = WebRobot()
+
+    async def look(opened: Page) -> None:
+        def drawings() -> list[str]:
+            return [one['drawing']['key'] for one in opened.messages if 'drawing' in one]
+
+        for number, tree in enumerate(('Drive', 'Dock', 'Drive')):
+            robot.begin_tree(f'run{number}', tree)
+            await opened.until(lambda: len(drawings()) > number)  # noqa: B023 - called here
+            robot.end_tree()
+        assert drawings()[0] == drawings()[2] != drawings()[1]
+
+    with_page(robot, look)
+
+
+def test_a_fault_of_the_server_is_told_and_is_in_its_log(caplog: pytest.LogCaptureFixture) -> None:
+    robot = WebRobot()
+
+    async def look(opened: Page) -> None:
+        robot.show(autonomy=object())
+        assert await opened.closed() == 1011
+
+    with_page(robot, look)
+    assert 'TypeError' in caplog.text
 
 
 def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
@@ -258,7 +322,7 @@ def test_pages_of_other_sites_and_other_names_are_refused() -> None:
         asyncio.run(run(port))
 
 
-@pytest.mark.parametrize('hello', [None, '', 'wrong', 7, ['s3cret'], {'token': 's3cret'}])
+@pytest.mark.parametrize('hello', [None, '', 'wrong', '\ud800', 7, ['s3cret'], {'token': 's3cret'}])
 def test_without_the_token_nothing_is_told(hello: object) -> None:
     robot = WebRobot()
 
@@ -303,8 +367,11 @@ def test_there_are_so_many_pages_and_no_more() -> None:
 
 
 def test_a_page_shows_the_robot_that_it_names_and_a_line_of_each() -> None:
-    one, two = WebRobot(), WebRobot()
+    one, two, pushed = WebRobot(), WebRobot(), WebRobot()
     two.show(PLAN)
+    for second in range(8):
+        where = Pose(0.1 * second, 0.0)
+        pushed.show(state=ExecutiveState.IDLE, outcome='preempted', robot_pose=where, stamp=9.0 + second)
 
     async def run(port: int) -> None:
         async with (
@@ -315,10 +382,12 @@ def test_a_page_shows_the_robot_that_it_names_and_a_line_of_each() -> None:
             opened = Page(socket)
             await opened.until(lambda: 'robots' in opened.parts)
             assert opened.parts['decisions'] == []
-            assert [line['name'] for line in opened.parts['robots']] == ['two', 'one']  # who waits comes first
+            names = [line['name'] for line in opened.parts['robots']]
+            assert names == ['pushed', 'two', 'one']  # the most urgent first
+            assert 'THE ROBOT MOVES' in opened.parts['robots'][0]['text']
             assert 'applied' in await opened.ask(do='pause', decision=None)
 
-    with served({'one': one.station(), 'two': two.station()}) as port:
+    with served({'one': one.station(), 'two': two.station(), 'pushed': pushed.station()}) as port:
         asyncio.run(run(port))
     assert (one.kinds, two.sent) == ([CommandKind.PAUSE], [])
 

@@ -93,15 +93,24 @@ class WebRobot:
 
     def _begin(self) -> None:
         self.mirror.receive_structure(STRUCTURE)
+        self.begin_tree('t', 'Drive')
+
+    def begin_tree(self, run: str, tree: str) -> None:
+        """A tree runs."""
+        self.tree_run = run
         nodes = [
             TreeNode(1, 0, 'Main', 'Sequence'),
             TreeNode(2, 1, NASTY, 'FollowPath'),
             TreeNode(3, 1, 'Wait', 'Wait'),
         ]
-        self.mirror.receive_tree_structure('t', 'Drive', nodes, 1.0)
+        self.mirror.receive_tree_structure(run, tree, nodes, 1.0)
         statuses = [NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.RUNNING]
         changes = [StatusChange(2.0, uid + 1, status) for uid, status in enumerate(statuses)]
-        self.mirror.receive_tree_status('t', 1, statuses, changes, 5.0, finished=False, paused=False)
+        self.mirror.receive_tree_status(run, 1, statuses, changes, 5.0, finished=False, paused=False)
+
+    def end_tree(self) -> None:
+        """It has ended."""
+        self.mirror.receive_tree_status(self.tree_run, 2, [], [], 6.0, finished=True, paused=False)
 
     def show(self, *decisions: Decision, **parts: Any) -> None:
         """The executive says that this waits, and what else is given."""

@@ -32,7 +32,7 @@ class SimulatorLink:
     @property
     def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
         """Those that were dropped here: name, centre (m) and radius (m) of each."""
-        return tuple((name, *where) for name, where in self._dropped.items())
+        return tuple((name, *where) for name, where in list(self._dropped.items()))
 
     def is_possible(self) -> bool:
         """Whether there is a simulator, as it was some seconds ago at most. From any thread."""

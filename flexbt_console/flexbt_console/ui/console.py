@@ -175,12 +175,13 @@ def _run_web(line: CommandLine) -> ExitCode:
     with _open_runtime(line) as runtime:
         operator, make_mirror, simulator = _operator(line), _mirror_maker(line, runtime), SimulatorLink(runtime)
         stations = {}
-        for given in line.values('--robot') or [runtime.node.get_namespace()]:
-            namespace, mirror = full_namespace(given), make_mirror()
+        given = line.values('--robot') or [runtime.node.get_namespace()]
+        for namespace in dict.fromkeys(map(full_namespace, given)):
+            mirror = make_mirror()
             link = OperatorLink(runtime, mirror, operator, namespace)
             SurroundingsLink(runtime, mirror, namespace)
             station = Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
-            stations[namespace.strip('/') or 'robot'] = station
+            stations[namespace.strip('/') or namespace] = station
         run_web(stations, access, port, print_address)
         return ExitCode.OK
 

@@ -47,7 +47,7 @@ class Drawings:
     def wanted(self, drawing: Drawing) -> asyncio.Task[str]:
         """The task that makes it; its result is SVG. Raises ResourceError when awaited."""
         task = self._made.get(drawing.key)
-        if task is None:
+        if task is None or (task.done() and (task.cancelled() or task.exception())):  # a failure is tried again
             task = self._made[drawing.key] = asyncio.create_task(self._make(drawing))
             while len(self._made) > REMEMBERED:
                 self._made.popitem(last=False)[1].cancel()

@@ -5,22 +5,23 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import struct
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
-from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import CommandState, LogLine
+from flexbt_console.errors import ConsoleError, RefusedError
+from flexbt_console.mirror import CommandState, Fleet
 from flexbt_console.present import command_result_lines, encode_json, tone_of
 from flexbt_core.values import lines, one_line
 
 from .drawings import Drawings, machine_drawing, tree_drawing
 from .picture import COMMAND_PART, log_part, map_part, parts_of, robot_lines, times_part
-from .requests import Allowance, Answer, carry_out, read
+from .requests import Allowance, Answer, Later, carry_out, read
 from .station import Station
 
 PERIOD: Final = 0.1
@@ -33,7 +34,12 @@ HELLO_SECONDS: Final = 10.0
 SEND_SECONDS: Final = 10.0
 LOG_LINES: Final = 200
 MOST_AT_ONCE: Final = 4
-"""Requests of a page that are carried out at the same time; of more, the page waits."""
+"""Requests of a page that wait for the robot or the simulator at the same time; more are refused."""
+
+DRAWINGS_KEPT: Final = 16
+"""Drawings that a page is taken to have. It keeps more of them, since they come in another order than asked for."""
+
+_LOGGER: Final = logging.getLogger(__name__)
 
 
 class PageLink:
@@ -42,25 +48,27 @@ class PageLink:
     def __init__(
         self,
         socket: web.WebSocketResponse,
-        stations: Mapping[str, Station],
+        fleet: Fleet,
         robot: str,
+        station: Station,
         drawings: Drawings,
         knows_token: Callable[[object], bool],
     ) -> None:
         self._socket = socket
-        self._stations = stations
+        self._fleet = fleet
         self._robot = robot
-        self._station = stations[robot]
+        self._station = station
         self._drawings = drawings
         self._knows_token = knows_token
         self._changed = asyncio.Event()
         self._shown: dict[str, str] = {}
-        self._log: set[tuple[str, int]] = set()
+        self._log: frozenset[tuple[str, int]] = frozenset()
+        self._drawn: dict[str, None] = {}
         self._map: object = None
         self._run: str | None = None
         self._pending: list[str] = []
         self._tasks: set[asyncio.Task[None]] = set()
-        self._free = asyncio.Semaphore(MOST_AT_ONCE)
+        self._waiting = 0
         self._sending = asyncio.Lock()
 
     def wake(self) -> None:
@@ -71,7 +79,7 @@ class PageLink:
         """Until the page or the server ends it."""
         if not await self._is_welcome():
             return
-        await self._send({'hello': {'robot': self._robot, 'robots': list(self._stations), 'commands': COMMAND_PART}})
+        await self._send({'hello': {'robot': self._robot, 'robots': self._fleet.names, 'commands': COMMAND_PART}})
         show = asyncio.create_task(self._show())
         try:
             await self._hear()
@@ -102,11 +110,11 @@ class PageLink:
         except (ConnectionError, TimeoutError):
             await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'the page takes nothing')
         except Exception as error:  # an internal fault reaches the operator, who gets a new page
+            _LOGGER.exception('fault in the server of the page')
             text = ''.join(traceback.format_exception(error))
             with contextlib.suppress(Exception):
                 await self._tell(['fault in the server of the page:', *lines(text)], 'error')
             await self._socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b'fault in the server, see its log')
-            raise
 
     async def _tell_changes(self) -> None:
         view = self._station.mirror.view()
@@ -114,8 +122,8 @@ class PageLink:
         if self._station.obstacles is not None:
             parts['simulator'] = self._station.obstacles.is_possible()
             parts['obstacles'] = self._station.obstacles.dropped
-        if len(self._stations) > 1:
-            parts['robots'] = robot_lines({name: one.mirror.view() for name, one in self._stations.items()})
+        if len(self._fleet.names) > 1:
+            parts['robots'] = robot_lines(self._fleet.overview())
         run = view.snapshot.run_id if view.snapshot else None
         if run != self._run:  # from then on the page follows the pose
             self._run = run
@@ -126,9 +134,10 @@ class PageLink:
             if self._shown.get(name) != text:
                 self._shown[name] = text
                 new[name] = text
-        log = [line for line in self._station.mirror.log(LOG_LINES) if self._is_new(line)]
-        if log:
-            new['log'] = encode_json([log_part(line) for line in log])
+        log = {(line.executive_id, line.sequence): line for line in self._station.mirror.log(LOG_LINES)}
+        if log.keys() - self._log:
+            new['log'] = encode_json([log_part(line) for key, line in log.items() if key not in self._log])
+            self._log = frozenset(log)
         new['times'] = encode_json(times_part(view))
         await self._send_text('{"parts": {' + ', '.join(f'"{name}": {text}' for name, text in new.items()) + '}}')
         map = view.surroundings.map
@@ -140,18 +149,12 @@ class PageLink:
                 await self._socket.send_bytes(struct.pack('>I', len(frame)) + frame + cells)
         wanted = [machine_drawing(view.structure)] if view.structure is not None else []
         for drawing in (*wanted, *(tree_drawing(run) for run in view.running_trees)):
-            name = f'drawing {drawing.key}'
-            if drawing.key and name not in self._shown:
-                self._shown[name] = ''
+            if drawing.key and drawing.key not in self._drawn:
+                self._drawn[drawing.key] = None
+                if len(self._drawn) > DRAWINGS_KEPT:
+                    del self._drawn[next(iter(self._drawn))]
                 self._begin(self._draw(drawing.key, self._drawings.wanted(drawing)))
         await self._settle()
-
-    def _is_new(self, line: LogLine) -> bool:
-        key = (line.executive_id, line.sequence)
-        if key in self._log:
-            return False
-        self._log.add(key)
-        return True
 
     async def _draw(self, key: str, made: asyncio.Task[str]) -> None:
         try:
@@ -191,7 +194,6 @@ class PageLink:
             if not allowance.take():
                 await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'too many messages')
                 return
-            await self._free.acquire()
             self._begin(self._answer(message.data))
 
     def _begin(self, work: Any) -> None:
@@ -201,10 +203,9 @@ class PageLink:
 
     async def _answer(self, text: str) -> None:
         try:
-            try:
-                answer = await asyncio.to_thread(self._carried_out, text)
-            finally:
-                self._free.release()
+            answer = carry_out(read(text), self._station)  # here, so that a stop waits for nothing
+            if callable(answer):
+                answer = await self._later(answer)
             if not isinstance(answer, Answer):
                 await self._send(answer)
             elif answer.command is not None:
@@ -223,5 +224,12 @@ class PageLink:
             with contextlib.suppress(ConnectionError, TimeoutError):
                 await self._tell(['fault in the server of the page, which goes on:', *lines(text)], 'error')
 
-    def _carried_out(self, text: str) -> Any:
-        return carry_out(read(text), self._station)
+    async def _later(self, wait: Later) -> Answer:
+        """On another thread. Raises ConsoleError."""
+        if self._waiting >= MOST_AT_ONCE:
+            raise RefusedError(f'{MOST_AT_ONCE} requests of this page wait for their answers; ask again later')
+        self._waiting += 1
+        try:
+            return await asyncio.to_thread(wait)
+        finally:
+            self._waiting -= 1

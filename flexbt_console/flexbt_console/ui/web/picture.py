@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import Any, Final
 
 from flexbt_console.commands import COMMANDS
-from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LogLine, TreeRun, View
+from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LogLine, RobotOverview, TreeRun, View
 from flexbt_console.present import (
     age_text,
     alarm_line,
@@ -176,15 +176,21 @@ def times_part(view: View) -> dict[str, Any]:
     }
 
 
-def robot_lines(views: Mapping[str, View]) -> list[dict[str, Any]]:
-    """A line for each robot, for who watches several: those that wait for a decision first."""
-    shown = []
-    for name, view in views.items():
-        waiting = view.decisions[0] if view.decisions else None
-        rank = 0 if waiting else 1 if not view.live else 2
-        text = decision_line(waiting, view.snapshot) if waiting and view.snapshot else what_runs(view)
-        shown.append({'name': name, 'link': view.link.value, 'waits': waiting is not None, 'text': text, 'rank': rank})
-    return sorted(shown, key=lambda one: (one['rank'], one['name']))
+def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
+    """A line for each robot, for who watches several. It has nothing that time alone changes."""
+    return [
+        {
+            'name': robot.name,
+            'link': robot.view.link.value,
+            'urgency': robot.urgency.name.lower(),
+            'text': alarm_line(robot.view) or _asked(robot.view) or what_runs(robot.view),
+        }
+        for robot in robots
+    ]
+
+
+def _asked(view: View) -> str:
+    return decision_line(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
 
 
 def log_part(line: LogLine) -> dict[str, Any]:

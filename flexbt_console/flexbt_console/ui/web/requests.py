@@ -8,9 +8,10 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
-from flexbt_console.commands import Ask, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.commands import Ask, CommandLine, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import Command
 from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, interpret
@@ -71,8 +72,12 @@ class Answer:
     lines: tuple[str, ...] = ()
 
 
-def carry_out(message: dict[str, Any], station: Station) -> Answer | dict[str, Any]:
-    """Do what a page asks for; what is no answer is a message for the page. May take ``station.timeout`` seconds.
+Later = Callable[[], Answer]
+"""What has to wait for the robot or the simulator, ``Station.timeout`` seconds at most. Raises ConsoleError."""
+
+
+def carry_out(message: dict[str, Any], station: Station) -> Answer | dict[str, Any] | Later:
+    """Do what a page asks for; what is no answer is a message for the page. Only :data:`Later` waits for anybody.
 
     Raises:
         ConsoleError: it is not written as it has to be, or cannot work now; nothing was sent.
@@ -81,11 +86,9 @@ def carry_out(message: dict[str, Any], station: Station) -> Answer | dict[str, A
         text = _text(message, 'complete')
         return {'candidates': [text, candidates(text, station.mirror.view())[:40]]}
     if 'obstacle' in message:
-        return _obstacle(message['obstacle'], station)
+        return partial(_obstacle, message['obstacle'], station)
     if 'remove_obstacle' in message:
-        name = _text(message, 'remove_obstacle')
-        _simulator(station).remove(name, station.timeout)
-        return Answer(title='', lines=(f'{name} is taken away',))
+        return partial(_remove_obstacle, _text(message, 'remove_obstacle'), station)
     view = station.mirror.view()
     decision_id = message.get('decision')
     if decision_id is not None and not isinstance(decision_id, str):
@@ -98,7 +101,7 @@ def carry_out(message: dict[str, Any], station: Station) -> Answer | dict[str, A
     raise UsageError('the message asks for nothing that is known: do, answer, complete, obstacle, remove_obstacle')
 
 
-def _done(meaning: Meaning, station: Station) -> Answer:
+def _done(meaning: Meaning, station: Station) -> Answer | Later:
     if meaning.command is not None:
         station.link.send(meaning.command, station.timeout, meaning.label)
         return Answer(meaning.command)
@@ -112,10 +115,12 @@ def _done(meaning: Meaning, station: Station) -> Answer:
             view = station.mirror.view()
             return Answer(title=spec.name, lines=tuple(spec.action.show(meaning.line, view, station.mirror).text))
         if isinstance(spec.action, Ask):
-            return Answer(
-                title=spec.name, lines=tuple(spec.action.ask(meaning.line, station.link, station.timeout).text)
-            )
+            return partial(_asked, spec.name, spec.action, meaning.line, station)
     return Answer()
+
+
+def _asked(title: str, action: Ask, line: CommandLine, station: Station) -> Answer:
+    return Answer(title=title, lines=tuple(action.ask(line, station.link, station.timeout).text))
 
 
 def _obstacle(where: object, station: Station) -> Answer:
@@ -127,6 +132,11 @@ def _obstacle(where: object, station: Station) -> Answer:
         raise UsageError('"obstacle" is [x, y], in m')
     name = _simulator(station).drop(float(where[0]), float(where[1]), station.timeout)
     return Answer(lines=(f'{name} stands at x {where[0]:.2f}  y {where[1]:.2f}',))
+
+
+def _remove_obstacle(name: str, station: Station) -> Answer:
+    _simulator(station).remove(name, station.timeout)
+    return Answer(lines=(f'{name} is taken away',))
 
 
 def _simulator(station: Station) -> Any:

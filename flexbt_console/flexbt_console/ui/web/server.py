@@ -11,6 +11,7 @@ from typing import Final
 from aiohttp import web
 
 from flexbt_common.pictures import STYLE
+from flexbt_console.mirror import Fleet
 
 from .access import Access
 from .drawings import Drawings
@@ -34,6 +35,7 @@ class WebServer:
     def __init__(self, stations: Mapping[str, Station], access: Access) -> None:
         self._stations = dict(stations)
         self._access = access
+        self._fleet = Fleet()
         self._pages: set[PageLink] = set()
         self._drawings: Drawings | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -58,8 +60,9 @@ class WebServer:
     async def _start(self, application: web.Application) -> None:
         self._loop = asyncio.get_running_loop()
         self._drawings = Drawings()
-        for station in self._stations.values():
-            station.mirror.add_listener(lambda change: self._wake())
+        for name, station in self._stations.items():
+            self._fleet.add(name, station.mirror)
+        self._fleet.add_listener(self._wake)
 
     def _wake(self) -> None:
         """From any thread; many changes make one waking."""
@@ -112,7 +115,7 @@ class WebServer:
             raise web.HTTPNotFound(text=f'there is no robot {robot[:100]!r}; there are: {", ".join(self._stations)}')
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         assert self._drawings is not None
-        page = PageLink(socket, self._stations, robot, self._drawings, self._access.knows_token)
+        page = PageLink(socket, self._fleet, robot, self._stations[robot], self._drawings, self._access.knows_token)
         self._pages.add(page)
         try:
             await socket.prepare(request)

@@ -150,7 +150,7 @@ function drawRobots() {
   const focused = document.activeElement?.dataset.robot;
   byId('robots').replaceChildren(...known.robots.map((robot) => {
     const button = element('button', {type: 'button', 'data-robot': robot.name, 'aria-pressed': String(robot.name === known.robot)},
-      `${robot.waits ? '? ' : robot.link === 'live' ? '' : '✗ '}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`);
+      `${{alarm: '! ', decision: '? '}[robot.urgency] ?? (robot.link === 'live' ? '' : '✗ ')}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`);
     button.addEventListener('click', () => goTo(robot.name));
     return element('li', {}, button);
   }));
@@ -211,6 +211,11 @@ const link = new ServerLink({
   parts: takeParts,
   message: takeMessage,
   map: (head, cells) => map.setMap(head, cells),
-  state: (open, text) => { server = {open, text}; drawHead(); choose(); },
+  state: (open, text) => {
+    server = {open, text};
+    known.link = null;  // what was before is not live, also when the server is back, until it says so
+    drawHead();
+    choose();
+  },
 });
 setInterval(drawHead, 500);

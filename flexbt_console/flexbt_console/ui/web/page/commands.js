@@ -3,6 +3,7 @@
 
 import {element} from './decision.js';
 
+const COMPLETE_MS = 100;
 const byId = (id) => document.getElementById(id);
 
 // A word as the prompt reads it (POSIX shell quoting).
@@ -30,7 +31,7 @@ export class Commands {
 
   // A stop goes out whatever the picture is; the server judges all other lines, too.
   do(line, decision = this.bar.id) {
-    if (!this.send({do: line, decision})) this.tell('the server of this page is gone; nothing was sent', 'error');
+    this.send({do: line, decision});
   }
 
   pause() {
@@ -115,7 +116,10 @@ export class Commands {
     const text = byId('line').value;
     if (!text) this.lineBound = null;
     else this.lineBound ??= {id: this.bar.id};
-    if (text) this.send({complete: text.slice(0, 4000)});
+    this.completing ??= setTimeout(() => {  // a key that is held down gives 30 texts a second
+      this.completing = null;
+      if (byId('line').value) this.send({complete: byId('line').value.slice(0, 4000)});
+    }, COMPLETE_MS);
   }
 
   candidates([text, words]) {
@@ -135,7 +139,7 @@ export class Commands {
   key(event) {
     if (event.key === 'F8') {
       event.preventDefault();
-      this.do('stop');
+      if (!event.repeat) this.do('stop');
       return;
     }
     const inField = event.target.closest?.('input, select, textarea, dialog, [contenteditable]');
