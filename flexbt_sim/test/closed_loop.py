@@ -5,35 +5,45 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
 
 from sim_maps import room
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, Costmap, FollowerLimits, GridPlanner, Inflation, Motion, PathFollower, Velocity
-from flexbt_sim.world import MapRobot as Robot
-from flexbt_sim.world import OccupancyMap, Pose, RobotLimits, wrap
+from flexbt_sim.world import OccupancyMap, Pose, Robot, RobotModel, World, wrap
 
 PERIOD = 0.03
 """Time from pose to pose, s."""
 
-LIMITS = RobotLimits()
+MODEL = RobotModel(lidar=None)
+RADIUS = MODEL.footprint.radius
 FOLLOWER = FollowerLimits()
 
-ROLLING = LIMITS.linear_speed**2 / (2.0 * LIMITS.linear_acceleration)
+ROLLING = MODEL.drive.linear_speed**2 / (2.0 * MODEL.drive.linear_acceleration)
 """How far the robot rolls on while it brakes, m."""
 
 
-@dataclass
 class Run:
-    """What became of a motion: ``code`` of the error that ended it, or '' when it was complete. Times in s."""
+    """A robot alone on a map, and what became of the motions that drove it.
 
-    robot: Robot
-    now: float = 0.0
-    code: str = ''
-    touched: bool = False
-    commands: list[Velocity] = field(default_factory=list)
-    poses: list[Pose] = field(default_factory=list)
+    ``code`` is that of the error that ended the last one, or '' when it was complete; ``touched`` says whether the
+    robot has run into anything. Times in s.
+    """
+
+    def __init__(self, grid: OccupancyMap, start: Pose) -> None:
+        self.world = World(grid)
+        self.robot: Robot = self.world.add('robot', MODEL, start)
+        self.code = ''
+        self.commands: list[Velocity] = []
+        self.poses: list[Pose] = []
+
+    @property
+    def now(self) -> float:
+        return self.world.time
+
+    @property
+    def touched(self) -> bool:
+        return self.robot.contacts > 0
 
     def go(self, motion: Motion, late: int = 0, until: float = math.inf, timeout: float = 300.0) -> Run:
         """Let a motion drive until it ends, or until a time; then the robot brakes. Commands are so many poses late."""
@@ -61,14 +71,12 @@ class Run:
 
     def _move(self, velocity: Velocity) -> None:
         self.robot.command(*velocity, self.now)
-        self.now += PERIOD
-        self.robot.step(self.now, PERIOD)
-        self.touched = self.touched or self.robot.in_contact
+        self.world.step(PERIOD)
 
 
-def run(world: OccupancyMap, start: Pose, motion: Motion, late: int = 0) -> Run:
+def run(grid: OccupancyMap, start: Pose, motion: Motion, late: int = 0) -> Run:
     """Drive a robot from a place on a map to the end of a motion."""
-    return Run(Robot(world, start, LIMITS)).go(motion, late)
+    return Run(grid, start).go(motion, late)
 
 
 def assert_arrived(done: Run, goal: Pose) -> None:
@@ -80,12 +88,12 @@ def assert_arrived(done: Run, goal: Pose) -> None:
     assert all(abs(command.angular) <= FOLLOWER.angular_speed for command in done.commands)
 
 
-def check_following(world: OccupancyMap, start: Pose, goal: Pose, late: int) -> None:
+def check_following(grid: OccupancyMap, start: Pose, goal: Pose, late: int) -> None:
     """Plan, and follow the plan. Raises NavigationError when there is none."""
-    costmap = Costmap(world, Inflation())
+    costmap = Costmap(grid, Inflation())
     path = GridPlanner(costmap).plan(start, goal)
-    done = run(world, start, PathFollower(path, costmap, FOLLOWER), late)
-    if min(room(world, pose.x, pose.y) for pose in path) >= LIMITS.radius + 0.01:
+    done = run(grid, start, PathFollower(path, costmap, FOLLOWER), late)
+    if min(room(grid, pose.x, pose.y) for pose in path) >= RADIUS + 0.01:
         assert_arrived(done, goal)
     else:
         # With less than a centimetre to spare it may give up.

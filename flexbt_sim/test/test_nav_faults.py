@@ -18,7 +18,7 @@ from flexbt_common.values import duration_message
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.server_common import MotionArbiter
 from flexbt_sim.simulator import Simulator
-from flexbt_sim.world import RobotLimits
+from flexbt_sim.world import DriveModel
 from flexbt_testing.nodes.sim_world import (
     DEADLINE,
     DOCK,
@@ -34,7 +34,7 @@ from flexbt_testing.nodes.sim_world import (
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 EAST = (11.2, 4.45)
-BRAKING = RobotLimits().linear_speed / RobotLimits().linear_acceleration
+BRAKING = DriveModel().linear_speed / DriveModel().linear_acceleration
 
 
 def test_requests_made_before_there_is_a_robot_are_served_when_it_comes() -> None:

@@ -17,12 +17,12 @@ from nav_msgs.msg import Path
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.simulator import built_in_map
-from flexbt_sim.world import RobotLimits, load_map
+from flexbt_sim.world import RobotModel, load_map
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = FollowPath.Result
-LIMITS = RobotLimits()
+MODEL = RobotModel()
 EAST = (11.2, 4.45)
 
 
@@ -50,12 +50,12 @@ def test_the_robot_arrives_round_the_walls_and_tells_how_far_it_is(world: Probe)
     assert abs(math.remainder(rest.yaw - OFFICE[2], math.tau)) < 0.15
     walls = load_map(built_in_map())
     driven = [seen for seen in world.sightings if seen.time >= start.time]
-    assert min(walls.clearance(seen.x, seen.y) for seen in driven) >= LIMITS.radius - walls.resolution / 2.0
+    assert min(walls.clearance(seen.x, seen.y) for seen in driven) >= MODEL.footprint.radius - walls.resolution / 2.0
     left = [message.distance_to_goal for message in goal.feedback]
     assert left[0] == pytest.approx(sum(map(_length, pairwise(path.poses))), rel=0.1)
     assert left[-1] < left[0] / 2.0  # of the last messages some may be overtaken by the result
     assert all(later < earlier + 0.1 for earlier, later in pairwise(left))
-    assert max(message.speed for message in goal.feedback) == pytest.approx(LIMITS.linear_speed)
+    assert max(message.speed for message in goal.feedback) == pytest.approx(MODEL.drive.linear_speed)
 
 
 def _length(ends: tuple[Any, Any]) -> float:
@@ -114,7 +114,7 @@ def test_a_canceled_robot_is_at_rest_in_time(world: Probe) -> None:
     goal.call.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
     rest = world.wait_at_rest()
-    assert rest.time - asked.time < 0.5 + LIMITS.linear_speed / LIMITS.linear_acceleration
+    assert rest.time - asked.time < 0.5 + MODEL.drive.linear_speed / MODEL.drive.linear_acceleration
     assert world.commands[-1] == (0.0, 0.0)
 
 
@@ -164,7 +164,7 @@ def test_a_path_into_a_wall_ends_before_it(world: Probe) -> None:
     world.place(DOCK)
     aborted(world.follow(line(DOCK, (DOCK[0], 6.5))), Result.PATIENCE_EXCEEDED)
     rest = world.wait_at_rest()
-    assert rest.y < 5.4 - LIMITS.radius
+    assert rest.y < 5.4 - MODEL.footprint.radius
 
 
 def test_a_path_to_where_the_robot_is_ends_with_the_turn(world: Probe) -> None:

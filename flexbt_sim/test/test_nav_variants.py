@@ -11,7 +11,7 @@ from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.ros_messages import seconds_of
 from flexbt_sim.simulator import Simulator
-from flexbt_sim.world import RobotLimits
+from flexbt_sim.world import DriveModel
 from flexbt_testing.nodes.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
 
 PLACE = '/fleet/robot1'
@@ -39,7 +39,7 @@ def test_a_robot_in_a_namespace_with_stamped_commands_is_driven_as_fast_as_possi
         rest = probe.wait_at_rest()
         assert rest.distance(OFFICE) < 0.15
         driven = [seen for seen in probe.sightings if began <= seen.time <= rest.time]
-        assert max(probe.speeds(driven)) > 0.9 * RobotLimits().linear_speed
+        assert max(probe.speeds(driven)) > 0.9 * DriveModel().linear_speed
         assert began <= seconds_of(commands[-1].header.stamp) <= probe.now.time
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from closed_loop import LIMITS, Run
+from closed_loop import Run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn
@@ -27,7 +27,7 @@ from flexbt_sim.docking import (
 )
 from flexbt_sim.errors import DockError, NavigationError
 from flexbt_sim.navigation import Costmap, Inflation, Velocity
-from flexbt_sim.world import MapRobot, OccupancyMap, Pose, wrap
+from flexbt_sim.world import OccupancyMap, Pose, wrap
 
 OPEN = drawn(*['.' * 120] * 120)
 WALLED = drawn(*['.' * 100 + '#' + '.' * 19] * 120)
@@ -41,7 +41,7 @@ class Station:
     """A robot on a map with a dock, which charges it when it is at rest there."""
 
     def __init__(self, world: OccupancyMap, start: Pose, dock: Pose = DOCK, works: bool = True) -> None:
-        self.run = Run(MapRobot(world, start, LIMITS))
+        self.run = Run(world, start)
         self.costmap = Costmap(world, Inflation())
         self.dock = dock
         self.works = works

@@ -32,7 +32,6 @@ from .descriptions import (
     ZoneModel,
     fault_parameters,
 )
-from .map_robot import COLLISION_CHECK_DISTANCE, TICK, MapRobot, RobotLimits
 from .pacing import (
     ANSWER_SECONDS,
     COMPUTING_FACTOR,
@@ -76,7 +75,6 @@ from .world import EntityModel, EntityState, Snapshot, World, prepare_world
 
 __all__ = [
     'ANSWER_SECONDS',
-    'COLLISION_CHECK_DISTANCE',
     'COMPUTING_FACTOR',
     'FAR',
     'FARTHEST',
@@ -92,7 +90,6 @@ __all__ = [
     'NAVIGATION_SERVERS',
     'OCCUPIED',
     'STALL_SECONDS',
-    'TICK',
     'UNKNOWN',
     'Battery',
     'BatteryModel',
@@ -109,7 +106,6 @@ __all__ = [
     'FaultModel',
     'Frame',
     'LidarModel',
-    'MapRobot',
     'MessagesDropped',
     'MessagesLate',
     'Obstacle',
@@ -121,7 +117,6 @@ __all__ = [
     'Pose',
     'RayCaster',
     'Robot',
-    'RobotLimits',
     'RobotModel',
     'RouteModel',
     'Scan',

@@ -129,12 +129,6 @@ class OccupancyMap:
         gaps = numpy.hypot(_gaps(rows + bottom, row), _gaps(columns + left, column))
         return float(gaps.min(initial=math.inf)) * self.resolution
 
-    def is_free(self, x: float, y: float, radius: float) -> bool:
-        """Whether a circle of a radius, m, round a point overlaps no obstacle; the same as clearance >= radius."""
-        row, column = self.grid_position(x, y)
-        known, beside = self._nearest_known(row, column)
-        return known - beside >= radius or self.clearance(x, y) >= radius
-
     def _nearest_known(self, row: float, column: float) -> tuple[float, float]:
         """Distance from an obstacle at the nearest point where that is known, and how far away this point is; m."""
         r = min(max(round(2.0 * row), 0), 2 * self.height)
