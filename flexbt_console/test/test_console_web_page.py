@@ -161,6 +161,18 @@ def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
         (sent,) = robot.wait_sent(1)
         assert (sent.kind, sent.decision_id) == (CommandKind.CONFIRM, 'd2')
         browser.until_text('told', 'applied')
+        # Enter again and again, while nothing waits for a moment and then another one; no time passes.
+        answered = browser.run(
+            'const {DecisionBar} = await import("./decision.js");'
+            'const asked = {id: "a", kind: "transition", line: "", reasons: [], choices: [], wanted: "done"};'
+            'const sent = [];'
+            'const places = [0, 1, 2].map(() => document.createElement("div"));'
+            'const bar = new DecisionBar(...places, {send: (one) => sent.push(one), tell() {}, placesOf: () => []});'
+            'bar.allow(true);'
+            'for (const shown of [[asked], [], [{...asked, id: "b"}]]) { bar.show(shown, null, 0); bar.confirm(); }'
+            'return sent.map((one) => one.decision)'
+        )
+        assert answered == ['a']
 
 
 def test_everything_can_be_done_by_keys(browser: Browser) -> None:

@@ -8,7 +8,10 @@ from typing import Final
 from flexbt_core.clock import Clock
 
 REACTION_SECONDS: Final = 0.4
-"""A key that is pressed sooner than this after a decision took the place of another was meant for the other."""
+"""A key that is pressed sooner than this after a decision took the place of another was meant for the other.
+
+So it is also when there was nothing in between for no longer than this: who presses Enter twice answers once.
+"""
 
 
 class ShownDecision:
@@ -17,6 +20,7 @@ class ShownDecision:
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._shown: str | None = None
+        self._left_at: float | None = None
         self._replaced_at: float | None = None
         self._bound: str | None = None
         self._typing = False
@@ -31,7 +35,11 @@ class ShownDecision:
         """The screen shows this decision now."""
         if decision_id == self._shown:
             return
-        self._replaced_at = self._clock.now() if self._shown is not None and decision_id is not None else None
+        now = self._clock.now()
+        if self._shown is not None:
+            self._left_at = now
+        is_replaced = self._left_at is not None and now - self._left_at < REACTION_SECONDS
+        self._replaced_at = now if is_replaced and decision_id is not None else None
         self._shown = decision_id
 
     def typed(self, text: str) -> None:

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The decision that waits. Each button belongs to the decision it was made for: its answer never reaches another one.
 
-const REACTION_MS = 400;  // a click or key sooner than this after a decision took the place of another was meant for the other
+const REACTION_MS = 400;  // a click or key sooner than this after a decision took the place of another was meant for the other,
+                          // also when there was nothing in between for no longer than this
 
 export class DecisionBar {
   // send(message) gives whether it went out; tell(text, tone); placesOf() are the names of places
@@ -9,6 +10,7 @@ export class DecisionBar {
     Object.assign(this, {bar, line, body, send, tell, placesOf});
     this.shown = null;
     this.text = '';
+    this.left = -Infinity;
     this.replaced = -Infinity;
     this.picked = '';
     this.allowed = false;
@@ -20,7 +22,9 @@ export class DecisionBar {
     const next = decisions[0] ?? null;
     const text = JSON.stringify(decisions);
     if (text !== this.text) {
-      if (this.shown && next && next.id !== this.shown.id) this.replaced = performance.now();
+      const at = performance.now();
+      if (this.shown && next?.id !== this.shown.id) this.left = at;
+      if (next && next.id !== this.shown?.id && at - this.left < REACTION_MS) this.replaced = at;
       if (next?.id !== this.shown?.id) this.picked = next?.kind === 'transition' ? next.wanted : '';
       this.text = text;
       this.shown = next;
