@@ -20,7 +20,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader, make_reader
+from rclpy.serialization import serialize_message
 
+from flexbt_common import names
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder
@@ -31,8 +33,9 @@ from flexbt_console.present import behavior_line
 from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
-from flexbt_console.recording.run_file import Recorded, read_run
+from flexbt_console.recording.run_file import Recorded, RunWriter, read_run
 from flexbt_console.recording.topics import TOPICS
+from flexbt_msgs.msg import ExecutiveLog
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
@@ -127,6 +130,18 @@ def test_the_console_sees_in_a_replay_what_it_saw_of_the_robot(executives: Any, 
         assert seen.structure == view.structure and seen.behaviors == view.behaviors
         assert at.mirror.log()[: len(logs)] == logs
         assert 'replay of run.mcap' in behavior_line(seen)
+
+
+def test_what_is_searched_for_is_found_in_any_case_of_its_letters(tmp_path: Path) -> None:
+    topic, type = names.EXECUTIVE_LOG, TOPICS[names.EXECUTIVE_LOG].type
+    with contextlib.closing(RunWriter(tmp_path / 'run.mcap')) as writer:
+        writer.add_topic(topic, f'/{topic}', type, full_definition(type))
+        for second, text in enumerate(('f\u00e4hrt', 'der Motor ist \u00dcBERHITZT', 'steht')):
+            line = ExecutiveLog(executive_id='e', sequence=second, text=text)
+            writer.add(topic, serialize_message(line), second * 10**9, second * 10**9)
+    player = RunPlayer(tmp_path / 'run.mcap')
+    player.find('motor ist \u00fcberhitzt')
+    assert player.time == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_player_shows_each_moment_as_it_was_also_going_back(executives: Any, tmp_path: Path) -> None:

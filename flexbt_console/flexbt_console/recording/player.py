@@ -83,9 +83,9 @@ class RunPlayer:
         Raises:
             RefusedError: there is none from here on.
         """
-        wanted = text.lower().encode()
+        wanted = text.lower()
         for time, one in zip(self._times, self._messages, strict=True):
-            if time > self.time and one.topic in _SAID and wanted in one.data.lower():
+            if time > self.time and one.topic in _SAID and wanted in one.data.decode(errors='replace').lower():
                 self.go_to(time + MOMENT)
                 return
         raise RefusedError(f'nothing has {text!r} in it after {self.time:.1f} s')
