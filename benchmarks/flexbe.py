@@ -44,6 +44,8 @@ from _flexbe_stamp import ADDRESS
 from _processes import executable, install_behavior
 from domain_coordinator import domain_id
 
+from flexbt_common.discovery import only_this_computer
+
 HERE: Final = Path(__file__).parent
 PACKAGE: Final = 'flexbe_probe_behaviors'
 ENGINE_ROUNDS: Final = 10
@@ -244,11 +246,11 @@ def main() -> int:
         os.environ.update(
             {
                 'ROS_DOMAIN_ID': str(domain),
-                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                 'ROS_LOG_DIR': name,
                 ADDRESS: str(directory / 'entries'),
             }
         )
+        only_this_computer()
         install_behaviors(directory)
         environments = {'FlexBT': dict(os.environ)}
         if arguments.flexbe is not None:

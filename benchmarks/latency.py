@@ -33,6 +33,7 @@ from domain_coordinator import domain_id
 from nav2_msgs.action import Wait
 
 from flexbt_common.calls import ActionCall, ActionLinks, GoalServer, ServedGoal
+from flexbt_common.discovery import only_this_computer
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
@@ -135,11 +136,8 @@ def main() -> int:
     arguments = parser.parse_args()
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         install_behavior(Path(directory), '_latency_probe', 'LatencyProbe')
-        os.environ.update(
-            ROS_DOMAIN_ID=str(domain),
-            ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
-            ROS_LOG_DIR=directory,
-        )
+        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_LOG_DIR=directory)
+        only_this_computer()
         processes = [
             subprocess.Popen([executable(package, name), '--ros-args', '--log-level', 'warn'])
             for package, name in (('flexbt_server', 'bt_server'), ('flexbt_onboard', 'onboard_executive'))

@@ -30,9 +30,9 @@ from pathlib import Path
 from typing import Any
 
 import _figures
-from ament_index_python.packages import get_package_share_directory
 from domain_coordinator import domain_id
 
+from flexbt_common.discovery import only_this_computer, profile
 from flexbt_onboard.commands import REPORT_TIME
 from flexbt_testing.system import network_namespace
 from flexbt_testing.system.lossy_link import LossyLink
@@ -43,12 +43,12 @@ from flexbt_testing.system.remote import Console, Observer, remote_console, remo
 DEADLINE = 60.0
 SETTLING = REPORT_TIME + 1.0
 GOAL = '{header: {frame_id: map}, pose: {position: {x: 10.0, y: 2.3}, orientation: {w: 1.0}}}'
-RADIO = Path(get_package_share_directory('flexbt_common')) / 'config'
-QUICK = Path(get_package_share_directory('flexbt_demo_behaviors')) / 'config' / 'fastdds.xml'
+RADIO = profile('radio_robot'), profile('radio_console')
+QUICK = profile('network')
 NO_PROFILE = Path('/dev/null')
 SETTINGS = {
-    'radio, heartbeat 0.5 s': (RADIO / 'radio_robot.xml', RADIO / 'radio_console.xml', 0.5),
-    'radio, heartbeat 1 s': (RADIO / 'radio_robot.xml', RADIO / 'radio_console.xml', 1.0),
+    'radio, heartbeat 0.5 s': (*RADIO, 0.5),
+    'radio, heartbeat 1 s': (*RADIO, 1.0),
     'workspace, heartbeat 0.5 s': (QUICK, QUICK, 0.5),
     'no profile, heartbeat 0.5 s': (NO_PROFILE, NO_PROFILE, 0.5),
 }
@@ -168,7 +168,8 @@ def main() -> int:
     figures: dict[str, Any] = {'not measured': problem}
     if not problem:
         with domain_id() as domain:
-            os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+            os.environ['ROS_DOMAIN_ID'] = str(domain)
+            only_this_computer()
             figures = {name: measure(*setting, arguments.seconds) for name, setting in SETTINGS.items()}
     print(json.dumps(figures, indent=2))
     _figures.write(arguments.output, figures)

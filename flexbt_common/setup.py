@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package_name = 'flexbt_common'
@@ -11,7 +13,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
-        (f'share/{package_name}/config', ['config/radio_console.xml', 'config/radio_robot.xml']),
+        (f'share/{package_name}/config', [str(file) for file in sorted(Path('config').glob('*.xml'))]),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test looks for it

@@ -20,7 +20,6 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
         share('trees', '*.xml'),
-        share('config', '*.xml'),
         share('launch', '*.launch.py'),
     ],
     install_requires=['setuptools'],

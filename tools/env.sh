@@ -51,8 +51,14 @@ else
   export PATH
   unset _flexbt_directory _flexbt_options
 
-  # Only this computer; quick discovery; logs beside the others of the workspace.
+  # Unless told otherwise, only this computer; quick discovery (see flexbt_common/discovery.py); logs beside the others of the workspace.
+  if [ "${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}" = rmw_fastrtps_cpp ]; then
+    if [ -z "${ROS_AUTOMATIC_DISCOVERY_RANGE:-}${FASTRTPS_DEFAULT_PROFILES_FILE:-}" ]; then
+      ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT
+      FASTRTPS_DEFAULT_PROFILES_FILE=$FLEXBT_ROOT/flexbt_common/config/this_computer.xml
+    fi
+    export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$FLEXBT_ROOT/flexbt_common/config/network.xml}"
+  fi
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-  export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$FLEXBT_ROOT/tools/fastdds.xml}"
   if [ -w "$FLEXBT_ROOT" ]; then export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"; fi
 fi

@@ -66,10 +66,13 @@ def ros_domain() -> Iterator[int]:
     """The ROS domain of this run, in the environment of this process and of those that it starts."""
     from domain_coordinator import domain_id
 
-    settings = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+    from flexbt_common import discovery
+
+    settings = ('ROS_DOMAIN_ID', discovery.RANGE, discovery.PROFILE)
     before = {name: os.environ.get(name) for name in settings}
     with domain_id() as domain:
-        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        discovery.only_this_computer()
         yield domain
     for name, value in before.items():
         if value is None:

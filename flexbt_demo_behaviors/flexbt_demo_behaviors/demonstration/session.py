@@ -7,10 +7,8 @@ import contextlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
-
+from flexbt_common import discovery
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.link import OperatorLink
@@ -38,9 +36,8 @@ class Session:
 
 def set_environment() -> None:
     """Have the processes find each other quickly, and on this computer only, unless the user has it otherwise."""
-    share = Path(get_package_share_directory('flexbt_demo_behaviors'))
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(share / 'config' / 'fastdds.xml'))
+    if not os.environ.get(discovery.RANGE) and not os.environ.get(discovery.PROFILE):
+        discovery.only_this_computer()
     # The arithmetic of the processes is small; threads of it would only take the cores from each other.
     os.environ.setdefault('OMP_NUM_THREADS', '1')
 

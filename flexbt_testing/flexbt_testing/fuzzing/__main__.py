@@ -18,6 +18,8 @@ from pathlib import Path
 
 from domain_coordinator import domain_id
 
+from flexbt_common.discovery import only_this_computer
+
 from . import TARGETS, Fuzzer
 
 
@@ -47,5 +49,6 @@ def main() -> int:
 
 if __name__ == '__main__':
     with domain_id() as domain:  # of no robot
-        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        only_this_computer()
         sys.exit(main())

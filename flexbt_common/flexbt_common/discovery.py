@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which processes find each other: the environment of this one before its first node, and of those that it starts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import MutableMapping
+from pathlib import Path
+from typing import Final
+
+from ament_index_python.packages import get_package_share_directory
+
+RANGE: Final = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+PROFILE: Final = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+
+
+def profile(name: str) -> Path:
+    """A profile of Fast DDS that comes along: this_computer, network, radio_robot or radio_console."""
+    return Path(get_package_share_directory('flexbt_common')) / 'config' / f'{name}.xml'
+
+
+def only_this_computer(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Have processes find each other quickly, and on this computer only.
+
+    With Fast DDS by a profile, without shared memory; with another middleware by the range LOCALHOST.
+    """
+    if environment.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp') == 'rmw_fastrtps_cpp':
+        environment.update({RANGE: 'SYSTEM_DEFAULT', PROFILE: str(profile('this_computer'))})
+    else:
+        environment[RANGE] = 'LOCALHOST'
