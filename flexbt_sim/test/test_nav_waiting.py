@@ -32,7 +32,6 @@ def test_it_takes_the_time_asked_for_on_the_simulated_clock(world: Probe) -> Non
     for seconds, goal in goals.items():
         assert goal.wait().status is GoalStatus.SUCCEEDED
         assert seconds <= seconds_of(goal.result.total_elapsed_time) < world.now.time - began + 1.0
-    assert world.now.time - began >= 2.0
     told = [seconds_of(message.time_left) for message in goals[2.0].feedback]
     assert 0.0 < told[0] <= 2.0
     assert told == sorted(told, reverse=True)
