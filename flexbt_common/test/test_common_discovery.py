@@ -39,7 +39,7 @@ def test_processes_hear_each_other(range_of_other: str) -> None:
     environment = dict(os.environ)
     if range_of_other:
         environment |= {discovery.RANGE: range_of_other, discovery.PROFILE: ''}
-    heard = []
+    heard: list[Empty] = []
     with NodeRuntime.open('here') as runtime:
         runtime.call(lambda: runtime.node.create_subscription(Empty, 'hello', heard.append, 1))
         with subprocess.Popen([sys.executable, '-c', PUBLISH], env=environment) as other:
