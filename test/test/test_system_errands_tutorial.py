@@ -100,7 +100,7 @@ def test_the_package_of_the_tutorial_builds_and_runs_an_errand(workspace: Path) 
     try:
         for line in process.stdout:
             lines.append(line)
-            if re.search(r'"outcome": *"\w+"', line):
+            if re.search(r'"event": *"status".*"outcome": *"\w+"', line):
                 break
     finally:
         os.killpg(process.pid, signal.SIGTERM)
