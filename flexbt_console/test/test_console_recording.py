@@ -105,6 +105,7 @@ def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
         logs = at.mirror.log()
         sequence = view.snapshot.sequence + 15
         view = at.wait(lambda view: view.snapshot.sequence >= sequence)
+        at.wait(lambda view: view.snapshot.sequence >= sequence + 10)  # that the recorder has heard it, too
         assert at.link.wait_for(lambda _: written(file) or None, DEADLINE, every=0.1), 'nothing is written'
         process.send_signal(end)
         code = process.wait(10)
