@@ -12,7 +12,7 @@ from .demo_processes import (
     page_command,
 )
 from .interactive import run_console
-from .options import parse_options, speed_factor
+from .options import RunOptions, parse_options, parse_run_options
 from .picture import draw_tracks, write_picture
 from .process_group import EndedProcess, ProcessGroup
 from .report import DemoError, DemoReport, GoalResult, Timeline
@@ -44,6 +44,7 @@ __all__ = [
     'Process',
     'ProcessGroup',
     'RobotTrack',
+    'RunOptions',
     'ScriptedOperator',
     'Session',
     'Simulation',
@@ -58,9 +59,9 @@ __all__ = [
     'own_domain',
     'page_command',
     'parse_options',
+    'parse_run_options',
     'run_console',
     'run_demonstration',
     'set_environment',
-    'speed_factor',
     'write_picture',
 ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Mapping
 
 from flexbt_sim.world import Pose, RobotModel, World
@@ -15,7 +14,7 @@ from .interactive import run_interactive
 from .options import DemoOptions, parse_options
 from .picture import write_picture
 from .process_group import ProcessGroup
-from .report import DemoError, DemoReport, Timeline
+from .report import DemoReport, Timeline
 from .robot_track import RobotTrack
 from .running import run_demonstration
 from .scripts import DEMONSTRATIONS, Demonstration
@@ -67,12 +66,7 @@ def _run_script(
     report = demonstration.report(with_boxes=simulation is not None)
     timeline.tell('demo', report.title)
     session.track.restart()
-    before = time.monotonic()
-    try:
-        demonstration.script(session.operator, simulation, report)
-    except DemoError as error:
-        report.problem = str(error)
-    report.duration = time.monotonic() - before
+    report.play(lambda: demonstration.script(session.operator, simulation, report))
     return report
 
 

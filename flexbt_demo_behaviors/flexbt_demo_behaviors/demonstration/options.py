@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,16 +21,35 @@ picture of each is written. The environment variables DEMO and SPEED stand for -
 """
 
 
+SCRIPT_EPILOG = """\
+Without a terminal, or with --script, a scripted operator takes every branch; the exit code is 0 only when nothing
+was otherwise than expected, and a picture is written. The environment variable SPEED stands for --speed.
+"""
+
+
 @dataclass(frozen=True)
-class DemoOptions:
-    """What the demonstration was told. `map` and `places` are empty for the ones that come along."""
+class RunOptions:
+    """What any demonstration was told: who operates, the speed factor, and the directory of pictures and logs."""
 
     interactive: bool
-    demos: tuple[int, ...]
     speed: float
+    output: Path
+
+
+@dataclass(frozen=True)
+class DemoOptions(RunOptions):
+    """What the demonstration was told. `map` and `places` are empty for the ones that come along."""
+
+    demos: tuple[int, ...]
     map: str
     places: str
-    output: Path
+
+
+def parse_run_options(program: str, description: str) -> RunOptions:
+    """Read the command line of a program with one demonstration; ends the process with a message when it is wrong."""
+    parser = argparse.ArgumentParser(prog=program, description=description, epilog=SCRIPT_EPILOG)
+    _add_run_options(parser, os.environ)
+    return _run_options(parser, parser.parse_args(), sys.stdin.isatty() and sys.stdout.isatty())
 
 
 def parse_options(arguments: Sequence[str], environment: Mapping[str, str], terminal: bool) -> DemoOptions:
@@ -37,19 +58,13 @@ def parse_options(arguments: Sequence[str], environment: Mapping[str, str], term
         prog='demo', description='Run the FlexBT demonstrations in simulation.', epilog=EPILOG
     )
     parser.add_argument('--demo', default=environment.get('DEMO', ''), help='1: one tree navigates; 2: three trees')
-    parser.add_argument(
-        '--speed',
-        default=environment.get('SPEED', ''),
-        help='seconds of simulated time in one second; default 1, with the scripted operator 10',
-    )
+    _add_run_options(parser, environment)
     parser.add_argument('--map', default='', help='ROS map YAML file; default: the map that comes along')
     parser.add_argument(
         '--places',
         default='',
         help='YAML file of named places; on a map of your own, the robot starts at the first of them',
     )
-    parser.add_argument('--output', default='out', help='directory of pictures and logs; default: out')
-    parser.add_argument('--script', action='store_true', help='let the scripted operator drive, also in a terminal')
     given = parser.parse_args(arguments)
 
     if given.demo not in ('', '1', '2'):
@@ -59,18 +74,34 @@ def parse_options(arguments: Sequence[str], environment: Mapping[str, str], term
     for name in ('map', 'places'):
         if getattr(given, name) and not Path(getattr(given, name)).is_file():
             parser.error(f'--{name} {getattr(given, name)}: there is no such file')
-    interactive = terminal and not given.script
+    run = _run_options(parser, given, terminal)
     return DemoOptions(
-        interactive=interactive,
-        demos=(int(given.demo),) if given.demo else ((1,) if interactive else (1, 2)),
-        speed=speed_factor(parser, given.speed) or (DEFAULT_SPEED if interactive else DEFAULT_SCRIPT_SPEED),
+        run.interactive,
+        run.speed,
+        run.output,
+        demos=(int(given.demo),) if given.demo else ((1,) if run.interactive else (1, 2)),
         map=str(Path(given.map).resolve()) if given.map else '',
         places=str(Path(given.places).resolve()) if given.places else '',
-        output=Path(given.output),
     )
 
 
-def speed_factor(parser: argparse.ArgumentParser, text: str) -> float:
+def _add_run_options(parser: argparse.ArgumentParser, environment: Mapping[str, str]) -> None:
+    parser.add_argument(
+        '--speed',
+        default=environment.get('SPEED', ''),
+        help='seconds of simulated time in one second; default 1, with the scripted operator 10',
+    )
+    parser.add_argument('--output', type=Path, default=Path('out'), help='directory of pictures and logs; default: out')
+    parser.add_argument('--script', action='store_true', help='let the scripted operator act, also in a terminal')
+
+
+def _run_options(parser: argparse.ArgumentParser, given: argparse.Namespace, terminal: bool) -> RunOptions:
+    interactive = terminal and not given.script
+    speed = _speed_factor(parser, given.speed) or (DEFAULT_SPEED if interactive else DEFAULT_SCRIPT_SPEED)
+    return RunOptions(interactive, speed, given.output)
+
+
+def _speed_factor(parser: argparse.ArgumentParser, text: str) -> float:
     """The speed factor of an option --speed, 0 when none is given; ends the process with a message when it is none."""
     if not text:
         return 0.0

@@ -86,6 +86,15 @@ class DemoReport:
             raise KeyError(f'{self.title} does not promise the branch {branch!r}')
         self.branches[branch] = True
 
+    def play(self, script: Callable[[], None]) -> None:
+        """Play the part of the operator. What was otherwise than expected is the problem of the report."""
+        before = time.monotonic()
+        try:
+            script()
+        except DemoError as error:
+            self.problem = str(error)
+        self.duration = time.monotonic() - before
+
     @property
     def passed(self) -> bool:
         """Whether every branch was taken and every goal that should be reached was reached."""
