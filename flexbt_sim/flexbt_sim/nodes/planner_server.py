@@ -46,7 +46,6 @@ class PlannerServer:
         self._parameters = parameters
         self._robot = robot
         self._computation = Computation(runtime, 'planner')
-        self._stops: dict[bytes, StopFlag] = {}
         self._plan_topic = runtime.node.create_publisher(Path, names.PLAN, 1)
         actions = (
             (ComputePathToPose, names.COMPUTE_PATH_TO_POSE, lambda request: [request.goal]),
@@ -63,13 +62,12 @@ class PlannerServer:
                 result = action_type.Result()
                 if path is not None:
                     result.path = path
-                self._stops.pop(goal.id, None)
                 result.planning_time = duration_message(self._runtime.steady.now() - began)
                 finish(goal, result, end)
 
             self._robot.when_known(goal, lambda: self._plan(goal, goals_of(goal.request), on_end))
 
-        server = GoalServer(self._runtime, action_type, name, serve, on_cancel=self._stop)
+        server = GoalServer(self._runtime, action_type, name, serve, on_cancel=lambda goal: None)
         self._runtime.on_close(lambda: self._runtime.call(server.close))
 
     def _plan(self, goal: ServedGoal, goals: Sequence[Any], on_end: OnPathEnd) -> None:
@@ -103,7 +101,8 @@ class PlannerServer:
         except Exception as error:
             fail(error)
             return
-        stop = self._stops[goal.id] = StopFlag()
+        stop = StopFlag()
+        goal.on_cancel(stop.set)  # the search ends at once, in the midst of it
         self._computation.run(
             goal,
             lambda: path_message(
@@ -116,8 +115,3 @@ class PlannerServer:
     def _planned(self, path: Path, on_end: OnPathEnd) -> None:
         self._plan_topic.publish(path)
         on_end(SUCCEEDED, path)
-
-    def _stop(self, goal: ServedGoal) -> None:
-        """The goal is to be canceled: its search ends at once, in the midst of it."""
-        if stop := self._stops.get(goal.id):
-            stop.set()
