@@ -13,6 +13,7 @@ import os
 import random
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any, cast
 
 import pytest
@@ -116,11 +117,11 @@ def bench(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
     bench.close()
 
 
-def started_again(directory: Path, content: bytes) -> RunJournal:
+def started_again(parent: Path, content: bytes) -> RunJournal:
     """What an executive knows that finds this on its disk."""
-    directory.mkdir(exist_ok=True)
-    (directory / 'onboard_executive.journal').write_bytes(content)
-    journal = RunJournal(str(directory), NAME, lambda _problem: None, ManualClock())
+    directory = mkdtemp(dir=parent)  # of its own: on a slow disk the one before may not have let go of its files yet
+    Path(directory, 'onboard_executive.journal').write_bytes(content)
+    journal = RunJournal(directory, NAME, lambda _problem: None, ManualClock())
     journal.sync(20.0)
     journal.close()
     assert not journal.damage
@@ -145,7 +146,7 @@ def test_no_loss_of_power_undoes_what_was_shown(
     known: dict[bytes, RunJournal] = {}
     for status, content in shown:
         if content not in known:
-            known[content] = started_again(tmp_path / 'again', content)
+            known[content] = started_again(tmp_path, content)
         check(status, known[content], read_journal(content).lines)
     assert len(known) > STEPS // 4
     results = {result.command_id for status, _ in shown for result in status.results}
@@ -212,7 +213,7 @@ def test_each_confirmation_counts_once_wherever_the_journal_ends(
     seen = set()
     for number in range(2, len(lines) + 1):
         for torn in (b'', lines[number][:17] if number < len(lines) else b''):
-            found = started_again(tmp_path / 'again', b''.join(lines[:number]) + torn)
+            found = started_again(tmp_path, b''.join(lines[:number]) + torn)
             applied = [
                 one
                 for one in found.results

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -97,6 +98,26 @@ def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_
             Simulator(simulator)  # its time starts again at 0
             assert probe.follow(line(DOCK, (1.5, 4.45))).wait().status is GoalStatus.SUCCEEDED
             assert probe.send(names.WAIT, time=duration_message(0.5)).wait().status is GoalStatus.SUCCEEDED
+
+
+def test_a_thread_that_was_held_up_does_not_take_what_it_has_not_read_for_silence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with open_simulator(speed_factor=1.0) as probe, open_navigation(pose_timeout=0.5) as navigation:
+        goal = probe.follow(line(DOCK, (2.5, 4.45)))
+        probe.wait_driving()
+        run_posted = navigation._run_posted
+        held = threading.Event()
+
+        def hold_up() -> None:
+            if not held.is_set():
+                probe.later(1.5)  # meanwhile the check of the pose is due, and poses come
+                held.set()
+            run_posted()
+
+        monkeypatch.setattr(navigation, '_run_posted', hold_up)
+        assert goal.wait().status is GoalStatus.SUCCEEDED
+        assert held.is_set()
 
 
 def test_a_wait_that_is_asked_of_servers_that_have_just_started_takes_its_time() -> None:

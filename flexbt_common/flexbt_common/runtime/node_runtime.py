@@ -95,6 +95,9 @@ class NodeRuntime:
         """
         self.has_failed = False
         """Whether the process ends with exit code 1; see :meth:`fail`."""
+        self.handled_until = time.monotonic()
+        """When what had come to the node was all handled, s of ``steady``. Whoever misses a message compares with this
+        time: to a node that was held up, everything is silent."""
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
@@ -333,6 +336,7 @@ class NodeRuntime:
                 if not self._context.ok():
                     raise ExternalShutdownException from error
                 self._on_escaped(error)
+            self.handled_until = self._executor.looked_at
             self._run_posted()
 
     def _run_posted(self) -> None:

@@ -144,13 +144,12 @@ class MapFrame:
                 raise NavigationError('TF_ERROR', f'the path is in frame {shown(frame)}: {error}') from None
 
         back = lookup(seconds_of(header.stamp) or None).inverse()
-        clock, steady = self._runtime.clock, self._runtime.steady
         latest, heard = -math.inf, (0.0, 0.0)
 
         def drift() -> Pose:
             nonlocal latest, heard
             moved, newest = lookup() @ back, buffer.latest(target, frame)
-            now = clock.now(), steady.now()
+            now = self._runtime.clock.now(), self._runtime.handled_until
             if newest != latest or newest == math.inf:
                 latest, heard = newest, now
             silence = min(now[0] - heard[0], now[1] - heard[1])
