@@ -98,9 +98,11 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """For how long there has been no pose, s; infinite before the first. The shorter time of the node's clock and the
-        wall's: neither a fast simulation on a busy computer, nor a clock that stands still, nor a thread that was held
-        up makes a pose old."""
+        """For how long there has been no pose, s; infinite before the first.
+
+        The shorter time of the node's clock and the wall's: neither a fast simulation on a busy computer, nor a clock
+        that stands still, nor a thread that was held up makes a pose old.
+        """
         return min(
             self._runtime.clock.now() - self._pose_at,
             self._runtime.handled_until - self._pose_steady,
