@@ -57,14 +57,14 @@ class Operator:
         )
         wait_until(self._client.service_is_ready, 'control_tree')
 
-    def send(self, command: int, run_id: str = '') -> Any:
+    def send(self, command: int, run_id: str = '', owner: str = '') -> Any:
         """The future of the response."""
-        request = ControlTree.Request(command=command, run_id=run_id)
+        request = ControlTree.Request(command=command, run_id=run_id, owner=owner)
         return self._runtime.call(lambda: self._client.call_async(request))
 
-    def ask(self, command: int, run_id: str = '') -> str:
+    def ask(self, command: int, run_id: str = '', owner: str = '') -> str:
         """'' when it had its effect, otherwise why not."""
-        return answer(self.send(command, run_id))
+        return answer(self.send(command, run_id, owner))
 
     @property
     def shown(self) -> bool:
@@ -194,7 +194,7 @@ def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(wo
     goal = world.client.execute()
     assert server_nodes.Blocks.entered.wait(DEADLINE)
     pause = operator.send(PAUSE)
-    run = world.server_runtime.call(lambda: world.server.goals.find_run(''))
+    run = world.server_runtime.call(lambda: world.server.goals.running.find('').run)
     wait_until(lambda: run._control.pending, 'the command at the run')
     server_nodes.Blocks.release.set()
     assert answer(pause) == 'the run has ended'
@@ -265,6 +265,34 @@ def test_whoever_paused_a_tree_resumes_it_however_often_it_was_taken_over_meanwh
     wait_until(lambda: follow.running and follow.goals[-1].path.poses[-1] == pose(3), 'driving to the newest goal')
     world.navigation.hold.clear()  # the next path is followed to its end
     assert goals[2].result.code == Result.SUCCESS
+
+
+def test_a_tree_that_was_taken_over_goes_on_when_all_are_gone_for_whom_it_was_paused(
+    world: World, operator: Operator
+) -> None:
+    world.client.load_tree(COUNTING)
+    with NodeRuntime.open('first') as first, NodeRuntime.open('second') as second:
+        LivelinessToken(first)
+        LivelinessToken(second)
+        old = world.client.execute(owner='/first')
+        wait_until(lambda: ticks(world) > 2)
+        for owner in ('/first', '/second'):
+            assert operator.ask(PAUSE, goal_id(old), owner) == ''
+            wait_until(lambda owner=owner: world.server.goals.owners.sees(owner))  # type: ignore[misc]
+        new = world.client.execute()
+        assert 'newer goal' in old.result.message
+        first.close()
+        wait_until(lambda: not world.server.goals.owners.sees('/first'))
+        (running,) = world.server_runtime.call(world.server.goals.running.all)
+        assert running.paused_for == {'/second'} and operator.shown
+    before = ticks(world)
+    wait_until(lambda: ticks(world) > before and not operator.shown, 'on its way')
+    assert operator.ask(PAUSE) == operator.ask(PAUSE, owner='/third') == ''  # which is not there
+    wait_until(lambda: running.paused_for == {''}, 'nobody sees it')
+    assert operator.shown
+    assert 'no name' in operator.ask(PAUSE, owner='not a name')
+    new.call.cancel(DEADLINE)
+    assert new.result.code == Result.CANCELED
 
 
 def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Operator) -> None:

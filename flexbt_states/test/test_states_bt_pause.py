@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
@@ -32,6 +33,7 @@ class TreeServer:
         self.not_paused: list[str] = []
         self.answers: bool = True
         self.commands: list[tuple[int, str]] = []
+        self.owner = ''
         self.handle: Any = None
         self._release: Any = None
         self.actions: ScriptedActionServer = bench.serve(BtExecute, f'{prefix}{names.BT_EXECUTOR}', self._run)
@@ -74,6 +76,7 @@ class TreeServer:
             response.message = f'no run has the ID {request.run_id!r}'
             return response
         self.commands.append((request.command, request.run_id))
+        self.owner = request.owner
         response.success, response.message = not self.refusal, self.refusal
         if request.command == PAUSE:
             response.not_paused = self.not_paused
@@ -164,9 +167,27 @@ def test_a_paused_state_that_is_stopped_cancels_its_tree(bench: StateBench) -> N
     wait_until(lambda: server.commands, 'the pause')
     run.behavior_run.stop('test')
     wait_until(lambda: server.actions.cancels, 'the cancel')
+    assert [command for command, _ in server.commands] == [PAUSE]  # it is not to move before it ends
     server.end()
     run.wait()
-    assert [command for command, _ in server.commands] == [PAUSE]
+    wait_until(lambda: len(server.commands) == 2, 'what may go on for somebody else')
+    assert server.commands[-1] == (RESUME, server.run_id)
+
+
+def test_a_tree_that_was_taken_over_in_a_pause_goes_on_when_the_state_is_stopped(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    run = start(bench, server)
+    pause(run, True)
+    wait_until(lambda: server.commands, 'the pause')
+    assert server.owner == bench.services.node_name
+    server.end()  # as it does when another goal takes over
+    state = run.behavior_run
+    wait_until(lambda: server.handle.status == GoalStatus.STATUS_SUCCEEDED, 'the end of the goal')
+    assert len(server.commands) == 1  # the pause is that of the operator
+    state.stop('test')
+    wait_until(lambda: len(server.commands) == 2, 'the newer goal may go on')
+    assert server.commands[-1] == (RESUME, server.run_id)
+    run.wait()
 
 
 def not_paused(run: Run) -> tuple[str, ...]:

@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from flexbt_common import names
-from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.behavior_tree import TickCommand
+from flexbt_core.errors import FlexbtError
 from flexbt_core.values import sendable
 from flexbt_msgs.srv import ControlTree
-from flexbt_server.errors import UnknownRunError
-from flexbt_server.runs import TreeRun
+from flexbt_server.goals import TreeGoals
 
 _COMMANDS: Final = {
     ControlTree.Request.PAUSE: TickCommand.PAUSE,
@@ -27,14 +25,14 @@ _COMMANDS: Final = {
 
 
 class ControlServer:
-    """Serves ControlTree, for any number of clients. ``find_run(run_id)`` raises UnknownRunError.
+    """Serves ControlTree, for any number of clients.
 
     Every request is answered when the command has had its effect, or can have none any more.
     """
 
-    def __init__(self, runtime: NodeRuntime, find_run: Callable[[str], TreeRun[Any]]) -> None:
+    def __init__(self, runtime: NodeRuntime, goals: TreeGoals) -> None:
         self._runtime = runtime
-        self._find_run = find_run
+        self._goals = goals
         runtime.node.create_service(
             ControlTree,
             names.CONTROL_TREE,
@@ -51,20 +49,21 @@ class ControlServer:
 
     async def _obey(self, request: Any, response: Any) -> str:
         """'' when the command has had its effect; otherwise why not."""
-        try:
-            check_limits(request)
-        except LimitExceededError as error:
-            return str(error)
         command = _COMMANDS.get(request.command)
         if command is None:
             known = ', '.join(f'{number} ({known.name})' for number, known in _COMMANDS.items())
             return f'command {request.command} is unknown; known commands: {known}'
-        try:
-            run = self._find_run(request.run_id)
-        except UnknownRunError as error:
-            return str(error)
         answered = Future(executor=self._runtime.node.executor)
-        run.control(command, lambda reason: self._runtime.post(lambda: answered.set_result(reason)))
+        try:
+            check_limits(request)
+            run = self._goals.control(
+                request.run_id,
+                command,
+                request.owner,
+                lambda reason: self._runtime.post(lambda: answered.set_result(reason)),
+            )
+        except FlexbtError as error:
+            return str(error)
         refusal = str(await answered)
         if command is not TickCommand.RESUME and not refusal:
             response.not_paused = [sendable(line) for line in run.not_paused]

@@ -81,7 +81,8 @@ class TreeGoal(ABC):
 @dataclass(eq=False)
 class RunningTree:
     """The run of one tree on one blackboard, and the goal that it works for; ``goal_ids`` are those that it has worked
-    for, the last ones: whoever has paused the run for one of them has it go on by the same ID.
+    for, the last ones: whoever has paused the run for one of them has it go on by the same ID. ``paused_for`` are the
+    nodes on whose behalf it was asked to pause, '' for nobody's.
     """
 
     id: str
@@ -93,6 +94,7 @@ class RunningTree:
     goal: TreeGoal
     feedback: Timer | None = None
     goal_ids: deque[str] = field(default_factory=lambda: deque(maxlen=_GOALS_REMEMBERED))
+    paused_for: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.works_for(self.goal)

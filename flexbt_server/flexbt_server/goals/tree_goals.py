@@ -15,6 +15,7 @@ from geometry_msgs.msg import PoseStamped
 
 from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import Hang, NodeRuntime
+from flexbt_core.behavior_tree import TickCommand
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
@@ -36,6 +37,9 @@ have said what they want. By default, Fast DDS sends again after 3 s what was lo
 
 _REPORT_SECONDS: Final = 0.3
 """A run that has not halted in time says so a little later, s."""
+
+MOST_PAUSING: Final = 20
+"""Nodes on whose behalf one tree is paused, at most: each is watched."""
 
 _BY_CLIENT: Final = 'canceled by the client'
 
@@ -147,9 +151,46 @@ class TreeGoals:
         self._runtime.call(lambda: self._stop_goals(reason, halting))
         return self._no_goals.wait(within)
 
-    def find_run(self, run_id: str) -> TreeRun[TreeGoal]:
-        """The run that ``run_id`` names; see :meth:`RunningTrees.find`."""
-        return self.running.find(run_id).run
+    def control(
+        self, run_id: str, command: TickCommand, owner: str, answer: Callable[[str], None]
+    ) -> TreeRun[TreeGoal]:
+        """Pause, resume or step the run that ``run_id`` names, on behalf of the node ``owner``; see
+        :meth:`TreeRun.control` and :meth:`RunningTrees.find`. A pause ends also when all are gone on whose behalf it is.
+
+        Raises:
+            FlexbtError: there is no such run, or the pause cannot be on behalf of this node.
+        """
+        running = self.running.find(run_id)
+        if command is TickCommand.PAUSE:
+            self._pause_for(running, owner)
+        elif command is TickCommand.RESUME:
+            self._forget_pauses(running)
+        running.run.control(command, answer)
+        return running.run
+
+    def _pause_for(self, running: RunningTree, owner: str) -> None:
+        if owner in running.paused_for:
+            return
+        if len(running.paused_for) >= MOST_PAUSING:
+            raise FlexbtError(f'{MOST_PAUSING} nodes keep the tree paused already; RESUME it before another pauses it')
+        if owner:
+            self.owners.watch(owner, running, lambda _reason: self._end_pause(running, owner), lambda: None)
+        running.paused_for.add(owner)
+
+    def _end_pause(self, running: RunningTree, owner: str) -> None:
+        self.owners.release(owner, running)
+        running.paused_for.discard(owner)
+        # What runs for the owner that is gone is being stopped: it is not to move once more.
+        if not running.paused_for and running.goal.owner != owner:
+            self._runtime.node.get_logger().warning(
+                f'{running.description} goes on: {owner}, on whose behalf it was paused, is gone'
+            )
+            running.run.control(TickCommand.RESUME, lambda _refusal: None)
+
+    def _forget_pauses(self, running: RunningTree) -> None:
+        for owner in running.paused_for:
+            self.owners.release(owner, running)
+        running.paused_for.clear()
 
     # -- a goal ------------------------------------------------------------------------------------------------------
 
@@ -256,6 +297,7 @@ class TreeGoals:
 
     def _on_end(self, running: RunningTree, outcome: RunOutcome) -> None:
         self.running.remove(running)
+        self._forget_pauses(running)
         if running.feedback is not None:
             running.feedback.cancel()
         self.end(running.goal, outcome)

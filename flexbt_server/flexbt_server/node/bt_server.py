@@ -87,7 +87,7 @@ class BtServer:
             lambda: TreeGoals(runtime, parameters, store, boards, services, reader, watchers)
         )
         self.execute = runtime.call(lambda: ExecuteServer(runtime, parameters.default_tree, goals, boards, admission))
-        self.control = runtime.call(lambda: ControlServer(runtime, goals.find_run))
+        self.control = runtime.call(lambda: ControlServer(runtime, goals))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
         self.data = runtime.call(lambda: DataServers(runtime, boards, reader, goals.wake, admission))
         self.navigators = runtime.call(

@@ -6,10 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from flexbt_common import names
+from flexbt_common.calls import ServiceLink
 from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, Progress, Severity, UserData
 from flexbt_msgs.action import BtExecute
+from flexbt_msgs.srv import ControlTree
 from flexbt_onboard.behaviors import state_services
 from flexbt_states.support import GoalCall, read_values, state_outcome
 
@@ -40,8 +43,11 @@ class TreeExecution:
         self._output_keys = dict(output_keys)
         self._blackboard = blackboard
         self._timeout = timeout
-        self._pause = TreePause(state, topic)
-        self._goal = GoalCall(state, BtExecute, topic, self._pause.not_paused)
+        prefix, slash, _ = topic.rpartition('/')
+        self._control_topic = f'{prefix}{slash}{names.CONTROL_TREE}'
+        self._control: ServiceLink | None = None
+        self._pause: TreePause | None = None
+        self._goal = GoalCall(state, BtExecute, topic, self._not_paused)
         self._activity: Sequence[str] = ()
         self._progress = Progress()
         self._refusal = ''
@@ -54,7 +60,8 @@ class TreeExecution:
     def prepare(self) -> None:
         """Look for the server already."""
         self._goal.prepare()
-        self._pause.prepare()
+        if self._control is None:
+            self._control = state_services(self._state).services.link(ControlTree, self._control_topic)
 
     def start(self, goals: Sequence[Any], inputs: Iterable[tuple[str, Any, str]]) -> None:
         """Send the goal with goal poses and typed inputs (key, value, type); time counts on the state's clock."""
@@ -66,6 +73,8 @@ class TreeExecution:
         except FlexbtError as error:
             self.refuse(str(error))
             return
+        self.prepare()
+        assert self._control is not None
         services = state_services(self._state)
         self._changed = services.changed
         goal = BtExecute.Goal(
@@ -78,12 +87,12 @@ class TreeExecution:
             owner=services.node_name,
         )
         self._goal.send(goal, timeout=self._timeout, clock=self._state.clock, on_feedback=self._on_feedback)
-        self._pause.prepare()
-        self._pause.begin(self._goal.goal_id)
+        self._pause = TreePause(self._state, self._control, self._goal.goal_id)
 
     def set_paused(self, paused: bool) -> None:
         """The state is paused, or goes on: so is the tree."""
-        self._pause.set(paused)
+        if self._pause is not None:
+            self._pause.set(paused)
 
     def refuse(self, reason: str) -> None:
         """Do not run the tree: what it would run on is not acceptable."""
@@ -120,12 +129,16 @@ class TreeExecution:
 
     def leave(self) -> None:
         """Cancel the tree when it still runs."""
-        self._pause.begin('')
         self._goal.leave()
 
     def halting(self) -> str | None:
-        """What has not halted yet, None when nothing."""
-        return self._goal.halting()
+        """What has not halted yet, None when nothing. After :meth:`leave`."""
+        halting = self._goal.halting()
+        if halting is None and self._pause is not None:
+            if self._goal.is_over:
+                self._pause.end()  # not before: a tree that is being canceled is not to move once more
+            self._pause = None
+        return halting
 
     def activity(self) -> Sequence[str]:
         """Paths of the tree's nodes that are running; none when the tree has ended, or was lost."""
@@ -138,8 +151,13 @@ class TreeExecution:
             return None
         return self._progress if self._progress.tree_run_id else Progress(goal_id)
 
+    def _not_paused(self) -> str:
+        pause = self._pause
+        return '' if pause is None else pause.not_paused()
+
     def _on_feedback(self, feedback: Any) -> None:
-        self._pause.run_seen()
+        if (pause := self._pause) is not None:
+            pause.run_seen()
         self._progress = Progress(
             tree_run_id=feedback.run_id,
             distance=feedback.distance_remaining,

@@ -6,7 +6,6 @@ from __future__ import annotations
 import threading
 from typing import Final
 
-from flexbt_common import names
 from flexbt_common.calls import ServiceCall, ServiceLink, ServiceOutcome
 from flexbt_core.state_machine import EventState
 from flexbt_msgs.srv import ControlTree
@@ -26,37 +25,32 @@ class TreePause:
     says that goes on all the same is told by :meth:`not_paused`.
     """
 
-    def __init__(self, state: EventState, bt_topic: str) -> None:
+    def __init__(self, state: EventState, link: ServiceLink, run_id: str) -> None:
         self._state = state
-        prefix, slash, _ = bt_topic.rpartition('/')
-        self._service = f'{prefix}{slash}{names.CONTROL_TREE}'
-        self._link: ServiceLink | None = None
+        self._services = state_services(state)
+        self._link = link
+        self._run_id = run_id
         self._lock = threading.Lock()
-        self._run_id = ''
-        self._is_known = False
+        self._is_known = self._is_over = False
         self._wanted = self._is = False
         self._wanted_at = 0.0
         self._goes_on = ''
         self._call: ServiceCall | None = None
 
-    def prepare(self) -> None:
-        """Look for the server already. Not while the executor thread waits for the caller."""
-        if self._link is None:
-            self._link = state_services(self._state).services.link(ControlTree, self._service)
-
-    def begin(self, run_id: str) -> None:
-        """Another goal was sent; '' for none."""
-        with self._lock:
-            self._run_id = run_id
-            self._is_known = self._wanted = self._is = False
-            self._goes_on = ''
-            self._call = None
-
     def set(self, paused: bool) -> None:
         """The tree is to be paused, or not."""
         with self._lock:
             self._wanted = paused
-            self._wanted_at = state_services(self._state).runtime.steady.now()
+            self._wanted_at = self._services.runtime.steady.now()
+            self._agree()
+
+    def end(self) -> None:
+        """The state is left, and the server has said that the goal has ended. A tree that was paused for it, and goes on
+        for whoever has taken it over, is not to wait for this state.
+        """
+        with self._lock:
+            self._wanted = False
+            self._is_known = self._is_over = True
             self._agree()
 
     def not_paused(self) -> str:
@@ -64,8 +58,8 @@ class TreePause:
         with self._lock:
             waits = self._wanted and not self._is
             goes_on, wanted_at = self._goes_on, self._wanted_at
-        if waits and state_services(self._state).runtime.steady.now() - wanted_at > _PATIENCE_SECONDS:
-            return f'{self._service} has not confirmed the pause of the tree'
+        if waits and self._services.runtime.steady.now() - wanted_at > _PATIENCE_SECONDS:
+            return f'{self._link.name} has not confirmed the pause of the tree'
         return goes_on
 
     def run_seen(self) -> None:
@@ -76,30 +70,30 @@ class TreePause:
                 self._agree()
 
     def _agree(self) -> None:
-        link = self._link
-        if link is None or self._call is not None or not self._run_id or self._wanted is self._is:
+        if self._call is not None or self._wanted is self._is:
             return
-        wanted, run_id, is_known = self._wanted, self._run_id, self._is_known
+        wanted, is_known = self._wanted, self._is_known
         command = ControlTree.Request.PAUSE if wanted else ControlTree.Request.RESUME
         self._call = ServiceCall(
-            link,
-            ControlTree.Request(command=command, run_id=run_id),
-            on_done=lambda outcome: self._answered(run_id, wanted, is_known, outcome),
+            self._link,
+            ControlTree.Request(command=command, run_id=self._run_id, owner=self._services.node_name),
+            on_done=lambda outcome: self._answered(wanted, is_known, outcome),
             response_timeout=_RESPONSE_SECONDS,
         )
 
-    def _answered(self, run_id: str, wanted: bool, was_known: bool, outcome: ServiceOutcome) -> None:
+    def _answered(self, wanted: bool, was_known: bool, outcome: ServiceOutcome) -> None:
         reason = outcome.reason if outcome.response is None else str(outcome.response.message)
         with self._lock:
-            if run_id != self._run_id:
-                return
             self._call = None
             if was_known or not reason:
                 self._is = wanted
                 self._goes_on = _what_goes_on(outcome) if wanted else ''
             if was_known or self._is_known or not reason:
                 self._agree()  # otherwise it is asked again by run_seen
-        state_services(self._state).changed()
+            is_over = self._is_over  # then nobody may have taken the tree over, and there is no run
+        if is_over:
+            return
+        self._services.changed()
         if reason and was_known and not wanted:
             self._state.log_warn(f'the tree was not resumed: {reason}')
 

@@ -41,6 +41,7 @@ class GoalCall:
         self._not_paused = not_paused
         self._link: ActionServerLink | None = None
         self._call: ActionCall | None = None
+        self._last: ActionCall | None = None
         self._outcome: GoalOutcome | None = None
         self._unfinished: list[ActionCall] = []
         self._timer: Timer | None = None
@@ -52,6 +53,12 @@ class GoalCall:
     def goal_id(self) -> str:
         """ID of the goal that is worked on, hexadecimal; '' while there is none."""
         return '' if self._call is None else self._call.goal_id.hex()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is certain that nobody works on the goal that was sent last."""
+        outcome = None if self._last is None else self._last.outcome
+        return outcome is not None and outcome.status in _ENDED
 
     def prepare(self) -> None:
         """Look for the server already: called when the run starts, so that discovery is over when the goal is sent."""
@@ -78,7 +85,7 @@ class GoalCall:
         services = state_services(self._state)
         # A server of a node that is about to be ready will be there.
         patience = READY_SECONDS if services.unready() else SERVER_SECONDS
-        self._call = ActionCall(
+        self._call = self._last = ActionCall(
             self._link, goal, on_done=self._on_done, on_feedback=on_feedback, server_timeout=patience
         )
         services.goals.add(self._state, self._topic, self._call, self._not_paused)
