@@ -155,7 +155,7 @@ class TreeGoals:
         self, run_id: str, command: TickCommand, owner: str, answer: Callable[[str], None]
     ) -> TreeRun[TreeGoal]:
         """Pause, resume or step the run that ``run_id`` names, on behalf of the node ``owner``; see
-        :meth:`TreeRun.control` and :meth:`RunningTrees.find`. A pause ends also when all are gone on whose behalf it is.
+        :meth:`TreeRun.control` and :meth:`RunningTrees.find`. A pause ends, too, when all those nodes are gone.
 
         Raises:
             FlexbtError: there is no such run, or the pause cannot be on behalf of this node.

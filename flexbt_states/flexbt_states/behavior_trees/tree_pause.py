@@ -45,8 +45,8 @@ class TreePause:
             self._agree()
 
     def end(self) -> None:
-        """The state is left, and the server has said that the goal has ended. A tree that was paused for it, and goes on
-        for whoever has taken it over, is not to wait for this state.
+        """The state is left, and the server has said that the goal has ended: whoever has taken over the tree that was
+        paused for it is not to wait for this state.
         """
         with self._lock:
             self._wanted = False
