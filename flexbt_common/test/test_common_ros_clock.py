@@ -11,12 +11,13 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.clock import ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
+from rclpy.time import Time as RosTime
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from flexbt_common.runtime import NodeRuntime, is_usable
+from flexbt_common.runtime import HeardTime, NodeRuntime, is_usable
 from flexbt_common.runtime.rclpy_private import EXECUTOR
 from flexbt_common.runtime.simulated_time import LONGEST_WAIT
 from flexbt_core.clock import ManualClock, Timer, WakeEvent
@@ -71,6 +72,32 @@ def test_a_node_that_waits_for_no_time_is_not_woken_by_it(simulation: Simulation
     assert len(jumps) <= (time.monotonic() - began) / LONGEST_WAIT + 5
     wait_until(lambda: runtime.call(runtime.clock.now) == 201.0, 'the last time')
     handle.unregister()
+
+
+def test_others_are_silent_only_as_long_as_wall_and_world_go_on() -> None:
+    wall, world = ManualClock(), ROSClock()
+    heard = HeardTime(wall, world)
+
+    def after(seconds: float, simulated: float | None = None) -> float:
+        """What counts of so much wall time, in which simulated time comes to be this."""
+        before = heard.handled
+        wall.advance(seconds)
+        if simulated is not None:
+            world.set_ros_time_override(RosTime(seconds=simulated, clock_type=ClockType.ROS_TIME))
+        heard.look()
+        assert heard.handled == before  # nothing has been handled yet
+        heard.all_handled()
+        return round(heard.handled - before, 9)
+
+    assert after(3.0) == 3.0
+    world._set_ros_time_is_active(True)
+    assert after(1.0, 50.0) == 1.0  # time begins
+    assert after(0.2, 52.0) == 0.2  # ten times as fast
+    assert after(30.0, 52.0) == 0.0  # paused
+    assert after(0.2, 54.0) == 0.2  # and ten times as fast again: the pause does not count
+    assert after(0.2, 54.01) == 0.01  # slow
+    assert after(0.2, 1.0) == 0.0  # begun anew
+    assert after(0.2, 1.1) == 0.1
 
 
 def test_the_time_is_known_while_the_executor_is_busy(simulation: Simulation) -> None:

@@ -17,7 +17,7 @@ from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_sim.nodes import Navigation
-from flexbt_sim.server_common import MotionArbiter
+from flexbt_sim.server_common import PoseWatch
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import DriveModel
 from flexbt_testing.nodes.sim_world import (
@@ -65,13 +65,13 @@ def test_requests_that_are_canceled_while_they_wait_for_the_robot_end_canceled()
 def test_one_check_of_the_pose_at_a_time_however_motions_take_over(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each takes over when the check for the motion before it is due, and has not been made."""
     checks: list[float] = []
-    check = MotionArbiter._check_pose
+    look = PoseWatch._look
 
     def count(*arguments: Any) -> None:
         checks.append(time.monotonic())
-        check(*arguments)
+        look(*arguments)
 
-    monkeypatch.setattr(MotionArbiter, '_check_pose', count)
+    monkeypatch.setattr(PoseWatch, '_look', count)
     with open_simulator(speed_factor=10.0) as probe, open_navigation(pose_timeout=2.0) as navigation:
         for _ in range(6):
             with ThreadPoolExecutor() as pool:

@@ -18,6 +18,7 @@ from .received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, tells
 from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import SenderRates
+from .simulated_time import HeardTime
 
 __all__ = [
     'ACTION_CLIENT',
@@ -27,6 +28,7 @@ __all__ = [
     'UNKNOWN_WRITER',
     'Hang',
     'Health',
+    'HeardTime',
     'LatestMessage',
     'Loop',
     'NodeRuntime',

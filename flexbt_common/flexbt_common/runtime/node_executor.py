@@ -36,9 +36,11 @@ from rclpy.subscription import Subscription
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
+from flexbt_core.clock import SteadyClock
+
 from . import rclpy_private
 from .rclpy_private import OpenExecutor, Take
-from .simulated_time import LONGEST_WAIT, SimulatedTime, tells_time
+from .simulated_time import LONGEST_WAIT, HeardTime, SimulatedTime, tells_time
 
 __all__ = ['NodeExecutor', 'StockNodeExecutor', 'node_executor']
 
@@ -80,12 +82,12 @@ class StockNodeExecutor(SingleThreadedExecutor):
         super().__init__(context=node.context)
         self._on_fault = on_fault
         self.simulated_time = SimulatedTime(on_fault)
-        self.looked_at = monotonic()
+        self.heard = HeardTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
         """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
-        self.looked_at = monotonic()
+        self.heard.look()
         try:
             self.spin_once(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
         except ExternalShutdownException:
@@ -109,8 +111,7 @@ class NodeExecutor(OpenExecutor):
         self._soon: deque[Task] = deque()
         self._awaiting: list[Task] = []
         self._thread = 0
-        self.looked_at = monotonic()
-        """When it was looked last what is ready, s, monotonic: what had come by then is handled in that turn."""
+        self.heard = HeardTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
@@ -168,7 +169,7 @@ class NodeExecutor(OpenExecutor):
         except InvalidHandle:  # another thread is destroying an entity
             self._is_changed = True
             return
-        self.looked_at = monotonic()
+        self.heard.look()
         self.simulated_time.hear()  # first, so that no message is from the future
         for take, entity in ready:
             self._call(take, entity)
@@ -182,7 +183,7 @@ class NodeExecutor(OpenExecutor):
 
     def _turn_of_rclpy(self, timeout: float) -> None:
         self._forget_entities()
-        self.looked_at = monotonic()
+        self.heard.look()
         try:
             self.spin_once(timeout)
         except ExternalShutdownException:

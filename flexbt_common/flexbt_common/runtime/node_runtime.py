@@ -75,8 +75,8 @@ class NodeRuntime:
     """One node, one executor thread, two clocks.
 
     ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``), ``steady`` the machine's
-    monotonic clock, for deadlines of communication; ``health`` has what must answer while the node is called alive: the
-    executor, and what others register.
+    monotonic clock, for deadlines of communication; ``heard`` tells for how long others have been silent.
+    ``health`` has what must answer while the node is called alive: the executor, and what others register.
     """
 
     def __init__(
@@ -95,9 +95,6 @@ class NodeRuntime:
         """
         self.has_failed = False
         """Whether the process ends with exit code 1; see :meth:`fail`."""
-        self.handled_until = time.monotonic()
-        """When what had come to the node was all handled, s of ``steady``. Whoever misses a message compares with this
-        time: to a node that was held up, everything is silent."""
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
@@ -127,6 +124,7 @@ class NodeRuntime:
             self.node.get_logger().warning(warning)
         self._executor = node_executor(self.node, self._on_escaped)
         self.simulated_time = self._executor.simulated_time
+        self.heard = self._executor.heard
         self._doorbell = self.node.create_guard_condition(lambda: None)
         self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
         self.clock = RosClock(self)
@@ -336,7 +334,7 @@ class NodeRuntime:
                 if not self._context.ok():
                     raise ExternalShutdownException from error
                 self._on_escaped(error)
-            self.handled_until = self._executor.looked_at
+            self.heard.all_handled()
             self._run_posted()
 
     def _run_posted(self) -> None:

@@ -5,18 +5,24 @@ rclpy wakes the executor for each message of /clock, some dozens a second, and t
 to do. The middleware keeps the newest message anyway. It is taken whenever the executor has come back from a wait, and
 when :class:`flexbt_common.runtime.RosClock` is asked for the time, on any thread; and the executor is woken for it
 while a timer waits for a time.
+
+And how much of the time, simulated or not, a node was there to hear what others say.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Callable, Iterator
 from typing import Final
 
+from rclpy.clock import ROSClock
 from rclpy.exceptions import InvalidHandle
 from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
+
+from flexbt_core.clock import Clock
 
 LONGEST_WAIT: Final = 0.2
 """For so long at most the executor waits under simulated time, s of wall time: no more is the time old by which rclpy's
@@ -71,6 +77,37 @@ class SimulatedTime:
             taken = subscription.handle.take_message(subscription.msg_type, False)
         if taken is not None:
             subscription.callback(taken[0])
+
+
+class HeardTime:
+    """For how long a node has been there to hear what others say, s, on the executor thread.
+
+    Time counts as far as both the wall's clock and that of the node have gone on from one look of the executor to the
+    next. Whoever misses a message takes the difference of two such times: others have not been silent in a simulation
+    that was paused, nor in one that is fast on a busy machine, nor to a node that was held up itself.
+    """
+
+    def __init__(self, steady: Clock, ros_clock: ROSClock) -> None:
+        self._steady = steady
+        self._ros_clock = ros_clock
+        self._seen, self._simulated = steady.now(), 0
+        self.looked = 0.0
+        """Up to the last look at what has come."""
+        self.handled = 0.0
+        """Up to the last look after which all was handled that had come."""
+
+    def look(self) -> None:
+        """What has come by now is about to be handled."""
+        now, went_on = self._steady.now(), math.inf
+        if self._ros_clock.ros_time_is_active:
+            simulated = self._ros_clock.now().nanoseconds
+            went_on, self._simulated = max(0, simulated - self._simulated) * 1e-9, simulated
+        self.looked += min(now - self._seen, went_on)
+        self._seen = now
+
+    def all_handled(self) -> None:
+        """Whatever had come when :meth:`look` was called."""
+        self.handled = self.looked
 
 
 def tells_time(subscription: Subscription) -> bool:

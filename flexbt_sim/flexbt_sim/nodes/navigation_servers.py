@@ -84,7 +84,7 @@ class Navigation:
     def _serve(self) -> None:
         runtime = self._runtime
         self._robot = RobotInterface(runtime, self._parameters)
-        self._arbiter = MotionArbiter(runtime, self._robot, self._parameters.pose_timeout)
+        self._arbiter = MotionArbiter(runtime, self._robot)
         PlannerServer(runtime, self._parameters, self._robot)
         motions = (
             (

@@ -11,10 +11,9 @@ from nav_msgs.msg import Path
 
 from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.clock import Timer
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.routes import PlannedRoute, Progress, RouteTracker
-from flexbt_sim.server_common import SUCCEEDED, GoalEnd, NavigationParameters, RobotInterface, end_by
+from flexbt_sim.server_common import SUCCEEDED, GoalEnd, NavigationParameters, PoseWatch, RobotInterface, end_by
 from flexbt_sim.world import Pose
 
 from .messages import route_message
@@ -57,7 +56,7 @@ class RouteTracking:
         self._on_end = on_end
         self.active = True
         self._began = runtime.clock.now()
-        self._watch: Timer | None = None
+        self._watch: PoseWatch | None = None
         self._tracker: RouteTracker | None = None
         operations.begin()
         robot.on_pose.append(self._on_pose)
@@ -88,7 +87,7 @@ class RouteTracking:
         self._show(self._path)
         self._tell(self._tracker, rerouted=True)
         if self._watch is None:
-            self._check_pose()
+            self._watch = self._robot.watch_pose(self.end)
 
     def _on_pose(self, pose: Pose, now: float) -> None:
         tracker = self._tracker
@@ -121,14 +120,3 @@ class RouteTracking:
                 rerouted=rerouted,
             )
         )
-
-    def _check_pose(self) -> None:
-        """Whether poses come; again when the next one has to be there."""
-        if not self.active:
-            return
-        timeout, silence = self._parameters.pose_timeout, self._robot.silence
-        if silence >= timeout:
-            self.end(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
-            return
-        clock = self._runtime.clock
-        self._watch = clock.call_at(clock.now() + timeout - silence, lambda: self._runtime.post(self._check_pose))

@@ -7,7 +7,7 @@ from .frames import Asked, OnError, asked_path, asked_pose
 from .motion_server import MotionArbiter, MotionServer, RunningMotion
 from .navigation_parameters import NavigationParameters, declare_navigation_parameters
 from .request_checks import bounded, check_id
-from .robot_interface import RobotInterface
+from .robot_interface import PoseWatch, RobotInterface
 from .route_parameters import ADJUST_SPEED_LIMIT, COLLISION_MONITOR, DYNAMIC_EDGES, REROUTING_SERVICE, TIME_MARKER
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     'NavigationParameters',
     'OnError',
     'OnPathEnd',
+    'PoseWatch',
     'RobotInterface',
     'RunningMotion',
     'asked_path',

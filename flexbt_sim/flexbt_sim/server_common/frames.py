@@ -144,15 +144,15 @@ class MapFrame:
                 raise NavigationError('TF_ERROR', f'the path is in frame {shown(frame)}: {error}') from None
 
         back = lookup(seconds_of(header.stamp) or None).inverse()
-        latest, heard = -math.inf, (0.0, 0.0)
+        latest, heard = -math.inf, 0.0
 
         def drift() -> Pose:
             nonlocal latest, heard
             moved, newest = lookup() @ back, buffer.latest(target, frame)
-            now = self._runtime.clock.now(), self._runtime.handled_until
+            now = self._runtime.heard.handled
             if newest != latest or newest == math.inf:
                 latest, heard = newest, now
-            silence = min(now[0] - heard[0], now[1] - heard[1])
+            silence = now - heard
             if silence >= self._parameters.pose_timeout:
                 raise NavigationError(
                     'TF_ERROR',

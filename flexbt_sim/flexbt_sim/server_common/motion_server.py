@@ -15,19 +15,15 @@ from typing import Any, Final, Protocol
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
-from flexbt_core.clock import Timer
 from flexbt_sim.navigation import STOP, Motion, PathFollower, Velocity
 from flexbt_sim.world import Pose
 
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
 from .frames import Asked
-from .robot_interface import RobotInterface
+from .robot_interface import PoseWatch, RobotInterface
 
 FEEDBACK_EVERY: Final = 3
 """Poses per feedback message."""
-
-CHECK_SECONDS: Final = 0.1
-"""From one look whether poses still come to the next, at least, s of wall time."""
 
 TAKEN_OVER: Final = GoalEnd(message='a newer motion has taken over')
 
@@ -64,11 +60,10 @@ class RunningMotion:
 class MotionArbiter:
     """Lets one motion drive."""
 
-    def __init__(self, runtime: NodeRuntime, robot: RobotInterface, pose_timeout: float) -> None:
+    def __init__(self, runtime: NodeRuntime, robot: RobotInterface) -> None:
         self._runtime = runtime
-        self._pose_timeout = pose_timeout
         self.robot = robot
-        self._watch: Timer | None = None
+        self._watch: PoseWatch | None = None
         self.running: RunningMotion | None = None
         self._newest = -1
         self.monitor: Callable[[Pose, Velocity], Velocity] = lambda _pose, command: command
@@ -89,7 +84,7 @@ class MotionArbiter:
             rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
             self.end(TAKEN_OVER, stop=not rolling)
         self.running = newer
-        self._check_pose_after(self._pose_timeout, newer)
+        self._watch = self.robot.watch_pose(self.end)
 
     def hold(self, is_held: bool) -> None:
         """Bring the robot to rest, and let no motion drive until that is over; none is ended."""
@@ -140,22 +135,6 @@ class MotionArbiter:
         """The client does not want its goal any more."""
         if self.running is not None and self.running.goal is goal:
             self.end(CANCELED)
-
-    def _check_pose_after(self, seconds: float, running: RunningMotion) -> None:
-        # On the wall's clock, by which a pose has to be old, too: a timer of simulated time would wake the node for
-        # each message of /clock. Under a clock that stands still it comes again and again.
-        steady = self._runtime.steady
-        when = steady.now() + max(seconds, CHECK_SECONDS)
-        self._watch = steady.call_at(when, lambda: self._runtime.post(lambda: self._check_pose(running)))
-
-    def _check_pose(self, running: RunningMotion) -> None:
-        if self.running is not running:
-            return
-        silence = self.robot.silence
-        if silence < self._pose_timeout:
-            self._check_pose_after(self._pose_timeout - silence, running)
-        else:
-            self.end(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
 
 
 class MotionServer:

@@ -126,7 +126,11 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         pose_timeout=declare.real(
-            'pose_timeout', 1.0, 0.1, 60.0, "time of the node's clock without a pose after which motions fail, s"
+            'pose_timeout',
+            1.0,
+            0.1,
+            60.0,
+            'time without a pose after which motions fail, s; a pause of simulated time does not count',
         ),
         collision_monitor=declare.flag(
             'collision_monitor', False, 'whether commands are slowed down before collisions, as the service toggles it'

@@ -14,19 +14,65 @@ from flexbt_common import names
 from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
+from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Velocity
 from flexbt_sim.ros_messages import map_of, seconds_of
 from flexbt_sim.world import Pose
 
+from .action_results import GoalEnd
 from .costmap_server import CostmapServer
 from .frames import MapFrame
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, finite_pose
 
+CHECK_SECONDS: Final = 0.1
+"""From one look whether poses still come to the next, at least, s of wall time."""
+
 COMPLAINT_SECONDS: Final = 5.0
 """Time between two lines of the log about poses that cannot be used."""
+
+
+class PoseWatch:
+    """Looks whether poses still come, until there has been none for ``timeout`` seconds, or :meth:`cancel`.
+
+    ``silence()`` is the time since the last one; ``on_lost`` gets the end of the goal that needs them, once.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, timeout: float, silence: Callable[[], float], on_lost: Callable[[GoalEnd], None]
+    ) -> None:
+        self._runtime = runtime
+        self._timeout = timeout
+        self._silence = silence
+        self._on_lost = on_lost
+        self._timer: Timer | None = None
+        self._look_after(timeout)
+
+    def cancel(self) -> None:
+        """No pose is needed any more."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = None
+
+    def _look_after(self, seconds: float) -> None:
+        # On the wall's clock, by which a pose has to be old, too: a timer of simulated time would wake the node for
+        # each message of /clock. Under a clock that stands still it comes again and again.
+        steady = self._runtime.steady
+        timer = steady.call_at(
+            steady.now() + max(seconds, CHECK_SECONDS), lambda: self._runtime.post(lambda: self._look(timer))
+        )
+        self._timer = timer
+
+    def _look(self, timer: Timer) -> None:
+        if self._timer is not timer:
+            return
+        silence = self._silence()
+        if silence < self._timeout:
+            self._look_after(self._timeout - silence)
+        else:
+            self._on_lost(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
 
 
 class RobotInterface:
@@ -42,7 +88,7 @@ class RobotInterface:
         self.on_pose: list[Callable[[Pose, float], None]] = []
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
-        self._pose_at = self._pose_steady = -math.inf
+        self._pose_heard = -math.inf
         self._has_map = False
         self._waiting: list[Callable[[], None]] = []
         node = runtime.node
@@ -98,19 +144,16 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """For how long there has been no pose, s; infinite before the first.
+        """For how long there has been no pose, s of ``NodeRuntime.heard``; infinite before the first."""
+        return self._runtime.heard.handled - self._pose_heard
 
-        The shorter time of the node's clock and the wall's: neither a fast simulation on a busy computer, nor a clock
-        that stands still, nor a thread that was held up makes a pose old.
-        """
-        return min(
-            self._runtime.clock.now() - self._pose_at,
-            self._runtime.handled_until - self._pose_steady,
-        )
+    def watch_pose(self, on_lost: Callable[[GoalEnd], None]) -> PoseWatch:
+        """Have ``on_lost`` called when no pose has come for the pose timeout, from now on."""
+        return PoseWatch(self._runtime, self._parameters.pose_timeout, lambda: self.silence, on_lost)
 
     def forget_pose(self) -> None:
         """What told the pose is gone."""
-        self._pose, self._pose_at, self._pose_steady = None, -math.inf, -math.inf
+        self._pose, self._pose_heard = None, -math.inf
 
     def drive(self, velocity: Velocity) -> None:
         """Send a velocity command."""
@@ -132,7 +175,7 @@ class RobotInterface:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
-        self._pose_at, self._pose_steady = self._runtime.clock.now(), self._runtime.steady.now()
+        self._pose_heard = self._runtime.heard.looked
         time = seconds_of(message.header.stamp)
         self.costmaps.add_pose(time, self._pose)
         self._tell_waiting()
