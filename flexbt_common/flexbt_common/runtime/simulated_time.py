@@ -101,6 +101,10 @@ class HeardTime:
         now, went_on = self._steady.now(), math.inf
         if self._ros_clock.ros_time_is_active:
             simulated = self._ros_clock.now().nanoseconds
+            if simulated == self._simulated:
+                # The next message of /clock is under way, or the simulation is paused.
+                self._seen = max(self._seen, now - LONGEST_WAIT)
+                return
             went_on, self._simulated = max(0, simulated - self._simulated) * 1e-9, simulated
         self.looked += min(now - self._seen, went_on)
         self._seen = now
