@@ -71,6 +71,7 @@ from .model import (
     UserDataError,
     called_state,
     is_inside,
+    state_skill,
 )
 from .resume import (
     Position,
@@ -133,6 +134,7 @@ __all__ = [
     'read_machine',
     'reasons_against',
     'start_at',
+    'state_skill',
     'switch_machine',
     'unsure_reads',
     'with_retry',

@@ -7,15 +7,20 @@ from .escaping import lines, one_line
 from .message_text import sendable
 from .nested_json import load_json
 from .places import Place, load_places
+from .similar_names import hint
 
 if TYPE_CHECKING:
     from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
+    from .yaml_parts import YamlParts, line_of
 
 __all__ = [
     'Place',
     'YamlError',
+    'YamlParts',
     'compose_yaml',
     'construct_yaml',
+    'hint',
+    'line_of',
     'lines',
     'load_json',
     'load_places',
@@ -30,6 +35,6 @@ if not TYPE_CHECKING:  # type checkers would take any name for one of this modul
         """PyYAML takes a while to be imported, and most who want text need none of it."""
         if name not in __all__:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-        from . import nested_yaml
+        from . import nested_yaml, yaml_parts
 
-        return getattr(nested_yaml, name)
+        return getattr(nested_yaml, name, None) or getattr(yaml_parts, name)

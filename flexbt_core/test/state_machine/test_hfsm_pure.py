@@ -23,7 +23,8 @@ for module in pkgutil.walk_packages(engine.__path__, engine.__name__ + '.'):
 imported = {name for name in sys.modules if name.startswith('flexbt_')}
 others = {name for name in imported if not name.startswith('flexbt_core.state_machine')}
 others -= {'flexbt_core'}
-assert all(name.startswith(('flexbt_core.clock', 'flexbt_core.values')) for name in others), others
+below = ('flexbt_core.clock', 'flexbt_core.values', 'flexbt_core.skills', 'flexbt_core.errors')
+assert all(name.startswith(below) for name in others), others
 
 from flexbt_core.clock import ManualClock
 

@@ -64,7 +64,7 @@ def add_ports(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def add_json(parser: argparse._ActionsContainer) -> None:
     """``options.json``."""
     parser.add_argument('--json', action='store_true', help='print JSON for programs')
 

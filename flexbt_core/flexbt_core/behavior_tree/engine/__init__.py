@@ -8,6 +8,7 @@ from .coroutine import CoroutineAction
 from .decorator import Decorator, DecoratorNode
 from .leaf import Condition, Halted, LeafNode, StatefulAction, SyncAction
 from .node import NodeConfig, StatusObserver, TreeNode, node_path
+from .node_skill import node_skill
 from .registry import NodeRegistry
 from .simple import SimpleAction, SimpleDecorator, simple_action, simple_condition, simple_decorator
 from .threaded import ThreadedAction
@@ -50,6 +51,7 @@ __all__ = [
     'UnfinishedWork',
     'halt_child',
     'node_path',
+    'node_skill',
     'simple_action',
     'simple_condition',
     'simple_decorator',

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.skills import Skill
 
 from .node import NodeConfig, TreeNode
 
@@ -27,6 +28,9 @@ class LeafNode(TreeNode):
 
     goes_on: ClassVar[str] = 'it does not declare how it is paused'
     """Why the work of this leaf goes on while the tree is paused; '' when there is none that could."""
+
+    skill: ClassVar[Skill | None] = None
+    """What the leaf needs and brings about, beyond what its ports and statuses tell; see ``flexbt_core.skills``."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

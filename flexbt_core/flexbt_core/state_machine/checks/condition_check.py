@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from flexbt_core.state_machine.model import Condition, EventState, Machine, StateKind, hint
+from flexbt_core.state_machine.model import Condition, EventState, Machine, StateKind
+from flexbt_core.values import hint
 
 _SEARCHED: Final = 20_000
 """Combinations of outcomes that are checked; what is beyond is noticed when it happens."""

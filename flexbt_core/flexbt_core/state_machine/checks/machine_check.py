@@ -18,8 +18,8 @@ from flexbt_core.state_machine.model import (
     StateKind,
     child_path,
     copied,
-    hint,
 )
+from flexbt_core.values import hint
 
 from .condition_check import problems_of_conditions
 

@@ -21,9 +21,9 @@ from .errors import MachineError, StateError, StateMachineError, UserDataError
 from .event_state import DEFAULT_RATE, EXIT_TIMEOUT, EventState, ExitReason, called_state, set_called_state
 from .machine import Child, Machine
 from .progress import Progress
-from .similar_names import hint
 from .state_clock import StateClock
 from .state_host import Severity, StateHost
+from .state_skill import state_skill
 from .userdata import DefaultUserData, Scope, UserData, copied
 
 __all__ = [
@@ -62,8 +62,8 @@ __all__ = [
     'called_state',
     'child_path',
     'copied',
-    'hint',
     'is_autonomous',
     'is_inside',
     'set_called_state',
+    'state_skill',
 ]

@@ -18,6 +18,7 @@ from enum import Enum
 from typing import Any, ClassVar, Final
 
 from flexbt_core.clock import Clock
+from flexbt_core.skills import Skill
 
 from .errors import StateError
 from .progress import Progress
@@ -58,6 +59,11 @@ class EventState:
 
     is_instant: ClassVar[bool] = False
     """Whether it always leaves when it is first executed, so that a loop of such states does not wait for anything."""
+
+    skill: Skill | None = None
+    """What the state needs and brings about, beyond what its keys and outcomes tell; see ``flexbt_core.skills``.
+
+    A class declares it; a state that was made for one object binds it: ``self.skill = self.skill.bound(door=door)``."""
 
     runs_while_blocked: ClassVar[bool] = False
     """Whether it is executed on while its outcome waits for the operator, or is locked in.

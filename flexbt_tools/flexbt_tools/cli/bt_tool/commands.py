@@ -8,7 +8,7 @@ from typing import Final
 
 from flexbt_tools.cli import run_command
 
-from . import check, draw, log, model, run, show
+from . import check, draw, log, model, run, show, skills
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong; the tree succeeded'),
@@ -25,6 +25,7 @@ COMMANDS: Final = (
     ('show', show, 'show the trees of a file as text'),
     ('draw', draw, 'draw the trees of a file'),
     ('model', model, 'describe the node types that are known here, for editors'),
+    ('skills', skills, 'show what leaves need and bring about, and check files of manifests'),
     ('run', run, 'run a tree with mocks, and print what happens'),
     ('log', log, 'print a log file (.btlog) of a run'),
 )

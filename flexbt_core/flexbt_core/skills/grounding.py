@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Skills of objects as actions of STRIPS: what holds before and after, as atoms that are only names.
+
+An action needs ``pre``, makes ``add`` true and ``delete`` false. A literal with ``not`` that something asks for becomes
+an atom of its own, ``not open(door)``, that actions keep up to date: then all conditions are positive (Gazen, Knoblock:
+"Combining the expressivity of UCPOP with the efficiency of Graphplan", 1997).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from string import Template
+
+from .errors import SkillError
+from .library import SkillLibrary
+from .literals import EQUAL, Literal
+from .skill import Outcome, OutcomeClass, Skill
+
+
+@dataclass(frozen=True, slots=True)
+class GroundAction:
+    """A skill of objects that ends by one of its outcomes. ``name`` is unique; ``arguments`` are the ports of the leaf
+    or the parameters of the state."""
+
+    name: str
+    skill: str
+    outcome: str
+    binding: Mapping[str, str]
+    arguments: Mapping[str, str]
+    pre: frozenset[str]
+    add: frozenset[str]
+    delete: frozenset[str]
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroundProblem:
+    """Actions, what holds at the start, and what is to hold at the end."""
+
+    actions: tuple[GroundAction, ...]
+    start: frozenset[str]
+    goal: frozenset[str]
+
+
+def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> GroundProblem:
+    """The planning problem of a library with its objects.
+
+    What ``start`` does not name does not hold. There is an action for each way to bind the parameters of a skill for
+    which preconditions that nothing changes hold, and for each of its outcomes that is completed and has an effect.
+
+    Raises:
+        SkillError: start or goal speak of what the library does not know.
+    """
+    start, goal = tuple(start), tuple(goal)
+    _check(library, start, goal)
+    return _Grounding(library, start, goal).problem()
+
+
+def _check(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> None:
+    said = {'start': start, 'goal': goal}
+    asked = [Skill(where, preconditions=tuple(literals)) for where, literals in said.items()]
+    _, problems = SkillLibrary.joined(asked, library.predicates.values(), types=library.types, objects=library.objects)
+    if problems:
+        raise SkillError(
+            f'{at[1]}: {text}' if at[0] == 'skills' else f'{" ".join(at)}: {text}' for at, text in problems
+        )
+
+
+class _Grounding:
+    def __init__(self, library: SkillLibrary, start: tuple[Literal, ...], goal: tuple[Literal, ...]) -> None:
+        self._library = library
+        self._goal = goal
+        self._start = {one for one in start if one.positive}
+        skills = library.skills.values()
+        self._changed = {
+            effect.predicate
+            for skill in skills
+            for outcome in skill.outcomes.values()
+            if outcome.kind is OutcomeClass.COMPLETED
+            for effect in outcome.effects
+        }
+        asked = [*goal, *(one for skill in skills for one in skill.preconditions)]
+        self._asked_negative = {one.predicate for one in asked if not one.positive} & self._changed
+
+    def problem(self) -> GroundProblem:
+        actions = tuple(action for skill in self._library.skills.values() for action in self._actions(skill))
+        atoms = {str(one) for one in self._start}
+        negative = {
+            str(~atom) for name in self._asked_negative for atom in self._atoms(name) if atom not in self._start
+        }
+        goal = {str(one) for one in self._goal if not (one.predicate == EQUAL and self._holds(one))}
+        # Of what nothing changes, it is known now whether it is absent.
+        fixed = {str(one) for one in self._goal if self._is_fixed(one) and not one.positive and self._holds(one)}
+        return GroundProblem(actions, frozenset(atoms | negative), frozenset(goal - fixed))
+
+    def _atoms(self, predicate: str) -> Iterator[Literal]:
+        kinds = list(self._library.predicates[predicate].parameters.values())
+        names: list[tuple[str, ...]] = [()]
+        for kind in kinds:
+            names = [(*before, one) for before in names for one in self._library.objects_of(kind)]
+        return (Literal(predicate, arguments) for arguments in names)
+
+    def _is_fixed(self, literal: Literal) -> bool:
+        return literal.predicate not in self._changed
+
+    def _holds(self, literal: Literal) -> bool:
+        """Whether a literal of objects holds that nothing changes."""
+        if literal.predicate == EQUAL:
+            return (literal.arguments[0] == literal.arguments[1]) is literal.positive
+        return (literal.atom in self._start) is literal.positive
+
+    # -- the actions of a skill --------------------------------------------------------------------------------------
+
+    def _actions(self, skill: Skill) -> Iterator[GroundAction]:
+        outcomes = {
+            name: outcome
+            for name, outcome in skill.outcomes.items()
+            if outcome.kind is OutcomeClass.COMPLETED and outcome.effects
+        }
+        for binding in self._bindings(skill) if outcomes else ():
+            shown = f'{skill.name}({", ".join(binding[name] for name in skill.parameters)})'
+            pre = {one.bound(binding) for one in skill.preconditions if not self._is_fixed(one)}
+            if any(~one in pre for one in pre):
+                continue
+            for name, outcome in outcomes.items():
+                add, delete = self._effects(outcome, binding)
+                yield GroundAction(
+                    shown if len(outcomes) == 1 else f'{shown}:{name}',
+                    skill.name,
+                    name,
+                    binding,
+                    argument_texts(skill, binding),
+                    frozenset(map(str, pre)),
+                    frozenset(add),
+                    frozenset(delete),
+                    skill.cost,
+                )
+
+    def _effects(self, outcome: Outcome, binding: Mapping[str, str]) -> tuple[set[str], set[str]]:
+        effects = {one.bound(binding) for one in outcome.effects}
+        true = {one for one in effects if one.positive}
+        false = {one.atom for one in effects if not one.positive} - true
+        for one in true:
+            false |= {other for other in self._excluded(one) if other not in true}
+        add = {str(one) for one in true} | {str(~one) for one in false if one.predicate in self._asked_negative}
+        delete = {str(one) for one in false} | {str(~one) for one in true if one.predicate in self._asked_negative}
+        return add, delete
+
+    def _excluded(self, atom: Literal) -> Iterator[Literal]:
+        """The atoms that cannot hold together with this one."""
+        predicate = self._library.predicates[atom.predicate]
+        if predicate.exclusive is None:
+            return
+        place = list(predicate.parameters).index(predicate.exclusive)
+        for other in self._library.objects_of(predicate.parameters[predicate.exclusive]):
+            if other != atom.arguments[place]:
+                yield Literal(atom.predicate, (*atom.arguments[:place], other, *atom.arguments[place + 1 :]))
+
+    def _bindings(self, skill: Skill) -> Iterator[dict[str, str]]:
+        """Objects for the parameters, one after the other; what cannot hold is left as soon as that is known."""
+        names = list(skill.parameters)
+        fixed = [one for one in skill.preconditions if self._is_fixed(one)]
+        # After which parameter everything of it is known.
+        due: list[list[Literal]] = [[] for _ in range(len(names) + 1)]
+        for one in fixed:
+            due[max((names.index(name) + 1 for name in one.arguments if name in skill.parameters), default=0)].append(
+                one
+            )
+
+        def bind(binding: dict[str, str]) -> Iterator[dict[str, str]]:
+            if not all(self._holds(one.bound(binding)) for one in due[len(binding)]):
+                return
+            if len(binding) == len(names):
+                yield binding
+                return
+            name = names[len(binding)]
+            for one in self._library.objects_of(skill.parameters[name]):
+                yield from bind({**binding, name: one})
+
+        return bind({})
+
+
+def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] | None = None) -> dict[str, str]:
+    """How ports or parameters are given for these objects. ``declared`` are those that there are, where they are known:
+    parameters of the skill that have no such name only matter to the literals."""
+    given = {port: Template(text).safe_substitute(binding) for port, text in skill.arguments.items()}
+    told = {name for text in skill.arguments.values() for name in Template(text).get_identifiers()}
+    plain = {name: one for name, one in binding.items() if name not in told and (declared is None or name in declared)}
+    return {**plain, **given}

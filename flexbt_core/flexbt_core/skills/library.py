@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Skills that belong together, with the types, objects and predicates of which they speak: checked as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from string import Template
+from types import MappingProxyType
+from typing import Final
+
+from flexbt_core.values import hint
+
+from .errors import SkillError, shown
+from .literals import EQUAL, Literal, Predicate, is_name, is_object
+from .skill import Skill
+
+At = tuple[str, ...]
+"""A place in a library: names from the top, such as ('skills', 'OpenDoor', 'preconditions')."""
+
+ANYTHING: Final = 'object'
+"""The type that everything has."""
+
+
+@dataclass(frozen=True, slots=True)
+class SkillLibrary:
+    """Skills by name. Immutable. ``types`` gives each type the one that it is a kind of; ``objects`` gives each object
+    its type.
+
+    Raises:
+        SkillError: with everything that is wrong, when it is made by :meth:`of`.
+    """
+
+    skills: Mapping[str, Skill] = field(default_factory=dict)
+    predicates: Mapping[str, Predicate] = field(default_factory=dict)
+    types: Mapping[str, str] = field(default_factory=dict)
+    objects: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ('skills', 'predicates', 'types', 'objects'):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    @classmethod
+    def of(
+        cls,
+        skills: Iterable[Skill],
+        predicates: Iterable[Predicate] = (),
+        *,
+        types: Mapping[str, str] | None = None,
+        objects: Mapping[str, str] | None = None,
+    ) -> SkillLibrary:
+        """A library of skills, with the predicates that are declared along with them and those that are given."""
+        library, problems = cls.joined(skills, predicates, types=types, objects=objects)
+        if problems:
+            raise SkillError(f'{" ".join(at)}: {text}' for at, text in problems)
+        return library
+
+    @classmethod
+    def joined(
+        cls,
+        skills: Iterable[Skill],
+        predicates: Iterable[Predicate] = (),
+        *,
+        types: Mapping[str, str] | None = None,
+        objects: Mapping[str, str] | None = None,
+    ) -> tuple[SkillLibrary, list[tuple[At, str]]]:
+        """The library, and what is wrong with it."""
+        by_name: dict[str, Skill] = {}
+        known: dict[str, Predicate] = {}
+        problems: list[tuple[At, str]] = []
+        for predicate in predicates:
+            _declare(known, predicate, ('predicates', predicate.name), problems)
+        for skill in skills:
+            if skill.name in by_name:
+                problems.append((('skills', skill.name), 'there are two of this name; leave out one of them'))
+            by_name[skill.name] = skill
+            for predicate in skill.predicates:
+                _declare(known, predicate, ('skills', skill.name), problems)
+        library = cls(by_name, known, types or {}, objects or {})
+        return library, [*problems, *library.problems()]
+
+    def is_kind_of(self, type: str, wanted: str) -> bool:
+        """Whether what has ``type`` has the type ``wanted``, too."""
+        seen: set[str] = set()
+        while type not in seen:
+            if wanted in (type, ANYTHING):
+                return True
+            seen.add(type)
+            type = self.types.get(type, ANYTHING)
+        return False
+
+    def objects_of(self, type: str) -> list[str]:
+        """The objects of a type, in their order."""
+        return [name for name, own in self.objects.items() if self.is_kind_of(own, type)]
+
+    # -- what is wrong -----------------------------------------------------------------------------------------------
+
+    def problems(self) -> Iterator[tuple[At, str]]:
+        """What is wrong: where, and what."""
+        known = {ANYTHING, *self.types, *self.types.values()}
+        known |= {kind for predicate in self.predicates.values() for kind in predicate.parameters.values()}
+        yield from self._of_types()
+        for name, kind in self.objects.items():
+            if not is_object(name):
+                yield ('objects', name), f'{shown(name)} cannot name an object: letters, digits and _.:/@-'
+            if kind not in known:
+                yield ('objects', name), f'{shown(kind)} is no type{hint(kind, known)}'
+        for predicate in self.predicates.values():
+            at = ('predicates', predicate.name)
+            yield from ((at, problem) for problem in predicate.problems())
+            yield from ((at, problem) for problem in _names(predicate.parameters))
+        for skill in self.skills.values():
+            at = ('skills', skill.name)
+            yield from (((*at, *where), problem) for where, problem in skill.problems())
+            yield from (((*at, 'parameters'), problem) for problem in _names(skill.parameters))
+            for name, kind in skill.parameters.items():
+                if kind not in known:
+                    yield (*at, 'parameters', name), f'{shown(kind)} is no type{hint(kind, known)}'
+            yield from self._of_arguments(skill, (*at, 'arguments'))
+            for literal in skill.preconditions:
+                yield from self._of_literal(literal, skill, (*at, 'preconditions'))
+            for name, outcome in skill.outcomes.items():
+                for literal in outcome.effects:
+                    where = (*at, 'outcomes', name)
+                    if literal.predicate == EQUAL:
+                        yield where, f'{literal} cannot be an effect: no skill makes two objects one'
+                    yield from self._of_literal(literal, skill, where)
+
+    def _of_types(self) -> Iterator[tuple[At, str]]:
+        for start in self.types:
+            seen = [start]
+            while (above := self.types.get(seen[-1], ANYTHING)) != ANYTHING:
+                if above == start:
+                    yield ('types', start), f'it is a kind of itself: {" > ".join([*seen, start])}'
+                if above in seen:
+                    break
+                seen.append(above)
+
+    def _of_arguments(self, skill: Skill, at: At) -> Iterator[tuple[At, str]]:
+        for port, text in skill.arguments.items():
+            template = Template(text)
+            if not template.is_valid():
+                yield (*at, port), f'{shown(text)} has a $ without a name; write $$ for the character'
+            for name in template.get_identifiers():
+                if name not in skill.parameters:
+                    yield (*at, port), f'${name} in {shown(text)} is no parameter of the skill{_of(skill.parameters)}'
+
+    def _of_literal(self, literal: Literal, skill: Skill, at: At) -> Iterator[tuple[At, str]]:
+        if literal.predicate == EQUAL:
+            wanted: list[str] = [ANYTHING, ANYTHING]
+        elif literal.predicate in self.predicates:
+            wanted = list(self.predicates[literal.predicate].parameters.values())
+        else:
+            missing = literal.predicate
+            yield at, f'{literal}: there is no predicate {shown(missing)}{hint(missing, self.predicates)}'
+            return
+        if len(literal.arguments) != len(wanted):
+            yield at, f'{literal}: {literal.predicate} has {len(wanted)} arguments ({", ".join(wanted)})'
+            return
+        for argument, kind in zip(literal.arguments, wanted, strict=True):
+            own = skill.parameters.get(argument) or self.objects.get(argument)
+            if own is None:
+                known = [*skill.parameters, *self.objects]
+                yield at, f'{literal}: {shown(argument)} is neither a parameter nor an object{hint(argument, known)}'
+            elif not self.is_kind_of(own, kind):
+                yield at, f'{literal}: {argument} is of the type {own}, and {literal.predicate} takes {kind}'
+
+
+def _declare(known: dict[str, Predicate], predicate: Predicate, at: At, problems: list[tuple[At, str]]) -> None:
+    if known.setdefault(predicate.name, predicate) != predicate:
+        problems.append((at, f'the predicate {predicate.name} is declared twice, and differently; declare it once'))
+
+
+def _names(parameters: Iterable[str]) -> Iterator[str]:
+    for name in parameters:
+        if not is_name(name):
+            yield f'{shown(name)} cannot name a parameter: letters, digits and _, a letter first'
+
+
+def _of(parameters: Mapping[str, str]) -> str:
+    return f'; it has {", ".join(parameters)}' if parameters else '; it has none'

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Predicates with typed arguments, what measures them, and literals: predicates of variables or objects."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from string import Template
+from types import MappingProxyType
+from typing import Final
+
+from .errors import SkillError, shown
+
+EQUAL: Final = '='
+"""The predicate that every library has: two arguments mean the same object."""
+
+_NAME: Final = r'[A-Za-z_][A-Za-z0-9_]*'
+_TERM: Final = r'[A-Za-z0-9_][A-Za-z0-9_.:/@-]*'
+_LITERAL: Final = re.compile(rf'\s*(not\s+|!\s*)?({_NAME})\s*(?:\(([^()]*)\))?\s*')
+_EQUALITY: Final = re.compile(rf'\s*({_TERM})\s*(!=|=)\s*({_TERM})\s*')
+_LONGEST: Final = 1000
+"""Characters that a literal may have: those of a plan are some tens."""
+
+
+def is_name(text: str) -> bool:
+    """Whether predicates, types, parameters and outcomes can be called so."""
+    return len(text) <= _LONGEST and re.fullmatch(_NAME, text) is not None
+
+
+def is_object(text: str) -> bool:
+    """Whether an object can be called so."""
+    return len(text) <= _LONGEST and re.fullmatch(_TERM, text) is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Literal:
+    """A predicate of arguments, or that it does not hold: ``at(robot, place)``, ``not open(door)``, ``from != to``.
+
+    An argument is a parameter of the skill, or an object.
+    """
+
+    predicate: str
+    arguments: tuple[str, ...] = ()
+    positive: bool = True
+
+    @property
+    def atom(self) -> Literal:
+        """The literal without ``not``."""
+        return self if self.positive else Literal(self.predicate, self.arguments)
+
+    def __invert__(self) -> Literal:
+        return Literal(self.predicate, self.arguments, not self.positive)
+
+    def bound(self, binding: Mapping[str, str]) -> Literal:
+        """The literal with objects in the place of parameters; a name that is not in ``binding`` stays."""
+        return Literal(self.predicate, tuple(binding.get(one, one) for one in self.arguments), self.positive)
+
+    def __str__(self) -> str:
+        if self.predicate == EQUAL:
+            return f'{self.arguments[0]} {"=" if self.positive else "!="} {self.arguments[1]}'
+        arguments = f'({", ".join(self.arguments)})' if self.arguments else ''
+        return f'{"" if self.positive else "not "}{self.predicate}{arguments}'
+
+
+def parse_literal(text: str) -> Literal:
+    """The literal that a text means.
+
+    Raises:
+        SkillError: it is none.
+    """
+    if len(text) <= _LONGEST:
+        equality = _EQUALITY.fullmatch(text)
+        if equality is not None:
+            return Literal(EQUAL, (equality[1], equality[3]), equality[2] == '=')
+        found = _LITERAL.fullmatch(text)
+        if found is not None and found[2] != 'not':
+            arguments = tuple(one.strip() for one in found[3].split(',')) if (found[3] or '').strip() else ()
+            if all(map(is_object, arguments)):
+                return Literal(found[2], arguments, found[1] is None)
+    split = text.count('(') != text.count(')')
+    remedy = (
+        'in [ ] one with a comma has to be in quotes' if split else 'such as at(robot, place), not open(door), a != b'
+    )
+    raise SkillError([f'{shown(text)} is no literal; {remedy}'])
+
+
+def literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:
+    """Literals of texts. Raises SkillError."""
+    return tuple(one if isinstance(one, Literal) else parse_literal(one) for one in texts)
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionSensor:
+    """A condition tells whether the predicate holds: a leaf that succeeds or fails, or a state with outcomes true and
+    false.
+
+    ``ports`` are the ports of the leaf, or the parameters of the state; ``$name`` stands for an argument.
+    """
+
+    id: str
+    ports: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'ports', MappingProxyType(dict(self.ports)))
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Everything in which arguments may stand."""
+        return tuple(self.ports.values())
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSensor:
+    """The newest message of a topic tells it: ``test`` is a script in which the fields of the message are names."""
+
+    topic: str
+    type: str
+    test: str
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Everything in which arguments may stand."""
+        return (self.topic, self.test)
+
+
+@dataclass(frozen=True, slots=True)
+class BlackboardSensor:
+    """The blackboard tells it: ``test`` is a script (``battery_level > 0.2``)."""
+
+    test: str
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Everything in which arguments may stand."""
+        return (self.test,)
+
+
+Sensor = ConditionSensor | TopicSensor | BlackboardSensor
+
+
+@dataclass(frozen=True, slots=True)
+class Predicate:
+    """Something that holds of objects or does not: ``at``, of a robot and a place.
+
+    ``parameters`` are the names of its arguments, with their types. Without a ``sensor`` it is only remembered what
+    skills brought about. For the same other arguments it holds for one object at most in the place of ``exclusive``: a
+    robot that is at one place is not at another, so that who brings about one ends the others.
+    """
+
+    name: str
+    parameters: Mapping[str, str] = field(default_factory=dict)
+    sensor: Sensor | None = None
+    exclusive: str | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'parameters', MappingProxyType(dict(self.parameters)))
+
+    def __call__(self, *arguments: str) -> Literal:
+        """The predicate of these arguments."""
+        return Literal(self.name, arguments)
+
+    def problems(self) -> list[str]:
+        """What is wrong with it, taken by itself."""
+        found = []
+        if not is_name(self.name) or self.name == 'not':
+            found.append(f'{shown(self.name)} cannot name a predicate: letters, digits and _, a letter first')
+        if self.exclusive is not None and self.exclusive not in self.parameters:
+            found.append(
+                f'exclusive: {shown(self.exclusive)} is none of its parameters; it has {list(self.parameters)}'
+            )
+        for text in self.sensor.texts if self.sensor is not None else ():
+            template = Template(text)
+            if not template.is_valid():
+                found.append(f'sensor: {shown(text)} has a $ without a name; write $$ for the character')
+            found += [
+                f'sensor: ${name} in {shown(text)} is none of its parameters; it has {list(self.parameters)}'
+                for name in template.get_identifiers()
+                if name not in self.parameters
+            ]
+        return found

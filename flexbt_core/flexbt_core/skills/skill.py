@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The manifest of a skill: what a leaf or a state needs, what it brings about, and how it may fail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from types import MappingProxyType
+from typing import Final
+
+from flexbt_core.values import hint
+
+from .errors import SkillError
+from .literals import Literal, Predicate, literals
+
+LEVELS: Final = ('off', 'low', 'high', 'full')
+"""Names of the levels of autonomy; the place of one is its number."""
+
+
+class OutcomeClass(Enum):
+    """What an outcome means for the mission, whatever it is called."""
+
+    COMPLETED = 'completed'
+    """The skill did what it is for."""
+    ANSWERED = 'answered'
+    """It tells how things are, and has changed nothing: a condition, a decision of the operator."""
+    FAILED = 'failed'
+    """It could not do it."""
+    TIMED_OUT = 'timed_out'
+    """It could not do it in time."""
+    CANCELED = 'canceled'
+    """Somebody has ended it."""
+
+
+_CLASSES: Final = {
+    name: kind
+    for kind, names in {
+        OutcomeClass.COMPLETED: 'SUCCESS done finished completed succeeded success received ready',
+        OutcomeClass.ANSWERED: 'true false yes no',
+        OutcomeClass.FAILED: 'FAILURE failed failure error aborted unavailable rejected',
+        OutcomeClass.TIMED_OUT: 'timeout timed_out',
+        OutcomeClass.CANCELED: 'canceled cancelled preempted declined',
+    }.items()
+    for name in names.split()
+}
+
+
+def class_of(outcome: str) -> OutcomeClass | None:
+    """The class of an outcome by its name, where that is a usual one."""
+    return _CLASSES.get(outcome)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One way in which a skill ends.
+
+    ``kind`` None: nobody has said what it means. ``effects`` hold after it, and what they contradict does not hold any
+    more. ``autonomy`` is the level that the outcome requires where it is a transition of a machine; None: none.
+    """
+
+    kind: OutcomeClass | None = None
+    effects: tuple[Literal, ...] = ()
+    autonomy: int | None = None
+
+    @classmethod
+    def of(cls, kind: OutcomeClass | str | None, *effects: str | Literal, autonomy: str | int | None = None) -> Outcome:
+        """An outcome of texts.
+
+        Raises:
+            SkillError: an unknown class or level, or an effect that is no literal.
+        """
+        return cls(
+            outcome_class(kind) if isinstance(kind, str) else kind,
+            literals(effects),
+            level(autonomy) if isinstance(autonomy, str) else autonomy,
+        )
+
+
+def outcome_class(name: str) -> OutcomeClass:
+    """The class of this name. Raises SkillError."""
+    try:
+        return OutcomeClass(name)
+    except ValueError:
+        known = [kind.value for kind in OutcomeClass]
+        raise SkillError([f'{name!r:.80} is no class of outcomes{hint(name, known)}']) from None
+
+
+def level(name: str) -> int:
+    """The level of autonomy of this name. Raises SkillError."""
+    if name.lower() not in LEVELS:
+        raise SkillError([f'{name!r:.80} is no level of autonomy; there are {", ".join(LEVELS)}'])
+    return LEVELS.index(name.lower())
+
+
+@dataclass(frozen=True, slots=True)
+class Skill:
+    """What is known of a leaf or a state without running it. Immutable.
+
+    ==================  ============================================================================================
+    ``name``            the ID of the leaf, the name of the state's class; '' in a class: its own
+    ``parameters``      variables of the literals, with their types
+    ``preconditions``   what has to hold when it begins
+    ``outcomes``        by name: class, effects, autonomy
+    ``resources``       actuators that it needs for itself while it runs
+    ``reads, writes``   ports, or keys of the userdata
+    ``cost``            of one attempt, of whatever unit a mission counts in; usually seconds
+    ``deadline``        s, after which an attempt is given up; None: never
+    ``retries``         attempts after the first that make sense; None: any number
+    ``ignores_cancel``  whether what it has begun goes on after it was canceled
+    ``duration``        least and greatest time of an attempt, s; None: any
+    ``arguments``       ports of the leaf, or parameters of the state, as an instance gets them: ``$name`` stands for a
+                        parameter of the skill. Without an entry a parameter goes to what has its name
+    ``predicates``      those that are declared along with it
+    ==================  ============================================================================================
+
+    What a class can tell by itself (ports, keys, outcomes) need not be said again: see ``node_skill`` and
+    ``state_skill`` of the engines.
+    """
+
+    name: str = ''
+    parameters: Mapping[str, str] = field(default_factory=dict)
+    preconditions: tuple[Literal, ...] = ()
+    outcomes: Mapping[str, Outcome] = field(default_factory=dict)
+    resources: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    cost: float = 1.0
+    deadline: float | None = None
+    retries: int | None = None
+    ignores_cancel: bool = False
+    duration: tuple[float, float | None] = (0.0, None)
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    predicates: tuple[Predicate, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ('parameters', 'arguments'):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        # What nobody has said is what the name says.
+        outcomes = {
+            name: one if one.kind is not None else replace(one, kind=class_of(name))
+            for name, one in self.outcomes.items()
+        }
+        object.__setattr__(self, 'outcomes', MappingProxyType(outcomes))
+        for name in ('resources', 'reads', 'writes'):
+            object.__setattr__(self, name, tuple(dict.fromkeys(getattr(self, name))))
+
+    @classmethod
+    def of(
+        cls,
+        name: str = '',
+        *,
+        parameters: Mapping[str, str] | None = None,
+        preconditions: Iterable[str | Literal] = (),
+        outcomes: Mapping[str, Outcome | OutcomeClass | str | Iterable[str | Literal]] | None = None,
+        resources: Iterable[str] = (),
+        cost: float = 1.0,
+        deadline: float | None = None,
+        retries: int | None = None,
+        ignores_cancel: bool = False,
+        duration: tuple[float, float | None] = (0.0, None),
+        arguments: Mapping[str, str] | None = None,
+        predicates: Iterable[Predicate] = (),
+    ) -> Skill:
+        """A skill as a class declares it, of texts.
+
+        An outcome is the name of its class, or a list of effects; then its class is the one that its name suggests.
+
+        Raises:
+            SkillError: a text that is none of what it has to be.
+        """
+        return cls(
+            name,
+            parameters or {},
+            literals(preconditions),
+            {key: _outcome(key, given) for key, given in (outcomes or {}).items()},
+            tuple(resources),
+            cost=cost,
+            deadline=deadline,
+            retries=retries,
+            ignores_cancel=ignores_cancel,
+            duration=duration,
+            arguments=arguments or {},
+            predicates=tuple(predicates),
+        )
+
+    def completed_by(
+        self, name: str, outcomes: Mapping[str, Outcome], reads: Iterable[str] = (), writes: Iterable[str] = ()
+    ) -> Skill:
+        """The skill with what its class tells: the name, where it has none, the ``outcomes`` of which it does not
+        speak, and its keys."""
+        return replace(
+            self,
+            name=self.name or name,
+            outcomes={**outcomes, **self.outcomes},
+            reads=(*self.reads, *reads),
+            writes=(*self.writes, *writes),
+        )
+
+    def lasting(self, least: float, most: float | None) -> Skill:
+        """The skill, of which an attempt takes this long, s."""
+        return replace(self, duration=(least, most))
+
+    def bound(self, **binding: str) -> Skill:
+        """The skill of which some parameters are known: a state calls it with what it was made with."""
+        return replace(
+            self,
+            parameters={name: kind for name, kind in self.parameters.items() if name not in binding},
+            preconditions=tuple(one.bound(binding) for one in self.preconditions),
+            outcomes={
+                name: replace(one, effects=tuple(effect.bound(binding) for effect in one.effects))
+                for name, one in self.outcomes.items()
+            },
+        )
+
+    def problems(self) -> list[tuple[tuple[str, ...], str]]:
+        """What is wrong with it, taken by itself: where in the manifest, and what."""
+        found: list[tuple[tuple[str, ...], str]] = []
+        for name, number in {'cost': self.cost, 'deadline': self.deadline}.items():
+            if number is not None and not (math.isfinite(number) and number >= 0.0):
+                found.append(((name,), f'{number!r:.80} has to be a number from 0 on'))
+        least, most = self.duration
+        if not (math.isfinite(least) and least >= 0.0 and (most is None or least <= most)):
+            found.append((('duration',), f'[{least}, {most}] has to be a least and a greatest time, s'))
+        if self.retries is not None and self.retries < 0:
+            found.append((('retries',), f'{self.retries!r:.80} has to be a number from 0 on'))
+        for name, outcome in self.outcomes.items():
+            both = {effect.atom for effect in outcome.effects if effect.positive} & {
+                effect.atom for effect in outcome.effects if not effect.positive
+            }
+            found += [
+                (('outcomes', name), f'has {one} and not {one} as effects; leave out one of them')
+                for one in sorted(map(str, both))
+            ]
+        return found
+
+
+def _outcome(name: str, given: Outcome | OutcomeClass | str | Iterable[str | Literal]) -> Outcome:
+    if isinstance(given, Outcome):
+        return given
+    if isinstance(given, OutcomeClass | str):
+        return Outcome.of(given)
+    return Outcome(class_of(name) or OutcomeClass.COMPLETED, literals(given))

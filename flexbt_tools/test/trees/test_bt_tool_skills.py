@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool skills``: what leaves declare, and what files add; wrong files are refused with their lines."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from flexbt_core.behavior_tree import NodeStatus, SyncAction, builtin_registry, node_skill
+from flexbt_core.skills import OutcomeClass, Skill, read_skills
+from flexbt_server.node_types import node_registry
+from flexbt_testing.behavior_trees.bt_tool import tool
+from flexbt_tools.skills import node_skills
+
+
+def test_the_file_that_it_prints_is_one_of_manifests() -> None:
+    printed = read_skills(tool('skills', '--yaml').out)
+    known = node_skills(node_registry(lambda source, error: None))
+    assert printed.predicates == known.predicates
+    assert printed.skills.keys() == known.skills.keys()
+    assert printed.skills['FollowPath'].writes == ('error_code_id', 'error_msg', 'tracking_feedback')
+
+
+def test_a_file_adds_to_what_is_known_and_is_checked_against_it(tmp_path: Path) -> None:
+    file = tmp_path / 'mission.yaml'
+    file.write_text('objects: {front: door}\npredicates:\n  open: {parameters: {door: door}}\nskills:\n'
+                    '  Wait: {cost: 4, outcomes: {SUCCESS: [open(front)]}}\n')  # fmt: skip
+    told = json.loads(tool('skills', str(file), '--skill', 'Wait', '--json').out)['Wait']
+    assert told['outcomes'] == {'SUCCESS': {'class': 'completed', 'effects': ['open(front)']}, 'FAILURE': 'failed'}
+    assert told['cost'] == 4.0
+    assert 'SUCCESS: completed, then open(front)' in tool('skills', str(file), '--skill', 'Wait').out
+    file.write_text(file.read_text().replace('SUCCESS', 'DONE'))
+    refused = tool('skills', str(file))
+    assert refused.code == 3
+    assert f"{file}:5:1: skill Wait has no outcome 'DONE' (FAILURE, SUCCESS)" in refused.err
+    assert tool('skills', str(tmp_path / 'none.yaml')).code == 3
+    assert tool('skills', '--skill', 'Wate').code == 2
+
+
+class _Grab(SyncAction):
+    skill = Skill.of(resources=['arm'], outcomes={'SUCCESS': ['holding']})
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.SUCCESS
+
+
+class _GrabGently(_Grab):
+    pass
+
+
+def test_what_derives_from_a_leaf_has_its_skill() -> None:
+    registry = builtin_registry()
+    for id, leaf in {'Grab': _Grab, 'GrabGently': _GrabGently}.items():
+        skill = node_skill(registry.register(id, leaf))
+        assert skill is not None
+        assert (skill.name, skill.resources, skill.duration) == (id, ('arm',), (0.0, 0.0))
+        assert {name: one.kind for name, one in skill.outcomes.items()} == {
+            'SUCCESS': OutcomeClass.COMPLETED,
+            'FAILURE': OutcomeClass.FAILED,
+        }
+    assert node_skill(next(one for one in registry if one.id == 'Sequence')) is None
