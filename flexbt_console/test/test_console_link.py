@@ -3,18 +3,22 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
+from simulation_interfaces.msg import Result as SimulationResult
+from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, tells_writers
 from flexbt_console.commands import CommandBuilder
-from flexbt_console.errors import NoLinkError
-from flexbt_console.link import FleetLink, OperatorLink, interface_problem
+from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
+from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, interface_problem
 from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Fleet, LinkState, Mirror
 from flexbt_msgs.msg import BehaviorList, ExecutiveStatus
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
@@ -43,6 +47,36 @@ def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executive
         wait_until(lambda: {'/first', '/second'} <= set(robots.fleet.names), 'both robots')
         assert '/' not in robots.fleet.names  # nobody is there, and nobody has asked for it
         assert robots.select('/')[0].view().snapshot is None  # what the screen begins with
+
+
+def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more() -> None:
+    codes = SimulationResult
+    answers = [codes.RESULT_OK, codes.RESULT_OPERATION_FAILED, codes.RESULT_NOT_FOUND]
+    release = threading.Event()
+
+    def spawn(request: Any, response: Any) -> Any:
+        response.result.result, response.entity_name = codes.RESULT_OK, request.name
+        return response
+
+    def delete(_request: Any, response: Any) -> Any:
+        release.wait(DEADLINE)
+        response.result.result = answers.pop(0)
+        return response
+
+    with NodeRuntime.open('simulator') as runtime, NodeRuntime.open('console') as console:
+        for kind, name, answer in ((SpawnEntity, 'spawn_entity', spawn), (DeleteEntity, 'delete_entity', delete)):
+            runtime.call(partial(runtime.node.create_service, kind, f'/simulator/{name}', answer))
+        simulator = SimulatorLink(console)
+        wait_until(simulator.is_possible, 'the simulator')
+        name = simulator.drop(1.0, 2.0, DEADLINE)
+        with pytest.raises(NoAnswerError):
+            simulator.remove(name, 0.3)
+        release.set()
+        with pytest.raises(RefusedError):
+            simulator.remove(name, DEADLINE)
+        assert simulator.dropped == ((name, 1.0, 2.0, 0.2),)
+        simulator.remove(name, DEADLINE)  # it was gone already
+        assert simulator.dropped == ()
 
 
 class Station:

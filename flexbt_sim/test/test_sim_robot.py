@@ -12,6 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
+from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import Circle, DriveModel, OccupancyMap, Pose, Robot, RobotModel, World
 
 MODEL = RobotModel(lidar=None)
@@ -207,11 +208,15 @@ def test_in_contact_it_can_turn_and_leave(speed: float) -> None:
 
 @pytest.mark.parametrize(('speed', 'distance'), [(0.26, 0.0), (-0.26, 0.1)])
 def test_robots_that_overlap_can_only_part(speed: float, distance: float) -> None:
-    """A reset puts a robot back to where another one has started since."""
     world, robot = alone(OPEN, START)
     world.move('robot', Pose(5.0, 0.02, 0.0))
     other = world.add('other', MODEL, Pose(START.x + RADIUS, START.y, 0.0))
-    world.reset()
+    before = world.snapshot()
+    with pytest.raises(SimulationError, match=r"'other' at .* would overlap 'robot'; remove one of the two"):
+        world.reset()
+    assert world.snapshot() == before
+    robot.place(START)
+    world._space.changed()
     assert robot.pose.distance(other.pose) < 2.0 * RADIUS
     robot.command(speed, 0.0, world.time)
     world.step(0.5)

@@ -59,16 +59,16 @@ class SimulatorLink:
 
     def remove(self, name: str, timeout: float) -> None:
         """Take one away that was dropped here. Raises as :meth:`drop`."""
+        from simulation_interfaces.msg import Result
         from simulation_interfaces.srv import DeleteEntity
 
         if name not in self._dropped:
             raise RefusedError(f'no obstacle {name!r} was dropped here')
-        try:
-            self._answer(DeleteEntity, 'delete_entity', DeleteEntity.Request(entity=name), timeout)
-        finally:
-            self._dropped.pop(name, None)
+        request = DeleteEntity.Request(entity=name)
+        self._answer(DeleteEntity, 'delete_entity', request, timeout, Result.RESULT_NOT_FOUND)
+        self._dropped.pop(name, None)
 
-    def _answer(self, type: Any, name: str, request: Any, timeout: float) -> Any:
+    def _answer(self, type: Any, name: str, request: Any, timeout: float, *accepted: int) -> Any:
         if not self._found:
             raise RefusedError('there is no simulator that serves simulation_interfaces')
         done: Future[ServiceOutcome] = Future()
@@ -79,7 +79,7 @@ class SimulatorLink:
         if outcome.response is None:
             raise NoAnswerError(outcome.reason)
         result = outcome.response.result
-        if result.result != result.RESULT_OK:
+        if result.result not in (result.RESULT_OK, *accepted):
             raise RefusedError(f'the simulator refuses: {result.error_message}')
         return outcome.response
 

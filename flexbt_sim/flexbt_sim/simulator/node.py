@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import Entity, Pacer, Pose, Robot, prepare_world
 
 from .computations import Computations
@@ -187,7 +188,11 @@ class Simulator:
         self.pacer.forget_driver(entity.name)
 
     def reset_state(self) -> None:
-        """Everything is where it was at the start; the time goes on."""
+        """Everything is where it was at the start; the time goes on.
+
+        Raises:
+            SimulationError: two of what there is cannot both be there; nothing is changed.
+        """
         with self.lock:
             self.world.reset()
         self.pacer.forget_drivers()
@@ -253,9 +258,12 @@ class Simulator:
             self.pacer.forget_driver(robot.name)
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        self.reset_state()
-        response.success = True
-        response.message = 'everything is where it was at the start; the time goes on'
+        try:
+            self.reset_state()
+            response.success = True
+            response.message = 'everything is where it was at the start; the time goes on'
+        except SimulationError as error:
+            response.message = str(error)
         return response
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:

@@ -65,7 +65,6 @@ class Robot(Body):
     def __init__(self, name: str, model: RobotModel, pose: Pose, seed: int = 0) -> None:
         super().__init__(name, model.footprint, pose)
         self.model = model
-        self.start = pose
         self.top_speed = model.drive.linear_speed + model.drive.angular_speed * model.footprint.turning_radius
         self.faults: dict[str, Specification] = {}
         self.zones: tuple[str, ...] = ()

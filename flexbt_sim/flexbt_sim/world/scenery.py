@@ -25,14 +25,9 @@ class Obstacle(Body):
         self._seed = seed
         self.reset()
 
-    @property
-    def start(self) -> Pose:
-        """Where it is at the start."""
-        return self.model.pose
-
     def reset(self) -> None:
         """As it was at the start, random numbers included."""
-        self.place(self.model.pose)
+        self.place(self.start)
         self._random = generator(self._seed, self.name, 'walk')
         self._heading, self._left = 0.0, 0.0
 
@@ -102,16 +97,11 @@ class Door(Body):
     def __init__(self, name: str, model: DoorModel) -> None:
         self.model = model
         (x, y), (to_x, to_y) = model.from_, model.to
-        super().__init__(name, self._leaf(0.0), Pose(x, y, math.atan2(to_y - y, to_x - x)))
+        super().__init__(name, self._leaf(float(model.open)), Pose(x, y, math.atan2(to_y - y, to_x - x)))
         self.radius = math.hypot(model.length, model.thickness / 2.0)
         self.top_speed = model.length / model.opening_time
         self.is_jammed = False
         self.reset()
-
-    @property
-    def start(self) -> Pose:
-        """Where it is."""
-        return self.pose
 
     def reset(self) -> None:
         """As it was at the start."""

@@ -98,7 +98,6 @@ class World:
         self._rays = RayCaster(world)
         self._faults: list[Fault] = []
         self._begun: set[Fault] = set()
-        self._at_start: dict[str, EntityModel] = {}
 
     @classmethod
     def load(cls, file: Path | str, *, seed: int | None = None) -> World:
@@ -270,7 +269,17 @@ class World:
         """All robots, obstacles and doors are as they were when they came, and so are the random numbers.
 
         The time goes on, and so do faults.
+
+        Raises:
+            SimulationError: a robot would be where something else has come since; nothing is changed.
         """
+        starts = [Body(one.name, one.start_shape, one.start) for one in self._movers]
+        for start in starts:
+            if start.name in self._robots:
+                try:
+                    self._space.check(start, start.pose, starts, on_map=False)
+                except SimulationError as error:
+                    raise SimulationError(f'nothing was reset: at the start {error}; remove one of the two') from None
         for entity in self._entities.values():
             if isinstance(entity, Robot | Obstacle | Door):
                 entity.reset()

@@ -20,7 +20,8 @@ At = Callable[[float], Pose]
 class Body:
     """Something with a name, a shape and a pose in the world.
 
-    ``top_speed`` is the greatest speed, m/s, that any point of it can have; ``is_mobile`` whether it goes about.
+    ``top_speed`` is the greatest speed, m/s, that any point of it can have; ``is_mobile`` whether it goes about. At the
+    start it has the ``start_shape`` at ``start``.
     """
 
     top_speed = 0.0
@@ -28,6 +29,7 @@ class Body:
 
     def __init__(self, name: str, shape: Shape, pose: Pose) -> None:
         self.name = name
+        self.start, self.start_shape = pose, shape
         self.shape = shape
         self.pose = pose
         self.radius = shape.radius

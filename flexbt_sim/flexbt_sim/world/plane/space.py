@@ -218,7 +218,10 @@ class Space:
         """
         place = check_pose(pose)
         for other in others:
-            if other is not body and gap(body.shape, pose, other.shape, other.pose) < 0.0:
+            reach = body.radius + other.radius
+            if math.hypot(other.pose.x - pose.x, other.pose.y - pose.y) > reach or other is body:
+                continue
+            if gap(body.shape, pose, other.shape, other.pose) < 0.0:
                 raise SimulationError(f"'{body.name}' at {place} would overlap '{other.name}'")
         world = self.map
         if not on_map or world is None:
