@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
 import pytest
-from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
+from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSMsgType, WSServerHandshakeError
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, served
 
 from flexbt_console.errors import UsageError
@@ -20,6 +20,7 @@ from flexbt_console.ui.web import MOST_PAGES, Access
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
+from flexbt_console.ui.web.server import MOST_GREETING
 
 DEADLINE = 60.0
 
@@ -353,16 +354,32 @@ def test_beyond_this_computer_there_is_a_token() -> None:
 
 def test_there_are_so_many_pages_and_no_more() -> None:
     async def run(port: int) -> None:
-        async with ClientSession() as session:
-            address = f'http://127.0.0.1:{port}/link'
-            opened = [await session.ws_connect(address) for _ in range(MOST_PAGES)]
-            async with session.get(address) as response:
-                assert response.status == 503
-            await opened[0].close()
-            async with asyncio.timeout(DEADLINE), session.get(f'{address}?robot=nobody') as response:
-                assert response.status in (404, 503)
+        async with contextlib.AsyncExitStack() as stack:
+            opened = [await stack.enter_async_context(page(port)) for _ in range(MOST_PAGES)]
+            for one in opened:
+                await one.until(lambda one=one: 'link' in one.parts)  # type: ignore[misc]
+            async with page(port) as refused:
+                assert await refused.closed() == 1013
+            async with ClientSession() as session, session.get(f'http://127.0.0.1:{port}/link?robot=nobody') as answer:
+                assert answer.status == 404
+            assert 'applied' in await opened[0].ask(do='pause', decision=None)
 
     with served({'robot': WebRobot().station()}) as port:
+        asyncio.run(run(port))
+
+
+def test_who_says_nothing_keeps_nobody_out() -> None:
+    async def run(port: int) -> None:
+        address = f'http://127.0.0.1:{port}/link'
+        async with ClientSession(connector=TCPConnector(limit=0)) as session, page(port, 's3cret') as known:
+            await known.until(lambda: 'link' in known.parts)
+            silent = [await session.ws_connect(address) for _ in range(MOST_PAGES + MOST_GREETING)]
+            async with page(port, 's3cret') as opened:
+                await opened.until(lambda: 'link' in opened.parts)
+            assert await Page(silent[0]).closed() == 1006  # the oldest have given way
+            assert 'applied' in await known.ask(do='pause', decision=None)
+
+    with served({'robot': WebRobot().station()}, Access.of('127.0.0.1', 's3cret')) as port:
         asyncio.run(run(port))
 
 

@@ -76,9 +76,7 @@ class PageLink:
         self._changed.set()
 
     async def serve(self) -> None:
-        """Until the page or the server ends it."""
-        if not await self._is_welcome():
-            return
+        """Until the page or the server ends it. First of all, :meth:`is_welcome`."""
         await self._send({'hello': {'robot': self._robot, 'robots': self._fleet.names, 'commands': COMMAND_PART}})
         show = asyncio.create_task(self._show())
         try:
@@ -88,7 +86,7 @@ class PageLink:
                 task.cancel()
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
 
-    async def _is_welcome(self) -> bool:
+    async def is_welcome(self) -> bool:
         """Whether the first message has the token. Nothing is told before."""
         with contextlib.suppress(asyncio.TimeoutError, TypeError, ConsoleError):
             hello = read(await self._socket.receive_str(timeout=HELLO_SECONDS))

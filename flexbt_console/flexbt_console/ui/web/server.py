@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from importlib.resources import files
 from typing import Final
 
-from aiohttp import web
+from aiohttp import WSCloseCode, web
 
 from flexbt_common.pictures import STYLE
 from flexbt_console.mirror import Fleet
@@ -21,6 +21,9 @@ from .station import Station
 
 MOST_PAGES: Final = 32
 """Pages that are open at the same time."""
+
+MOST_GREETING: Final = 32
+"""Connections at the same time that have not said yet what a page says first; the oldest gives way to one more."""
 
 PING_SECONDS: Final = 10.0
 
@@ -37,6 +40,7 @@ class WebServer:
         self._access = access
         self._fleet = Fleet()
         self._pages: set[PageLink] = set()
+        self._greeting: dict[PageLink, asyncio.Transport] = {}
         self._drawings: Drawings | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_told = False
@@ -108,18 +112,35 @@ class WebServer:
         }
 
     async def _open(self, request: web.Request) -> web.StreamResponse:
-        if len(self._pages) >= MOST_PAGES:
-            raise web.HTTPServiceUnavailable(text=f'{MOST_PAGES} pages are open already; close one')
         robot = request.query.get('robot') or next(iter(self._stations))
         if robot not in self._stations:
             raise web.HTTPNotFound(text=f'there is no robot {robot[:100]!r}; there are: {", ".join(self._stations)}')
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         assert self._drawings is not None
         page = PageLink(socket, self._fleet, robot, self._stations[robot], self._drawings, self._access.knows_token)
+        await socket.prepare(request)
+        if not await self._greet(page, request):
+            return socket
+        if len(self._pages) >= MOST_PAGES:
+            text = f'{MOST_PAGES} pages are open already; close one'
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=text.encode())
+            return socket
         self._pages.add(page)
         try:
-            await socket.prepare(request)
             await page.serve()
         finally:
             self._pages.discard(page)
         return socket
+
+    async def _greet(self, page: PageLink, request: web.Request) -> bool:
+        """Whether the page is welcome. Who says nothing keeps nobody out."""
+        if request.transport is None:
+            return False
+        if len(self._greeting) >= MOST_GREETING:
+            oldest = next(iter(self._greeting))
+            self._greeting.pop(oldest).abort()
+        self._greeting[page] = request.transport
+        try:
+            return await page.is_welcome()
+        finally:
+            self._greeting.pop(page, None)
