@@ -76,7 +76,7 @@ def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more(
             simulator.remove(name, DEADLINE)
         assert simulator.dropped == ((name, 1.0, 2.0, 0.2),)
         simulator.remove(name, DEADLINE)  # it was gone already
-        assert simulator.dropped == ()
+        assert not simulator.dropped
 
 
 class Station:

@@ -29,6 +29,7 @@ from flexbt_console.mirror import (
     Fleet,
     GridMap,
     Mirror,
+    NodeKind,
     NodeStatus,
     Peer,
     Pose,
@@ -106,6 +107,7 @@ class Robot:
         self.mirror.receive_map(GridMap(80, 60, 0.05, 0.0, 0.0, walls))
         self.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
         nodes = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'FollowPath', 'FollowPath')]
+        nodes.append(TreeNode(3, 1, 'IsFar', 'IsFar', kind=NodeKind.CONDITION))
         self.mirror.receive_tree_structure('t', 'Drive', nodes, 1.0)
         running = [NodeStatus.RUNNING] * 2
         self.mirror.receive_tree_status('t', 1, running, [], 5.0, finished=False, paused=False)
@@ -161,7 +163,17 @@ def test_everything_of_now_is_on_the_screen(size: tuple[int, int]) -> None:
         assert len(shown.splitlines()) == size[1]
         assert max(map(len, shown.splitlines())) <= size[0]
         if size[0] >= 80:
-            for text in ('LIVE', 'RUNNING', 'Patrol', 'navigation GONE', 'Drive', 'FollowPath', '[1 done*', 'kitchen'):
+            for text in (
+                'LIVE',
+                'RUNNING',
+                'Patrol',
+                'navigation GONE',
+                'Drive',
+                'FollowPath',
+                'IsFar?',
+                '[1 done*',
+                'kitchen',
+            ):
                 assert text in shown, text
             assert '→ Ask' in shown  # what the answer leads to
             assert shown.count('→') > 1  # the robot, by its heading

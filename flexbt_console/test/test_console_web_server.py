@@ -95,7 +95,7 @@ def test_everything_of_now_is_told() -> None:
         (decision,) = parts['decisions']
         assert [choice['leads'] for choice in decision['choices']] == ['/Ask', '=finished']
         assert decision['reasons'] == [f'WARN: {NASTY}'] and NASTY in decision['line']
-        assert parts['trees'][0]['statuses'] == ['running', 'success', 'running']
+        assert parts['trees'][0]['statuses'] == ['running', 'success', 'running', 'idle']
         assert parts['trees'][0]['leaves'] == ['Wait']
         assert (len(parts['plan']), parts['pose']['x'], list(parts['places'])) == (2, 2.0, ['kitchen'])
         head = json.loads(opened.maps[0][4 : 4 + int.from_bytes(opened.maps[0][:4])])
@@ -103,6 +103,7 @@ def test_everything_of_now_is_told() -> None:
         pictures = {one['drawing']['key']: one['drawing']['svg'] for one in opened.messages if 'drawing' in one}
         assert 'id="s1o0"' in pictures[parts['machine']['drawing']]
         assert 'id="t0n2"' in pictures[parts['trees'][0]['drawing']]
+        assert 'id="t0n3" class="node Condition"' in pictures[parts['trees'][0]['drawing']]
         assert NASTY not in pictures[parts['trees'][0]['drawing']]  # it is escaped there
         robot.show(PLAN)  # a heartbeat
         before = len(opened.messages)

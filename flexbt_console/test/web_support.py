@@ -27,6 +27,7 @@ from flexbt_console.mirror import (
     GridMap,
     LogLine,
     Mirror,
+    NodeKind,
     NodeStatus,
     Pose,
     ResultCode,
@@ -101,7 +102,8 @@ class WebRobot:
         nodes = [
             TreeNode(1, 0, 'Main', 'Sequence'),
             TreeNode(2, 1, NASTY, 'FollowPath'),
-            TreeNode(3, 1, 'Wait', 'Wait'),
+            TreeNode(3, 1, 'Wait', 'Wait', kind=NodeKind.ACTION),
+            TreeNode(4, 1, 'IsFar', 'IsFar', kind=NodeKind.CONDITION),
         ]
         self.mirror.receive_tree_structure(run, tree, nodes, 1.0)
         statuses = [NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.RUNNING]

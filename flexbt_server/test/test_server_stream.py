@@ -23,7 +23,7 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, StatusLog, Tree
 from flexbt_core.clock import Timer
-from flexbt_msgs.msg import TreeStatus, TreeStatusChange, TreeStructure
+from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStatusChange, TreeStructure
 from flexbt_server.runs import TreeStream
 from flexbt_server.runs.status_encoding import encoded, serialized
 from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream
@@ -155,8 +155,17 @@ def test_random_trees_reach_a_subscriber_whole_and_in_order(server: NodeRuntime,
     for structure in subscriber.structures:
         tree = watched[structure.run_id].tree
         parents = {child: node for node in tree.nodes for child in node.attached}
-        assert [(node.uid, node.parent, node.name, node.registration, node.path) for node in structure.nodes] == [
-            (node.uid, parents[node].uid if node in parents else 0, node.name, node.id, node.path)
+        assert [
+            (node.uid, node.parent, node.kind, node.name, node.registration, node.path) for node in structure.nodes
+        ] == [
+            (
+                node.uid,
+                parents[node].uid if node in parents else 0,
+                getattr(TreeNode, node.kind.name),
+                node.name,
+                node.id,
+                node.path,
+            )
             for node in tree.nodes
         ]
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_console.mirror import GridMap, Mirror, NodeStatus, StatusChange, TreeNode
+from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusChange, TreeNode
 from flexbt_core.values import one_line
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 
@@ -82,7 +82,12 @@ class SurroundingsFeed:
         }
 
     def _on_structure(self, message: Any) -> None:
-        nodes = [TreeNode(node.uid, node.parent, node.name, node.registration, node.path) for node in message.nodes]
+        nodes = [
+            TreeNode(
+                node.uid, node.parent, node.name, node.registration, node.path, known_constant(NodeKind, node.kind)
+            )
+            for node in message.nodes
+        ]
         if [node.uid for node in nodes] != list(range(1, len(nodes) + 1)):
             raise ValueError(f'the nodes of tree {message.behavior_tree!r} are not in the order of their identifiers')
         self._mirror.receive_tree_structure(message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp))

@@ -37,7 +37,7 @@ from .records import (
 )
 from .standstill import StandstillWatch, UnwantedMotion
 from .surroundings import OCCUPIED, GridMap, Points, Surroundings
-from .trees import NodeStatus, StatusChange, TreeNode, TreeRun, Trees
+from .trees import NodeKind, NodeStatus, StatusChange, TreeNode, TreeRun, Trees
 from .view import View
 
 __all__ = [
@@ -71,6 +71,7 @@ __all__ = [
     'LinkState',
     'LogLine',
     'Mirror',
+    'NodeKind',
     'NodeStatus',
     'Peer',
     'Points',

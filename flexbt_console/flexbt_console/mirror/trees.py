@@ -23,6 +23,17 @@ class NodeStatus(IntEnum):
     SKIPPED = 4
 
 
+class NodeKind(IntEnum):
+    """TreeNode: the sort of a node."""
+
+    UNKNOWN = 0
+    ACTION = 1
+    CONDITION = 2
+    CONTROL = 3
+    DECORATOR = 4
+    SUBTREE = 5
+
+
 @dataclass(frozen=True, slots=True)
 class TreeNode:
     """A node of a tree (TreeNode): ``uid`` from 1, ``parent`` 0 for the root."""
@@ -32,6 +43,7 @@ class TreeNode:
     name: str
     registration: str
     path: str = ''
+    kind: NodeKind = NodeKind.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from rclpy.time import Time
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.behavior_tree import Tree
+from flexbt_core.behavior_tree import NodeKind, Tree
 from flexbt_core.clock import Clock, Timer
 from flexbt_msgs import msg
 
@@ -262,6 +262,9 @@ def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:
         yield None, marks[begin:]
 
 
+_KINDS: Final = {kind: getattr(msg.TreeNode, kind.name) for kind in NodeKind}
+
+
 def _structure(tree: Tree, run_id: str, blackboard: str, now: Time) -> msg.TreeStructure:
     parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
     return msg.TreeStructure(
@@ -271,7 +274,12 @@ def _structure(tree: Tree, run_id: str, blackboard: str, now: Time) -> msg.TreeS
         blackboard=blackboard,
         nodes=[
             msg.TreeNode(
-                uid=node.uid, parent=parents.get(node.uid, 0), name=node.name, registration=node.id, path=node.path
+                uid=node.uid,
+                parent=parents.get(node.uid, 0),
+                kind=_KINDS[node.kind],
+                name=node.name,
+                registration=node.id,
+                path=node.path,
             )
             for node in tree.nodes
         ],

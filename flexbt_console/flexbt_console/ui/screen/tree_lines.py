@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from flexbt_console.mirror import NodeStatus, TreeNode, TreeRun
+from flexbt_console.mirror import NodeKind, NodeStatus, TreeNode, TreeRun
 from flexbt_console.present import Line, Tone, tone_of
 from flexbt_console.ui.interaction import cut
 from flexbt_core.values import one_line
@@ -28,7 +28,8 @@ SHOWN_SECONDS: Final = 1.0
 def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str]:
     """The tree in at most so many rows of so many cells: a title, then the nodes around those that act.
 
-    A node that was halted shows, dimmed, how it had ended before: the reason of a failure stays to be seen.
+    A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
+    reason of a failure stays to be seen.
     """
     if rows <= 0:
         return []
@@ -80,7 +81,7 @@ def _node_line(run: TreeRun, node: TreeNode, depth: int, signs: Glyphs) -> str:
     shown = status if status is not NodeStatus.IDLE else run.last_end(node.uid)
     seconds = run.seconds(node.uid)
     time = f'  {seconds:.0f} s' if status is NodeStatus.RUNNING and seconds >= SHOWN_SECONDS else ''
-    name = one_line(node.name)
+    name = one_line(node.name) + ('?' if node.kind is NodeKind.CONDITION else '')
     kind = f' ({one_line(node.registration)})' if node.registration not in (node.name, '') else ''
     word = f'  {shown.name}' if shown in (NodeStatus.FAILURE, NodeStatus.RUNNING) else ''
     tone = _TONES[status] if status is not NodeStatus.IDLE else Tone.ERROR if shown is NodeStatus.FAILURE else Tone.DIM

@@ -22,7 +22,7 @@ from flexbt_common.pictures import (
     machine_graph,
     trees_as_dot,
 )
-from flexbt_console.mirror import Structure, TreeNode, TreeRun
+from flexbt_console.mirror import NodeKind, Structure, TreeNode, TreeRun
 
 REMEMBERED: Final = 64
 MOST_NODES: Final = 400
@@ -101,26 +101,26 @@ def tree_drawing(run: TreeRun) -> Drawing:
 def _tree_drawing(tree: str, nodes: tuple[TreeNode, ...]) -> Drawing:
     if len(nodes) > MOST_NODES or not nodes:
         return Drawing('', '')
-    children = [0] * (len(nodes) + 1)
-    for node in nodes:
-        children[min(node.parent, len(nodes))] += 1
     drawn = [
         DrawnNode(
             node.registration,
             '' if node.name == node.registration else node.name,
             node.parent - 1 if 0 < node.parent < node.uid else None,
-            _shape(node, children[node.uid]),
+            _SHAPES[node.kind],
         )
         for node in nodes
     ]
     return _drawing(trees_as_dot([(tree, drawn)]), has_legend=False)
 
 
-def _shape(node: TreeNode, children: int) -> NodeShape:
-    """What the number of its children tells of a node: the stream of statuses has no more."""
-    if node.registration == 'SubTree':
-        return NodeShape.SUBTREE
-    return NodeShape.ACTION if children == 0 else NodeShape.DECORATOR if children == 1 else NodeShape.CONTROL
+_SHAPES: Final = {
+    NodeKind.UNKNOWN: NodeShape.ACTION,
+    NodeKind.ACTION: NodeShape.ACTION,
+    NodeKind.CONDITION: NodeShape.CONDITION,
+    NodeKind.CONTROL: NodeShape.CONTROL,
+    NodeKind.DECORATOR: NodeShape.DECORATOR,
+    NodeKind.SUBTREE: NodeShape.SUBTREE,
+}
 
 
 def _drawing(lines: Iterable[str], *, has_legend: bool) -> Drawing:
