@@ -16,7 +16,10 @@ setup(
     ],
     python_requires='>=3.11',
     install_requires=['pyyaml'],
-    extras_require={'test': ['pytest', 'hypothesis']},  # colcon test looks for it
+    extras_require={
+        'synthesis': ['dd>=0.6'],  # machines from capabilities; CUDD is in its wheels, else it is pure Python
+        'test': ['pytest', 'hypothesis'],  # colcon test looks for it
+    },
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',

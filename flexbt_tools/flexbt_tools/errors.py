@@ -5,7 +5,8 @@
 
     ToolError
     ├── UsageError      2  the command is not written as it has to be, or this computer lacks what it needs
-    └── RefusedError    3  a file that is needed cannot be used
+    ├── RefusedError    3  a file that is needed cannot be used
+    └── UnfitError      3  files can be read, but what they say does not fit together
 """
 
 from __future__ import annotations
@@ -49,3 +50,9 @@ class RefusedError(ToolError):
     def __init__(self, errors: Iterable[LoadError]) -> None:
         self.errors = tuple(errors)
         super().__init__('\n'.join(map(str, self.errors)))
+
+
+class UnfitError(ToolError):
+    """What files say is wrong, or does not fit together; each of the problems tells its place."""
+
+    exit_code = ExitCode.REFUSED

@@ -8,13 +8,14 @@ from typing import Final
 
 from flexbt_tools.cli import run_command
 
-from . import check, draw, show
+from . import check, draw, show, synthesize
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong'),
-    ('1', 'check: something is wrong'),
+    ('1', 'check: something is wrong; synthesize: no machine can do it'),
     ('2', 'wrong usage, or something is missing on this computer'),
     ('3', 'a file cannot be used; the reasons are printed'),
+    ('5', 'synthesize: no answer within the time limit'),
     ('130', 'interrupted'),
 )
 
@@ -22,9 +23,14 @@ COMMANDS: Final = (
     ('check', check, 'find what is wrong, and what is suspicious, in behaviors and their trees'),
     ('show', show, 'show the state machine of a behavior as text'),
     ('draw', draw, 'draw a behavior with its trees'),
+    (
+        'synthesize',
+        synthesize,
+        'make a state machine that reaches a goal, from capabilities, or tell why there is none',
+    ),
 )
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Runs ``behavior_tool`` and gives its exit code."""
-    return run_command('behavior_tool', 'Behaviors, built but not run.', COMMANDS, EXIT_CODES, words)
+    return run_command('behavior_tool', 'Behaviors, made and built but not run.', COMMANDS, EXIT_CODES, words)

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether a strategy fulfils its specification, found out without the solver: no diagrams, no fixpoints.
+
+Formulas are evaluated as they were parsed, and the moves of the world are enumerated one variable after the other.
+That each guarantee is met again and again follows from the ranks: a move that does not meet the guarantee of its node
+leads to a node of lower rank, or waits at the same rank while the assumption of the node does not hold, or (nodes of
+kind ``fair``) is one of several of which the world takes one that leads on at some time. If a guarantee were never met
+again, the rank could sink only so often; in the lowest nodes that are visited for ever, either the assumption would
+fail for ever or the world would never take a move that it has to take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .enumeration import valuations
+from .formula import Formula, Name, value_of
+from .specification import Section, Specification
+
+
+def check_certificate(specification: Specification, certificate: Mapping[str, Any]) -> list[str]:
+    """What is wrong with a certificate (:meth:`Strategy.to_json`) of a specification; nothing when it holds."""
+    try:
+        return list(_Check(specification, certificate).problems())
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
+        return [f'the certificate is damaged: {type(error).__name__}: {error}']
+
+
+class _Check:
+    def __init__(self, specification: Specification, certificate: Mapping[str, Any]) -> None:
+        self._specification = specification
+        self._nodes: list[Mapping[str, Any]] = certificate['nodes']
+        self._start: list[int] = certificate['start']
+        self._inputs = specification.names(inputs=True)
+        self._outputs = specification.names(inputs=False)
+        self._next = [Name(name.name, True) for name in self._inputs]
+        self._guarantees: list[Formula | None] = [*specification.of(Section.SYS_LIVENESS)] or [None]
+        self._assumptions: list[Formula | None] = [*specification.of(Section.ENV_LIVENESS)] or [None]
+
+    def problems(self) -> Iterator[str]:
+        ill_formed = [number for number, node in enumerate(self._nodes) if not self._is_well_formed(node)]
+        if ill_formed:
+            yield from (f'node {number} is not of this specification' for number in ill_formed)
+            return
+        yield from self._at_the_start()
+        for number, node in enumerate(self._nodes):
+            yield from (f'node {number}: {problem}' for problem in self._of_node(node))
+
+    def _is_well_formed(self, node: Mapping[str, Any]) -> bool:
+        variables = self._specification.variables
+        values = node['values']
+        kinds = {*range(len(self._assumptions)), 'fair'}
+        return (
+            values.keys() == variables.keys()
+            and all(type(values[name]) is int and values[name] in one.values for name, one in variables.items())
+            and node['goal'] in range(len(self._guarantees))
+            and type(node['rank']) is int
+            and node['rank'] >= 0
+            and node['kind'] in kinds
+            and all(move['to'] in range(len(self._nodes)) for move in node['moves'])
+        )
+
+    def _at_the_start(self) -> Iterator[str]:
+        section, variables = self._specification.of, self._specification.variables
+        begun = [self._nodes[number] for number in self._start]
+        for node in begun:
+            here = {Name(name): value for name, value in node['values'].items()}
+            if not all(value_of(one, here) for one in section(Section.SYS_INIT)):
+                yield 'a node at the start contradicts SYS_INIT'
+        inputs = [{name: node['values'][name.name] for name in self._inputs} for node in begun]
+        for expected in valuations(self._inputs, section(Section.ENV_INIT), {}, variables):
+            if expected not in inputs:
+                yield f'the world may start with {_text(expected)}, and no node does'
+
+    def _of_node(self, node: Mapping[str, Any]) -> Iterator[str]:
+        here = {Name(name): value for name, value in node['values'].items()}
+        moves = [
+            ({Name(name, True): value for name, value in move['inputs'].items()}, move['to']) for move in node['moves']
+        ]
+        allowed = list(
+            valuations(self._next, self._specification.of(Section.ENV_TRANS), here, self._specification.variables)
+        )
+        for expected in allowed:
+            answers = [to for inputs, to in moves if inputs == expected]
+            if len(answers) != 1:
+                yield f'{len(answers)} answers to {_text(expected)}'
+        leads_on = is_fair = False
+        for inputs, to in moves:
+            if inputs not in allowed:
+                yield f'an answer to {_text(inputs)}, which the world may not do'
+                continue
+            then = self._nodes[to]['values']
+            after = {**here, **{Name(name, True): value for name, value in then.items()}}
+            if any(after[name] != value for name, value in inputs.items()):
+                yield f'the move {_text(inputs)} leads to a node with other inputs'
+            for formula in self._specification.of(Section.SYS_TRANS):
+                if not value_of(formula, after):
+                    yield f'after {_text(inputs)} {formula} does not hold'
+            progress, problem = self._progress(node, self._nodes[to], after)
+            if problem:
+                yield f'after {_text(inputs)} {problem}'
+            leads_on |= progress and self._is_live(after)
+            is_fair |= not progress
+        if node['kind'] == 'fair' and is_fair and not leads_on:
+            yield 'no move that the world has to take leads on'
+
+    def _progress(
+        self, node: Mapping[str, Any], then: Mapping[str, Any], after: Mapping[Name, int]
+    ) -> tuple[bool, str | None]:
+        """Whether a move comes closer to the guarantee, and what is wrong with it."""
+        guarantee = self._guarantees[node['goal']]
+        if then['goal'] == (node['goal'] + 1) % len(self._guarantees) and (
+            guarantee is None or value_of(guarantee, after)
+        ):
+            return True, None
+        if then['goal'] != node['goal']:
+            return False, 'another guarantee is pursued before this one is met'
+        if then['rank'] < node['rank']:
+            return True, None
+        if node['kind'] == 'fair':
+            return False, None
+        assumption = self._assumptions[node['kind']]
+        fails = assumption is not None and value_of(assumption, after) is False
+        if fails and then['rank'] == node['rank'] and then['kind'] == node['kind']:
+            return False, None
+        return False, 'the guarantee comes no closer'
+
+    def _is_live(self, after: Mapping[Name, int]) -> bool:
+        return any(value_of(active, after) and value_of(outcome, after) for active, outcome in self._specification.live)
+
+
+def _text(inputs: Mapping[Name, int]) -> str:
+    said = [str(name) if value == 1 else f'{name}={value}' for name, value in inputs.items() if value]
+    return f'({", ".join(said) or "no input"})'

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who wins: the states from which a specification can be fulfilled, and how far each is from the next guarantee.
+
+Three fixpoints in each other (Bloem et al. 2012), over transitions, so that assumptions and guarantees may speak of the
+next step. With transitions that the world has to take at some time (``Specification.live``) the set of states that
+come closer is widened by those from which such a transition does, while all others stay winning (Banerjee, Majumdar,
+Mallik, Schmuck, Soudjani: Fast symbolic algorithms for omega-regular games under strong transition fairness, 2022).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+from .encoding import Diagram, Encoding
+from .formula import Name
+from .specification import Section, Specification
+
+FAIR: Final = -1
+"""The kind of a layer that is left by a transition which the world takes at some time."""
+
+Watch = Callable[[str], None]
+"""Called between the steps of a computation with what it does; may raise, to end it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """States that come closer to a guarantee, at the earliest in this layer. ``kind`` is the number of the assumption
+    that has to hold at some time, or FAIR."""
+
+    kind: int
+    states: Diagram
+
+
+@dataclass(slots=True)
+class Removal:
+    """States from which guarantee ``goal`` cannot be met for ever: what the world does about them.
+
+    ``kept`` are the states that were winning before; ``reached`` those from which the guarantee can be met once more.
+    ``waits[i]`` are the shrinking sets in which assumption ``i`` has not been met yet.
+    """
+
+    goal: int
+    kept: Diagram
+    reached: Diagram
+    waits: list[list[Diagram]] = field(default_factory=list)
+
+
+class Game:
+    """The game of a specification: its moves as diagrams."""
+
+    def __init__(
+        self, specification: Specification, encoding: Encoding | None = None, watch: Watch | None = None
+    ) -> None:
+        self.specification = specification
+        self.encoding = encoding or Encoding(specification)
+        self.watch = watch or (lambda _: None)
+        of = self.encoding
+        self.inputs, self.outputs = self._names(inputs=True), self._names(inputs=False)
+        self.inputs_next, self.outputs_next = self._next(self.inputs), self._next(self.outputs)
+        state = of.in_range([*self.inputs, *self.outputs])
+        self.start_world = self._all(Section.ENV_INIT) & of.in_range(self.inputs)
+        self.start_system = self._all(Section.SYS_INIT) & of.in_range(self.outputs)
+        self.world = self._all(Section.ENV_TRANS) & of.in_range(self.inputs_next) & state
+        self.system = self._all(Section.SYS_TRANS) & of.in_range(self.outputs_next)
+        self.assumptions = [of.set_of(one) for one in specification.of(Section.ENV_LIVENESS)] or [of.true]
+        self.guarantees = [of.set_of(one) for one in specification.of(Section.SYS_LIVENESS)] or [of.true]
+        self.live = of.false
+        for active, outcome in specification.live:
+            self.live = self.live | (of.set_of(active) & of.set_of(outcome))
+        if specification.last_resort is not None:
+            goes_on = ~of.set_of(specification.last_resort)
+            hopeful = of.primed(self.hoped_for([of.set_of(one) for one in specification.hopes], goes_on))
+            way_out = of.some(self.outputs_next, self.system & goes_on & hopeful)
+            self.system = self.system & (goes_on | ~way_out)
+
+    def _names(self, *, inputs: bool) -> list[Name]:
+        return self.specification.names(inputs=inputs)
+
+    def _next(self, names: list[Name]) -> list[Name]:
+        return [Name(name.name, True) for name in names]
+
+    def _all(self, section: Section) -> Diagram:
+        found = self.encoding.true
+        for formula in self.specification.of(section):
+            self.watch('reading the formulas')
+            found = found & self.encoding.set_of(formula)
+        return found
+
+    # -- steps -------------------------------------------------------------------------------------------------------
+
+    def answered(self, targets: Diagram) -> Diagram:
+        """The moves of the world (states with next inputs) that the system can answer by one of ``targets``."""
+        return self.encoding.some(self.outputs_next, self.system & targets)
+
+    def forced(self, targets: Diagram) -> Diagram:
+        """The states from which each move of the world can be answered by one of ``targets``."""
+        return self.encoding.all(self.inputs_next, ~self.world | self.answered(targets))
+
+    def with_luck(self, targets: Diagram) -> Diagram:
+        """The states from which one of ``targets`` is possible, if the world helps."""
+        return self.encoding.some(self.inputs_next, self.world & self.answered(targets))
+
+    def fairly(self, targets: Diagram, safe: Diagram) -> Diagram:
+        """The states from which the world takes one of ``targets`` at some time, all others being ``safe``."""
+        if self.live == self.encoding.false:
+            return self.encoding.false
+        helped = self.encoding.some(self.inputs_next, self.world & self.live & self.answered(targets))
+        return helped & self.forced(safe | targets)
+
+    # -- fixpoints ---------------------------------------------------------------------------------------------------
+
+    def safe(self) -> Diagram:
+        """The states from which the system always has an answer."""
+        states = self.encoding.true
+        while True:
+            self.watch('looking for dead ends')
+            smaller = states & self.forced(self.encoding.primed(states))
+            if smaller == states:
+                return states
+            states = smaller
+
+    def hoped_for(self, guarantees: list[Diagram], moves: Diagram) -> Diagram:
+        """The states from which guarantees can be met again and again by these moves, if the world helps."""
+        of = self.encoding
+        kept = of.true
+        while True:
+            before = kept
+            for guarantee in guarantees:
+                meets = guarantee & of.primed(kept)
+                near = of.false
+                while True:
+                    self.watch('looking for what can be reached with luck')
+                    wider = near | self.with_luck(moves & (meets | of.primed(near)))
+                    if wider == near:
+                        break
+                    near = wider
+                kept = kept & near
+            if kept == before:
+                return kept
+
+    def solved(self, *, explained: bool = False) -> Solution:
+        """The winning states, with their layers; ``explained`` keeps what the world does about the others."""
+        of = self.encoding
+        kept, removals = of.true, list[Removal]()
+        rounds = 0
+        while True:
+            rounds += 1
+            before = kept
+            layers: list[list[Layer]] = []
+            for number, guarantee in enumerate(self.guarantees):
+                near, of_goal, removal = self._approach(number, guarantee, kept)
+                layers.append(of_goal)
+                if explained and near & kept != kept:
+                    removals.append(removal)
+                kept = kept & near
+            if kept == before:
+                return Solution(self, kept, layers, removals, rounds)
+
+    def _approach(self, number: int, guarantee: Diagram, kept: Diagram) -> tuple[Diagram, list[Layer], Removal]:
+        """From where a guarantee can be met without leaving ``kept``."""
+        of = self.encoding
+        stays = of.primed(kept)
+        meets = guarantee & stays
+        near, layers = of.false, list[Layer]()
+        while True:
+            self.watch(f'guarantee {number + 1} of {len(self.guarantees)}: {len(layers)} layers')
+            closer = meets | of.primed(near)
+            removal = Removal(number, kept, near)
+            found = near
+            for kind, assumption in enumerate(self.assumptions):
+                states, shrinking = of.true, [of.true]
+                while True:
+                    self.watch(f'guarantee {number + 1} of {len(self.guarantees)}: {len(layers)} layers')
+                    fewer = self.forced(closer | (~assumption & of.primed(states)))
+                    if fewer == states:
+                        break
+                    states = fewer
+                    shrinking.append(states)
+                removal.waits.append(shrinking)
+                if states & ~found != of.false:
+                    layers.append(Layer(kind, states))
+                    found = found | states
+            fair = self.fairly(closer, stays)
+            if fair & ~found != of.false:
+                layers.append(Layer(FAIR, fair))
+                found = found | fair
+            if found == near:
+                return near, layers, removal
+            near = found
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """The winning states of a game. ``layers[j]`` lead to guarantee ``j``, the nearest first."""
+
+    game: Game
+    winning: Diagram
+    layers: list[list[Layer]]
+    removals: list[Removal]
+    rounds: int
+
+    def is_realizable(self) -> bool:
+        """Whether for all inputs at the start there are outputs that win."""
+        game = self.game
+        of = game.encoding
+        answered = of.some(game.outputs, game.start_system & self.winning)
+        return of.all(game.inputs, ~game.start_world | answered) == of.true

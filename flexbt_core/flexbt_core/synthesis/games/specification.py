@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A specification of the form GR(1): what the world may do, and what is to be done whatever it does.
+
+In each step the world moves first (values of the inputs), then the system, which sees that move (values of the
+outputs). The specification is (θe ∧ □ρe ∧ ⋀□◇A) → (θs ∧ □ρs ∧ ⋀□◇G), read step by step: the system keeps ρs as long
+as the world has kept ρe. (Bloem, Jobstmann, Piterman, Pnueli, Sa'ar: Synthesis of reactive(1) designs, 2012.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from .formula import Formula, Name
+from .formula_parser import Ranges
+
+
+class Section(Enum):
+    """What a line of a specification is about; the values are the names in files."""
+
+    ENV_INIT = 'ENV_INIT'
+    SYS_INIT = 'SYS_INIT'
+    ENV_TRANS = 'ENV_TRANS'
+    SYS_TRANS = 'SYS_TRANS'
+    ENV_LIVENESS = 'ENV_LIVENESS'
+    SYS_LIVENESS = 'SYS_LIVENESS'
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """An input or output: a Boolean, or (``bounds``) an integer from the least to the greatest value."""
+
+    name: str
+    is_input: bool
+    bounds: tuple[int, int] | None = None
+
+    @property
+    def values(self) -> range:
+        """All values: of a Boolean 0 and 1."""
+        low, high = self.bounds or (0, 1)
+        return range(low, high + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A formula of a section. ``origin`` is what its author wrote, in that author's words and with its place; None for
+    what follows from the form of a specification, such as that exactly one capability is active."""
+
+    section: Section
+    text: str
+    formula: Formula
+    origin: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Specification:
+    """Variables, and lines about them.
+
+    ``live`` are pairs of an activation and an outcome (formulas; the outcome about the next step): whenever the first
+    holds again and again in the same state, the second follows at some time (strong fairness of transitions).
+    ``last_resort`` says of a move that it gives up: it is made only where ``hopes`` cannot be met again and again any
+    more, even with luck.
+    """
+
+    variables: Mapping[str, Variable]
+    lines: tuple[Line, ...]
+    live: tuple[tuple[Formula, Formula], ...] = ()
+    last_resort: Formula | None = None
+    hopes: tuple[Formula, ...] = ()
+
+    @property
+    def ranges(self) -> Ranges:
+        """What a formula over the variables may have."""
+        return {name: variable.bounds for name, variable in self.variables.items()}
+
+    def of(self, section: Section) -> list[Formula]:
+        """The formulas of a section."""
+        return [line.formula for line in self.lines if line.section is section]
+
+    def names(self, *, inputs: bool, primed: bool = False) -> list[Name]:
+        """The inputs, or the outputs, in the order of their declaration."""
+        return [Name(one.name, primed) for one in self.variables.values() if one.is_input is inputs]
+
+    def without(self, origins: Iterable[str]) -> Specification:
+        """The specification without what these origins ask for."""
+        dropped = set(origins)
+        return replace(self, lines=tuple(line for line in self.lines if line.origin not in dropped))

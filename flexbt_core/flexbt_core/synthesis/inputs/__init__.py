@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is asked for: capabilities, specifications and requests as files, and their translation to formulas."""
+
+from .capability_file import Capability, CapabilityFile, Mappings, read_capabilities, read_mappings
+from .interface import Interface, Interfaces, read_interfaces
+from .request import FAILURE_OUTCOMES, Request, read_request
+from .specification_file import SpecificationFile, as_structured_slugs, read_specification
+from .translation import Liveness, Options, Problem, translated
+from .vocabulary import Vocabulary
+
+__all__ = [
+    'FAILURE_OUTCOMES',
+    'Capability',
+    'CapabilityFile',
+    'Interface',
+    'Interfaces',
+    'Liveness',
+    'Mappings',
+    'Options',
+    'Problem',
+    'Request',
+    'SpecificationFile',
+    'Vocabulary',
+    'as_structured_slugs',
+    'read_capabilities',
+    'read_interfaces',
+    'read_mappings',
+    'read_request',
+    'read_specification',
+    'translated',
+]

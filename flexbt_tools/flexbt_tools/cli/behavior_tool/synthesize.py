@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool synthesize``: a supervised machine from capabilities and a request, or why there is none."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from flexbt_core.synthesis import Synthesis, SynthesisError, SynthesisTimeout, synthesize
+from flexbt_core.synthesis.inputs import (
+    Liveness,
+    Options,
+    Request,
+    as_structured_slugs,
+    read_interfaces,
+    read_request,
+)
+from flexbt_core.synthesis.machines import machine_as_yaml
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+from flexbt_tools.synthesis import StateInterfaces, SynthesisFiles, read, read_problem
+
+_DEFAULT_LIMIT = 60.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('file', metavar='FILE', help='capability file (YAML)')
+    asked = parser.add_argument_group('what is asked for')
+    asked.add_argument(
+        '--goal', metavar='FORMULA', action='append', default=[], help='what is to hold; repeatable (all)'
+    )
+    asked.add_argument(
+        '--initial', metavar='FORMULA', action='append', default=[], help='what holds at the start; repeatable'
+    )
+    asked.add_argument(
+        '--outcome', metavar='NAME', action='append', default=[], help='outcome of the machine; repeatable'
+    )
+    asked.add_argument('--request', metavar='FILE', help='request (YAML) with goals, initial_conditions, sm_outcomes')
+    asked.add_argument('--spec', metavar='FILE', help='specification to be added: YAML, or structuredslugs')
+    world = parser.add_argument_group('states and the world')
+    world.add_argument(
+        '--mappings', metavar='FILE', action='append', default=[], help='mappings of outcomes (default: the usual ones)'
+    )
+    world.add_argument(
+        '--states', metavar='MODULE', action='append', default=[], help='module with more states; repeatable'
+    )
+    world.add_argument('--interfaces', metavar='FILE', help='outcomes and keys (YAML) of states that are not installed')
+    world.add_argument(
+        '--liveness',
+        choices=[one.value for one in Liveness],
+        default=Liveness.FAIR.value,
+        help='fair: who is tried again and again completes at some time; adversarial: failing for ever is success; '
+        'fair-outcomes: as in flexbe_synthesis (default: %(default)s)',
+    )
+    world.add_argument('--retries', metavar='N', type=int, help='a state is repeated N times, then it is given up')
+    world.add_argument('--pending', action='store_true', help="flexbe_synthesis' flags for what is owed")
+    world.add_argument('--parsed', action='store_true', help='one integer for all activations')
+    result = parser.add_argument_group('the answer')
+    result.add_argument('-o', '--output', metavar='FILE', help='write the machine there (default: standard output)')
+    result.add_argument('--certificate', metavar='FILE', help='write the strategy there, as JSON, with what proves it')
+    result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and end')
+    result.add_argument('--time-limit', metavar='S', type=float, help=f'seconds (default: {_DEFAULT_LIMIT:g})')
+    arguments.add_json(result)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    try:
+        return _answered(options)
+    except SynthesisError as error:
+        raise UnfitError(str(error)) from error
+
+
+def _answered(options: argparse.Namespace) -> ExitCode:
+    others = read(options.interfaces, read_interfaces) if options.interfaces else None
+    interfaces = StateInterfaces(['flexbt_states', *options.states], others)
+    request = read(options.request, read_request) if options.request else Request()
+    request = replace(
+        request,
+        goals=(*request.goals, *options.goal),
+        initial_conditions=(*request.initial_conditions, *options.initial),
+        outcomes=(*request.outcomes, *options.outcome),
+        name=request.name or Path(options.file).stem,
+    )
+    how = Options(Liveness(options.liveness), _retries(options.retries), options.pending, options.parsed)
+    files = SynthesisFiles(options.file, options.mappings, options.spec)
+    problem = read_problem(files, request, interfaces, how)
+    if options.specification:
+        print('\n'.join(as_structured_slugs(problem.specification)))
+        return ExitCode.OK
+    limit = options.time_limit or request.timeout or _DEFAULT_LIMIT
+    began = time.monotonic()
+    try:
+        answer = synthesize(problem, _watch(began, limit))
+    except SynthesisTimeout as error:
+        print(str(error), file=sys.stderr)
+        return ExitCode.UNFINISHED
+    return _told(options, answer, time.monotonic() - began)
+
+
+def _retries(number: int | None) -> int | None:
+    if number is not None and not 0 <= number <= 1000:
+        raise UsageError(f'--retries {number}: write a number from 0 to 1000')
+    return number
+
+
+def _watch(began: float, limit: float) -> Callable[[str], None]:
+    """Shows progress where somebody looks, and keeps the time limit."""
+    shown = [began]
+
+    def watch(doing: str) -> None:
+        now = time.monotonic()
+        if now - began > limit:
+            raise SynthesisTimeout(f'no answer within {limit:g} s ({doing}); --time-limit gives it more')
+        if now - shown[0] > 0.5 and sys.stderr.isatty():
+            shown[0] = now
+            print(f'\r\x1b[K{now - began:5.1f} s  {doing}', end='', file=sys.stderr, flush=True)
+
+    return watch
+
+
+def _told(options: argparse.Namespace, answer: Synthesis, seconds: float) -> ExitCode:
+    if sys.stderr.isatty():
+        print('\r\x1b[K', end='', file=sys.stderr)
+    if answer.machine is None or answer.strategy is None:
+        print('unrealizable', file=sys.stderr)
+        return ExitCode.NEGATIVE
+    text = machine_as_yaml(answer.machine)
+    if options.certificate:
+        Path(options.certificate).write_text(json.dumps(answer.strategy.to_json()) + '\n', encoding='utf-8')
+    if options.output:
+        Path(options.output).write_text(text, encoding='utf-8')
+    if options.json:
+        print(
+            json.dumps({'realizable': True, 'machine': text, 'seconds': round(seconds, 3), 'figures': answer.figures})
+        )
+    elif not options.output:
+        print(text, end='')
+    for note in answer.machine.notes:
+        print(f'note: {note}', file=sys.stderr)
+    return ExitCode.OK

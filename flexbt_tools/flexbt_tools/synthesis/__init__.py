@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Synthesis with the states that are installed, its files, and its answers as text."""
+
+from .files import SynthesisFiles, read, read_problem
+from .state_interfaces import StateInterfaces
+
+__all__ = ['StateInterfaces', 'SynthesisFiles', 'read', 'read_problem']
