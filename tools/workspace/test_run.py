@@ -19,15 +19,15 @@ from .terminal import stop_group
 from .workspace import Workspace
 
 DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
-LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: tests mostly wait for something
+LANES = 3 * (os.cpu_count() or 2)  # packages that are tested side by side: tests mostly wait for something
 LONGEST = (
     'flexbt_system_tests',
     'flexbt_sim',
     'flexbt_common',
     'flexbt_core',
-    'flexbt_onboard',
     'flexbt_server',
     'flexbt_console',
+    'flexbt_onboard',
 )
 """The packages whose tests take longest, in that order. They begin first, so that none is left alone at the end."""
 SPREAD = LONGEST[0]  # takes far longer than any other: a worker of pytest for each processor
