@@ -212,6 +212,11 @@ BAD_PARTS: list[tuple[Line, str]] = [
     ({'commands': [['a', 300, '']]}, 'commands'),
     ({'autonomy': 4}, 'autonomy'),
     ({'new': 1}, 'new'),
+    ({'begin': begin_of('r\ud800')}, 'begin'),  # no message can have it
+    ({'begin': begin_of('r') | {'behavior': 'x' * 10_000_000}}, 'begin'),
+    ({'commands': [['c\ud800', 1, '']]}, 'commands'),
+    ({'run': 'r', 'position': position_of() | {'active': ['/A\ud800']}}, 'position'),
+    ({'run': 'r', 'position': position_of() | {'active': ['/A'] * 20_000}}, 'position'),
 ]
 
 
@@ -220,6 +225,13 @@ def test_a_line_of_another_shape_is_named(line: Line, named: str) -> None:
     found = read_journal(file_of([*STORY[:2], line, *STORY[3:]]))
     assert 'line 4' in found.damage and named in found.damage
     assert list(found.lines) == [*STORY[:2], *STORY[3:]]
+
+
+def test_a_file_of_damaged_lines_alone_is_not_read_to_its_end() -> None:
+    found = read_journal(file_of(STORY) + b'\n' * 1_000_000)
+    assert list(found.lines) == STORY and 'nothing was read after line' in found.damage
+    found = read_journal(b'\0' * 1_000_000)  # as some file systems leave it after a loss of power
+    assert 'does not begin as a journal' in found.damage and not found.torn
 
 
 def test_a_journal_of_another_format_is_refused_by_its_number(tmp_path: Path, opened: Any) -> None:
@@ -499,6 +511,14 @@ def test_what_cannot_be_written_is_named_when_it_is_read(value: Any) -> None:
     plain = json.loads(json.dumps(to_plain_form(value)))
     with pytest.raises(FlexbtError, match=r'type .*could not be written'):
         from_plain_form(plain)
+
+
+def test_what_is_in_too_many_others_is_named() -> None:
+    value: Any = []
+    for _ in range(900):
+        value = [value]
+    with pytest.raises(FlexbtError, match='is in 66 others'):
+        from_plain_form(value)
 
 
 @pytest.mark.parametrize('plain', [{'$message': ['os/system', '']}, {'$message': 3}, {'$bytes': 'ä'}, {'$new': 1}])

@@ -36,6 +36,16 @@ Line = dict[str, Any]
 _MOST_TOLD: Final = 5
 """Problems of a file that are told one by one."""
 
+_MOST_PROBLEMS: Final = 10_000
+"""Lines that are damaged, after which nothing more is read: the start of an executive waits for it."""
+
+_LONGEST_NAME: Final = 4096
+_LONGEST_TEXT: Final = 2_000_000
+"""Characters of what is shown of a run, and of what it was given: no command can have more."""
+
+_MOST_PATHS: Final = 10_000
+"""Paths of a position."""
+
 
 @dataclass(frozen=True)
 class FoundJournal:
@@ -79,6 +89,9 @@ def read_journal(data: bytes) -> FoundJournal:
                 raise ValueError(f'has the number {number}, as one before')
         except ValueError as error:
             problems.append(f'line {place} {error}')
+            if len(problems) >= _MOST_PROBLEMS:
+                problems.append(f'nothing was read after line {place}')
+                break
             continue
         if number != expected:
             problems.append(f'line {place} has the number {number}, not {expected}')
@@ -90,6 +103,8 @@ def read_journal(data: bytes) -> FoundJournal:
             problems.append('it has no head')
     elif not data:
         problems.append('it is empty')
+    elif not raw_lines and not encode_head().startswith(data):  # as of zeros, after a loss of power
+        return FoundJournal(damage=_of_format(None))
     found.pop(0, None)
     return FoundJournal([found[number] for number in sorted(found)], _told(problems), len(rest))
 
@@ -123,7 +138,7 @@ def _is_of_format_1(raw: bytes) -> bool:
 
 
 def _told(problems: Sequence[str]) -> str:
-    more = [f'{len(problems) - _MOST_TOLD} more'] if len(problems) > _MOST_TOLD else []
+    more = [f'{len(problems) - _MOST_TOLD} more', problems[-1]] if len(problems) > _MOST_TOLD else []
     return '; '.join([*problems[:_MOST_TOLD], *more])
 
 
@@ -140,12 +155,21 @@ def _problem_of(content: Line) -> str:
     return ''
 
 
-def _is_text(value: Any) -> bool:
+def _is_any_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
-def _is_text_list(value: Any) -> bool:
-    return isinstance(value, list) and all(map(_is_text, value))
+def _is_text(value: Any, longest: int = _LONGEST_TEXT) -> bool:
+    """Whether it is one that a message can have: JSON has lone surrogates, too."""
+    return isinstance(value, str) and len(value) <= longest and value.encode('utf-8', 'replace').decode() == value
+
+
+def _is_name(value: Any) -> bool:
+    return _is_text(value, _LONGEST_NAME)
+
+
+def _are_paths(value: Any) -> bool:
+    return isinstance(value, list | dict) and len(value) <= _MOST_PATHS and all(map(_is_name, value))
 
 
 def _is_level(value: Any) -> bool:
@@ -182,30 +206,34 @@ def _is_object_with(parts: Mapping[str, Callable[[Any], bool]]) -> Callable[[Any
 
 
 _CHECKS: Final[Mapping[str, Callable[[Any], bool]]] = {
-    'run': _is_text,
+    'run': _is_name,
     'begin': _is_object_with(
         {
-            'run': _is_text,
-            'behavior': _is_text,
-            'arguments': _is_list_of(_is_text, _is_text),
-            'inputs': _is_list_of(_is_text, _is_text, _is_text, _is_base64),
-            'by': _is_text,
+            'run': _is_name,
+            'behavior': _is_name,
+            'arguments': _is_list_of(_is_name, _is_text),
+            'inputs': _is_list_of(_is_name, _is_name, _is_text, _is_base64),
+            'by': _is_name,
             'autonomy': _is_level,
         }
     ),
     # What is shown of a run before it goes on; all of it is checked when it does.
     'position': _is_object_with(
         {
-            'active': _is_text_list,
-            'coming': _is_text_list,
-            'levels': lambda value: isinstance(value, dict) and all(map(_is_level, value.values())),
-            'locked': _is_text_list,
-            'breakpoints': _is_text_list,
+            'active': _are_paths,
+            'coming': _are_paths,
+            'levels': lambda value: (
+                isinstance(value, dict) and _are_paths(value) and all(map(_is_level, value.values()))
+            ),
+            'locked': _are_paths,
+            'breakpoints': _are_paths,
         }
     ),
-    'end': _is_text,
+    'end': _is_any_text,
     'autonomy': lambda value: value is None or _is_level(value),
     'commands': _is_list_of(
-        _is_text, lambda code: type(code) is int and code in (CommandResult.APPLIED, CommandResult.REFUSED), _is_text
+        _is_name,
+        lambda code: type(code) is int and code in (CommandResult.APPLIED, CommandResult.REFUSED),
+        _is_any_text,
     ),
 }

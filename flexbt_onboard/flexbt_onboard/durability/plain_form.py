@@ -8,6 +8,7 @@ form is kept as the name of its type: reading it is an error that says what was 
 from __future__ import annotations
 
 import base64
+import reprlib
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -56,25 +57,31 @@ def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth:
     return _lost(value, on_lost)
 
 
-def from_plain_form(value: Any) -> Any:
+def from_plain_form(value: Any, depth: int = 0) -> Any:
     """The value that was written.
 
     Raises:
         FlexbtError: it could not be written, or is nothing that :func:`to_plain_form` writes.
     """
+    if depth > _MOST_DEPTH + 1:
+        raise FlexbtError(f'{reprlib.repr(value)} is no value that was written here: it is in {depth} others')
+
+    def inner(item: Any) -> Any:
+        return from_plain_form(item, depth + 1)
+
     if isinstance(value, list):
-        return [from_plain_form(item) for item in value]
+        return [inner(item) for item in value]
     if not isinstance(value, dict):
         return value
     mark = next(iter(value), '')
     if len(value) != 1 or not mark.startswith(_MARK):
-        return {key: from_plain_form(item) for key, item in value.items()}
+        return {key: inner(item) for key, item in value.items()}
     content = value[mark]
     try:
         if mark == '$tuple':
-            return tuple(from_plain_form(item) for item in content)
+            return tuple(inner(item) for item in content)
         if mark == '$map':
-            return {from_plain_form(key): from_plain_form(item) for key, item in content}
+            return {inner(key): inner(item) for key, item in content}
         if mark == '$bytes':
             return base64.b64decode(content, validate=True)
         if mark == '$message':
@@ -83,10 +90,10 @@ def from_plain_form(value: Any) -> Any:
     except FlexbtError:
         raise
     except Exception as error:
-        raise FlexbtError(f'{value!r:.80} is no value that was written here: {error}') from error
+        raise FlexbtError(f'{reprlib.repr(value)} is no value that was written here: {error}') from error
     if mark == '$lost':
         raise FlexbtError(f'a value of type {content} could not be written')
-    raise FlexbtError(f'{value!r:.80} is no value that was written here')
+    raise FlexbtError(f'{reprlib.repr(value)} is no value that was written here')
 
 
 def _lost(value: Any, on_lost: Callable[[str], object]) -> dict[str, str]:

@@ -10,18 +10,22 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from flexbt_common.cli import node_file
 from flexbt_core.clock import Clock
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import ROOT_PATH, Answer, Position, StateMachineError
+from flexbt_core.values import sendable
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.behaviors import RunRequest
 from flexbt_onboard.errors import CommandRefusedError
 
 from .journal import Journal, Result
 from .plain_form import from_plain_form, to_plain_form
+
+_LONGEST_REASON: Final = 10_000
+"""Characters of what is told after a crash of why a command was refused."""
 
 Decided = tuple[Answer, 'str | None']
 """An answer, and why the command was refused; None when it was applied."""
@@ -53,8 +57,9 @@ class InterruptedRun:
     @property
     def active(self) -> list[str]:
         """Paths of the states that were active, or were to be entered."""
-        paths = [*self._part('active', []), *self._part('coming', [])]
-        return [path for path in paths if not any(other.startswith(f'{path}/') for other in paths)]
+        paths: list[str] = [*self._part('active', []), *self._part('coming', [])]
+        around = {path[:place] for path in paths for place, sign in enumerate(path) if sign == '/'}
+        return [path for path in paths if path not in around]
 
     @property
     def levels(self) -> Mapping[str, int]:
@@ -123,7 +128,7 @@ class RunJournal:
         """Results of the commands that were decided before, the oldest first."""
         known = self._journal.state.commands if self._journal is not None else {}
         return [
-            CommandResult(command_id=command_id, code=code, reason=reason)
+            CommandResult(command_id=command_id, code=code, reason=sendable(reason, _LONGEST_REASON))
             for command_id, (code, reason) in known.items()
         ]
 
