@@ -20,10 +20,9 @@ import importlib, pkgutil
 import flexbt_core.behavior_tree as engine
 for module in pkgutil.walk_packages(engine.__path__, engine.__name__ + '.'):
     importlib.import_module(module.name)
-imported = {name for name in sys.modules if name.startswith('flexbt_')}
-others = {name for name in imported if not name.startswith('flexbt_core.behavior_tree')}
-others = {name for name in others if name != 'flexbt_core' and not name.startswith('flexbt_core.clock')}
-assert not others, others
+imported = {'.'.join(name.split('.')[:2]) for name in sys.modules if name.startswith('flexbt_')}
+below = {f'flexbt_core.{name}' for name in ('behavior_tree', 'clock', 'errors', 'skills', 'values')}
+assert imported <= {'flexbt_core', *below}, imported
 registry = engine.builtin_registry()
 text = '<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
 tree = engine.Tree(engine.TreeLibrary([engine.load_xml(text, 'f', registry)]), 'M')
