@@ -12,8 +12,9 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import Example, NodeKind, NodeManifest, PortDirection
+from flexbt_core.behavior_tree import Example, NodeKind, NodeManifest, PortDirection, node_skill
 from flexbt_core.behavior_tree.model import NO_DEFAULT
+from flexbt_core.skills import Skill
 from flexbt_server.node_types import node_registry
 
 HERE: Final = Path(__file__).parent
@@ -90,9 +91,29 @@ def section(manifest: NodeManifest) -> Iterator[str]:
             default = '' if port.default is NO_DEFAULT else f'`{port.default}`'
             kind = f'`{port.type.name}`' if port.type is not None else 'any'
             yield f'| `{name}` | {port.direction.value} | {kind} | {default} | {port.description} |'
+    declared = _skill(manifest)
+    if declared:
+        yield ''
+        yield f'[Skill](skills.md): {declared}.'
     if manifest.example is not None:
         yield ''
         yield from _shown(manifest.example)
+
+
+def _skill(manifest: NodeManifest) -> str:
+    """What is known of the skill of a leaf beyond what its ports tell."""
+    skill = node_skill(manifest)
+    if skill is None or manifest.node_class.skill == Skill():
+        return ''
+    told = [f'needs `{literal}`' for literal in skill.preconditions]
+    told += [f'has the {name} for itself' for name in skill.resources]
+    told += [
+        f'after {name} `{"`, `".join(map(str, outcome.effects))}`'
+        for name, outcome in skill.outcomes.items()
+        if outcome.effects
+    ]
+    told += ['what it has begun goes on after a halt'] * skill.ignores_cancel
+    return ', '.join(told)
 
 
 def _shown(example: Example) -> Iterator[str]:

@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import flexbt_flexbe.states
 import flexbt_states
+from flexbt_core.skills import class_of
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'states.md'
 HEAD: Final = """\
@@ -114,12 +115,18 @@ def section(state: type[Any]) -> Iterator[str]:
     rows = [
         *((f'`{name}`', 'reads', text) for name, text in declared.entries['inputs']),
         *((f'`{name}`', 'writes', text) for name, text in declared.entries['outputs']),
-        *((f'`{name}`', 'outcome', text) for name, text in declared.entries['outcomes']),
+        *((f'`{name}`', _outcome(name), text) for name, text in declared.entries['outcomes']),
     ]
     yield '| key or outcome | | meaning |'
     yield '|---|---|---|'
     yield from (f'| {name} | {what} | {_cell(text)} |' for name, what, text in rows)
     yield ''
+
+
+def _outcome(name: str) -> str:
+    """An outcome with its class, where the name tells it."""
+    kind = class_of(name)
+    return 'outcome' if kind is None else f'outcome, {kind.value.replace("_", " ")}'
 
 
 def _passes_on(state: type[Any], module: Any) -> bool:

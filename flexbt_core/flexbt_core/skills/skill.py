@@ -38,10 +38,10 @@ _CLASSES: Final = {
     name: kind
     for kind, names in {
         OutcomeClass.COMPLETED: 'SUCCESS done finished completed succeeded success received ready',
-        OutcomeClass.ANSWERED: 'true false yes no',
-        OutcomeClass.FAILED: 'FAILURE failed failure error aborted unavailable rejected',
+        OutcomeClass.ANSWERED: 'true false yes no declined',
+        OutcomeClass.FAILED: 'FAILURE failed failure error aborted unavailable rejected no_connection data_error',
         OutcomeClass.TIMED_OUT: 'timeout timed_out',
-        OutcomeClass.CANCELED: 'canceled cancelled preempted declined',
+        OutcomeClass.CANCELED: 'canceled cancelled preempted',
     }.items()
     for name in names.split()
 }
@@ -197,6 +197,20 @@ class Skill:
             reads=(*self.reads, *reads),
             writes=(*self.writes, *writes),
         )
+
+    @classmethod
+    def measuring(cls, predicate: Predicate) -> Skill:
+        """The skill of a condition that tells whether a predicate of its parameters holds."""
+        atom = predicate(*predicate.parameters)
+        outcomes = {
+            'SUCCESS': Outcome(OutcomeClass.ANSWERED, (atom,)),
+            'FAILURE': Outcome(OutcomeClass.ANSWERED, (~atom,)),
+        }
+        return cls.of(parameters=predicate.parameters, outcomes=outcomes, predicates=[predicate])
+
+    def within(self, deadline: float | None) -> Skill:
+        """The skill, of which an attempt is given up after this time, s; None: never."""
+        return replace(self, deadline=deadline)
 
     def lasting(self, least: float, most: float | None) -> Skill:
         """The skill, of which an attempt takes this long, s."""

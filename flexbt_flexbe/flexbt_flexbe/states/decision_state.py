@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from flexbt_core.skills import Outcome, OutcomeClass
 from flexbt_core.state_machine import UserData
 from flexbt_flexbe.api import EventState
 from flexbt_states.support import checked_callable, checked_outcomes
@@ -24,7 +25,9 @@ class DecisionState(EventState):
     """
 
     def __init__(self, outcomes: Iterable[str], conditions: Callable[[Any], str | None]) -> None:
-        super().__init__(outcomes=checked_outcomes(self, 'outcomes', outcomes), input_keys=['input_value'])
+        names = checked_outcomes(self, 'outcomes', outcomes)
+        super().__init__(outcomes=names, input_keys=['input_value'])
+        self.skill = self.skill.completed_by('', {name: Outcome(OutcomeClass.ANSWERED) for name in names})
         self._conditions = checked_callable(self, 'conditions', conditions)
 
     def execute(self, userdata: UserData) -> str | None:

@@ -3,7 +3,7 @@
 
 from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_type
 
-from .action_leaf import ACTION_PORTS, SERVER_PORTS, ActionLeaf, error_code_of
+from .action_leaf import ACTION_PORTS, BASE, SERVER_PORTS, ActionLeaf, error_code_of
 from .behavior_leaf import ExecuteBehavior
 from .leaf_services import LeafServices
 from .pose_leaf import PoseLeaf
@@ -15,6 +15,7 @@ from .trigger_services import TriggerServices
 
 __all__ = [
     'ACTION_PORTS',
+    'BASE',
     'DURATION',
     'PATH',
     'POSES',

@@ -52,6 +52,9 @@ ACTION_PORTS: Final[dict[str, Port]] = {
 """Ports of every action leaf."""
 
 
+BASE: Final = 'base'
+"""The resource that a leaf needs which drives the robot: no two of them at once."""
+
 _REST_SECONDS: Final = 0.5
 """How much longer than the cancel of a goal may take the tree may need to be at rest, before the next goal is sent."""
 

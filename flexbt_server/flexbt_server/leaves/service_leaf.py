@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final
 from flexbt_common.calls import ServiceCall
 from flexbt_core.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
 from flexbt_core.behavior_tree.model import STRING, UNSIGNED, PortError
+from flexbt_core.skills import Skill
 
 from .leaf_services import LeafServices
 
@@ -34,6 +35,7 @@ class ServiceLeaf(StatefulAction):
     default_service: ClassVar[str] = ''
     ports: ClassVar[Mapping[str, Port]] = SERVICE_PORTS
     goes_on = 'its request was sent, and cannot be taken back'
+    skill = Skill.of(ignores_cancel=True)
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -14,6 +14,7 @@ from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import NodeConfig, NodeKind, NodeStatus, Port, PortError, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED, list_of
+from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import PATH, POSE_STAMPED, POSES, SERVICE_PORTS, ServiceLeaf
 from flexbt_server.trees import WAYPOINT_STATUSES
 
@@ -21,6 +22,9 @@ from .interface_fields import set_ports
 from .motion_actions import count_recovery
 from .path_tracking import yaw_of
 from .waypoint_statuses import SKIPPED, mark
+
+_VALID: Final = Predicate('valid', {'path': 'path'}, ConditionSensor('IsPathValid', {'path': '{$path}'}))
+_OCCUPIED: Final = Predicate('occupied', {'pose': 'pose'}, ConditionSensor('CheckPoseOccupancy', {'pose': '{$pose}'}))
 
 _PLUGINS: Final = input_port(
     list_of(STRING), optional=True, description='layers to clear, separated by ;; all if none; of main'
@@ -102,6 +106,7 @@ class IsPathValid(ServiceLeaf):
     kind = NodeKind.CONDITION  # in Nav2 it blocks until the answer is there; here it is RUNNING
     service_type = srv.IsPathValid
     default_service = names.IS_PATH_VALID
+    skill = Skill.measuring(_VALID)
     ports = SERVICE_PORTS | {'path': input_port(PATH, optional=True, description='the path to check')}
 
     def make_request(self) -> Any:
@@ -228,6 +233,7 @@ class CheckPoseOccupancy(_CostLeaf):
 
     __slots__ = ()
 
+    skill = Skill.measuring(_OCCUPIED)
     ports = {**_COST_PORTS, 'pose': input_port(POSE_STAMPED, description='the pose to check')}
 
     def poses(self) -> Sequence[PoseStamped]:

@@ -11,9 +11,14 @@ from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
 from flexbt_core.behavior_tree import NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, FLOAT, STRING, UINT16
-from flexbt_server.leaves import ACTION_PORTS, POSE_STAMPED, POSES, ActionLeaf
+from flexbt_core.skills import Predicate, Skill
+from flexbt_server.leaves import ACTION_PORTS, BASE, POSE_STAMPED, POSES, ActionLeaf
 
 from .interface_fields import set_ports, set_poses
+from .pose_leaves import AT
+
+DOCKED: Final = Predicate('docked')
+"""The robot is at a dock. Nav2 has no leaf that measures it."""
 
 _TREE: Final = input_port(STRING, optional=True, description="tree of that server, if not the server's default")
 
@@ -25,6 +30,13 @@ class NavigateToPose(ActionLeaf):
 
     action_type = action.NavigateToPose
     default_server = names.NAVIGATE_TO_POSE
+    skill = Skill.of(
+        parameters={'goal': 'pose'},
+        outcomes={'SUCCESS': ['at(goal)']},
+        resources=[BASE],
+        arguments={'goal': '{$goal}'},
+        predicates=[AT],
+    )
     ports = ACTION_PORTS | {
         'goal': input_port(POSE_STAMPED, description='where to drive'),
         'behavior_tree': _TREE,
@@ -43,6 +55,7 @@ class NavigateThroughPoses(ActionLeaf):
 
     action_type = action.NavigateThroughPoses
     default_server = names.NAVIGATE_THROUGH_POSES
+    skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'goals': input_port(POSES, description='poses to pass; the last is where to drive'),
         'behavior_tree': _TREE,
@@ -62,6 +75,7 @@ class DockRobot(ActionLeaf):
 
     action_type = action.DockRobot
     default_server = names.DOCK_ROBOT
+    skill = Skill.of(outcomes={'SUCCESS': ['docked']}, resources=[BASE], predicates=[DOCKED])
     ports = ACTION_PORTS | {
         'use_dock_id': input_port(BOOL, default='true', description='whether dock_id says which dock'),
         'dock_id': input_port(STRING, optional=True, description='name of the dock'),
@@ -101,6 +115,7 @@ class UndockRobot(ActionLeaf):
 
     action_type = action.UndockRobot
     default_server = names.UNDOCK_ROBOT
+    skill = Skill.of(outcomes={'SUCCESS': ['not docked']}, resources=[BASE], predicates=[DOCKED])
     ports = ACTION_PORTS | {
         'dock_type': input_port(STRING, optional=True, description="type of the dock, if not the server's last"),
         'max_undocking_time': input_port(FLOAT, default='30.0', description='time that it may take, s'),

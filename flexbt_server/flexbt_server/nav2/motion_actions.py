@@ -15,7 +15,8 @@ from flexbt_common.errors import TransformError
 from flexbt_common.values import duration_message
 from flexbt_core.behavior_tree import Blackboard, NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, FLOAT, STRING
-from flexbt_server.leaves import ACTION_PORTS, DURATION, PATH, ActionLeaf
+from flexbt_core.skills import Skill
+from flexbt_server.leaves import ACTION_PORTS, BASE, DURATION, PATH, ActionLeaf
 from flexbt_server.trees import RECOVERIES_KEY, TRACKING_FEEDBACK, TrackingFeedback
 
 from .interface_fields import set_ports
@@ -54,6 +55,7 @@ class FollowPath(ActionLeaf):
 
     action_type = action.FollowPath
     default_server = names.FOLLOW_PATH
+    skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'path': input_port(PATH, description='the path to follow'),
         'controller_id': input_port(STRING, optional=True, description='controller to use'),
@@ -125,6 +127,7 @@ class Spin(RecoveryLeaf):
 
     action_type = action.Spin
     default_server = names.SPIN
+    skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'spin_dist': input_port(DOUBLE, default='1.57', description='angle, rad, positive to the left'),
         'time_allowance': _ALLOWANCE,
@@ -176,6 +179,7 @@ class BackUp(RecoveryLeaf):
 
     action_type = action.BackUp
     default_server = names.BACKUP
+    skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'backup_dist': input_port(DOUBLE, default='0.15', description='distance, m'),
         'backup_speed': input_port(DOUBLE, default='0.025', description='speed, m/s'),
@@ -197,6 +201,7 @@ class DriveOnHeading(ActionLeaf):
 
     action_type = action.DriveOnHeading
     default_server = names.DRIVE_ON_HEADING
+    skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'dist_to_travel': input_port(DOUBLE, default='0.15', description='distance, m; negative is backward'),
         'speed': input_port(DOUBLE, default='0.025', description='speed, m/s; of the same sign'),
@@ -245,6 +250,7 @@ class AssistedTeleop(RecoveryLeaf):
 
     action_type = action.AssistedTeleop
     default_server = names.ASSISTED_TELEOP
+    skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'time_allowance': _ALLOWANCE,
         'is_recovery': input_port(BOOL, default='false', description='whether it counts as a recovery'),
@@ -265,6 +271,7 @@ class FollowObject(ActionLeaf):
 
     action_type = action.FollowObject
     default_server = names.FOLLOW_OBJECT
+    skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'pose_topic': input_port(STRING, default='dynamic_pose', description="topic of the object's pose"),
         'tracked_frame': input_port(STRING, optional=True, description='its frame, instead of the topic'),

@@ -11,10 +11,25 @@ from std_msgs.msg import Header
 
 from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, STRING
+from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import PATH, POSE_STAMPED, PoseLeaf
 from flexbt_server.trees import TRACKING_FEEDBACK
 
 from .path_tracking import NearestPose, length_of, position_of
+
+AT: Final = Predicate('at', {'goal': 'pose'}, ConditionSensor('GoalReached', {'goal': '{$goal}'}), exclusive='goal')
+"""The robot is at a pose, which the blackboard has by the name of the object."""
+
+_NEAR: Final = Predicate(
+    'near',
+    {'ref_pose': 'pose', 'target_pose': 'pose'},
+    ConditionSensor('ArePosesNear', {'ref_pose': '{$ref_pose}', 'target_pose': '{$target_pose}'}),
+)
+_TRANSFORM: Final = Predicate(
+    'transform_available',
+    {'child': 'frame', 'parent': 'frame'},
+    ConditionSensor('TransformAvailable', {'child': '$child', 'parent': '$parent'}),
+)
 
 _GLOBAL: Final = input_port(STRING, optional=True, description="frame of the poses, if not the server's")
 _BASE: Final = input_port(STRING, optional=True, description="frame of the robot, if not the server's")
@@ -41,6 +56,7 @@ class ArePosesNear(PoseLeaf, Condition):
 
     __slots__ = ()
 
+    skill = Skill.measuring(_NEAR)
     ports = {
         'ref_pose': input_port(POSE_STAMPED, description='one of the poses'),
         'target_pose': input_port(POSE_STAMPED, description='the other'),
@@ -64,6 +80,7 @@ class GoalReached(PoseLeaf, Condition):
 
     __slots__ = ()
 
+    skill = Skill.measuring(AT)
     ports = {
         'goal': input_port(POSE_STAMPED, description='the goal'),
         'global_frame': input_port(STRING, optional=True, description='not used: that of the goal counts; of jazzy'),
@@ -181,6 +198,7 @@ class TransformAvailable(PoseLeaf, Condition):
 
     __slots__ = ('_found',)
 
+    skill = Skill.measuring(_TRANSFORM)
     ports = {
         'child': input_port(STRING, default='', description='one of the frames'),
         'parent': input_port(STRING, default='', description='the other'),

@@ -23,8 +23,10 @@ from flexbt_core.behavior_tree import (
     output_port,
 )
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED
+from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import LeafServices, TopicCache, TopicCondition
 
+_BATTERY_LOW: Final = Predicate('battery_low', sensor=ConditionSensor('IsBatteryLow', {'min_battery': '{min_battery}'}))
 _BATTERY_TOPIC: Final = input_port(STRING, default='/battery_status', description='topic, sensor_msgs/BatteryState')
 
 
@@ -35,6 +37,7 @@ class IsBatteryLow(TopicCondition):
 
     message_type = BatteryState
     qos = names.unacknowledged(1)
+    skill = Skill.measuring(_BATTERY_LOW)
     ports = {
         'min_battery': input_port(DOUBLE, description='share of the capacity, 0 to 1, or voltage, V'),
         'battery_topic': _BATTERY_TOPIC,
@@ -59,6 +62,7 @@ class IsBatteryCharging(TopicCondition):
 
     message_type = BatteryState
     qos = names.unacknowledged(1)
+    skill = Skill.measuring(Predicate('charging', sensor=ConditionSensor('IsBatteryCharging')))
     ports = {'battery_topic': _BATTERY_TOPIC}
 
     @property
@@ -78,6 +82,7 @@ class CheckStopStatus(StatefulAction):
     __slots__ = ('_cache', '_since')
 
     goes_on = ''
+    skill = Skill.measuring(Predicate('stopped', sensor=ConditionSensor('CheckStopStatus')))
     ports = {
         'velocity_threshold': input_port(DOUBLE, default='0.01', description='m/s and rad/s below which it stands'),
         'duration_stopped': input_port(UNSIGNED, default='1000', description='how long, ms'),
@@ -139,6 +144,8 @@ class IsStuck(Condition):
     """SUCCESS when the robot has bumped into something: it brakes by more than 10 m/s^2, as its odometry says."""
 
     __slots__ = ('_acceleration',)
+
+    skill = Skill.measuring(Predicate('stuck', sensor=ConditionSensor('IsStuck')))
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

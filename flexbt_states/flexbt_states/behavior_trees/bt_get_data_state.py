@@ -64,6 +64,7 @@ class BtGetDataState(EventState):
         super().__init__(outcomes=['done', 'failed'], output_keys=list(self._userdata_keys.values()), desired_rate=None)
         self._blackboard = blackboard
         self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
         self._goal = GoalCall(self, BtGetData, checked_topic(self, 'bt_topic', bt_topic))
 
     @property

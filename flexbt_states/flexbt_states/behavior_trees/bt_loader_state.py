@@ -44,6 +44,7 @@ class BtLoaderState(EventState):
         self._files = [checked_file(self, 'filepaths', name) for name in filepaths]
         self._xml = xml
         self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
         self._goal = GoalCall(self, BtLoad, checked_topic(self, 'bt_topic', bt_topic))
 
     @property

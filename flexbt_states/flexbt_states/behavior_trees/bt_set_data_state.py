@@ -55,6 +55,7 @@ class BtSetDataState(EventState):
         super().__init__(outcomes=['done', 'failed'], input_keys=list(self._userdata_keys.values()), desired_rate=None)
         self._blackboard = blackboard
         self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
         self._refusal = ''
         self._goal = GoalCall(self, BtSetData, checked_topic(self, 'bt_topic', bt_topic))
 

@@ -43,6 +43,7 @@ class TreeExecution:
         self._output_keys = dict(output_keys)
         self._blackboard = blackboard
         self._timeout = timeout
+        state.skill = state.skill.within(timeout)
         prefix, slash, _ = topic.rpartition('/')
         self._control_topic = f'{prefix}{slash}{names.CONTROL_TREE}'
         self._control: ServiceLink | None = None

@@ -61,6 +61,7 @@ class ExecuteBehaviorState(EventState):
         self._arguments = [BehaviorArgument(name=name, value=value) for name, value in (arguments or {}).items()]
         self._autonomy = int(autonomy)
         self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
         self._goal = GoalCall(
             self,
             ExecuteBehavior,

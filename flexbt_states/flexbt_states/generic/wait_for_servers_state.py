@@ -49,6 +49,7 @@ class WaitForServersState(EventState):
         if not self._nodes and not self._actions:
             raise StateParameterError(self, 'nodes', 'there is nothing to wait for; give nodes or actions')
         self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
         self._watches: list[_NodeWatch] = []
         self._links: list[ActionServerLink] = []
         self._missing: list[str] = []

@@ -23,6 +23,7 @@ class WaitState(EventState):
         if not isinstance(wait_time, int | float) or not math.isfinite(wait_time) or wait_time < 0.0:
             raise StateParameterError(self, 'wait_time', f'{wait_time!r} is not a number of seconds')
         self._wait_time = float(wait_time)
+        self.skill = self.skill.lasting(self._wait_time, self._wait_time)
         self._end = 0.0
 
     def on_enter(self, userdata: UserData) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from flexbt_core.skills import Outcome, OutcomeClass
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_states.errors import StateParameterError
 from flexbt_states.support import checked_outcomes
@@ -24,6 +25,7 @@ class OperatorDecisionState(EventState):
     def __init__(self, outcomes: Iterable[str], hint: str | None = None, suggestion: str | None = None) -> None:
         names = checked_outcomes(self, 'outcomes', outcomes)
         super().__init__(outcomes=names, desired_rate=None)
+        self.skill = self.skill.completed_by('', {name: Outcome(OutcomeClass.ANSWERED) for name in names})
         suggestion = suggestion or None
         if suggestion is not None and suggestion not in names:
             raise StateParameterError(self, 'suggestion', f'{suggestion!r} is none of {", ".join(names)}')

@@ -52,6 +52,7 @@ class OperatorInputState(EventState):
             except FlexbtError as error:
                 raise StateParameterError(self, 'choices', str(error)) from None
         self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
         # A question stays open while the state is paused: nothing moves by it.
         self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic), not_paused=lambda: '')
 

@@ -44,6 +44,7 @@ class SubscribeOnceState(EventState):
         super().__init__(outcomes=['received', 'timeout'], output_keys=['message'], desired_rate=None)
         self._topic = checked_topic(self, 'topic', topic)
         self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
         message_type = checked_message_type(self, 'msg_type', msg_type)
         qos = names.latched() if latched else QoSProfile(depth=1)
         if best_effort:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_core.values import one_line
-from flexbt_tools.tree_checks import Diagnostic, Rule, Severity
+from flexbt_tools.tree_checks import SHARED_RESOURCE, Diagnostic, Rule, Severity
 
 REFUSED: Final = Rule('refused', Severity.ERROR, 'the executive refuses to start it')
 NO_TREE: Final = Rule('no-tree', Severity.ERROR, 'a tree is run that no file has')
@@ -20,6 +20,7 @@ UNSURE_READ: Final = Rule('unsure-read', Severity.WARNING, 'userdata is read tha
 WRITE_RACE: Final = Rule('write-race', Severity.WARNING, 'userdata that several states write at the same time')
 UNREAD_KEY: Final = Rule('unread-key', Severity.WARNING, 'a state writes a blackboard key that nothing reads')
 UNWRITTEN_KEY: Final = Rule('unwritten-key', Severity.WARNING, 'a blackboard key is read that nothing writes')
+SKILL: Final = Rule('skill', Severity.WARNING, 'the skill of a state does not fit its outcomes')
 ALWAYS_ASKS: Final = Rule('always-asks', Severity.INFO, 'a transition that needs the operator at every level')
 
 RULES: Final = (
@@ -34,6 +35,8 @@ RULES: Final = (
     WRITE_RACE,
     UNREAD_KEY,
     UNWRITTEN_KEY,
+    SHARED_RESOURCE,
+    SKILL,
     ALWAYS_ASKS,
 )
 

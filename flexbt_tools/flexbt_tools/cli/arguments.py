@@ -5,11 +5,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
+from flexbt_core.skills import SkillError, SkillLibrary
 from flexbt_core.values import one_line
 from flexbt_server.node_types import node_registry
+from flexbt_tools.errors import UsageError
+from flexbt_tools.skills import node_skills, read_skill_files
 from flexbt_tools.trees import PORTS, OpenRegistry, find_tree, is_main, read_models, roots
 
 
@@ -67,6 +71,25 @@ def add_ports(parser: argparse.ArgumentParser, default: str) -> None:
 def add_json(parser: argparse._ActionsContainer) -> None:
     """``options.json``."""
     parser.add_argument('--json', action='store_true', help='print JSON for programs')
+
+
+def add_skills(parser: argparse.ArgumentParser) -> None:
+    """Files of manifests: ``options.skills``."""
+    parser.add_argument(
+        '--skills',
+        metavar='FILE',
+        action='append',
+        default=[],
+        help='YAML file of what leaves and states need and bring about, beyond what their classes declare; repeatable',
+    )
+
+
+def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
+    """The skills of the node types, and what the files add. Raises RefusedError, UsageError."""
+    try:
+        return read_skill_files(files, node_skills(known))
+    except SkillError as error:
+        raise UsageError(f'what installed nodes declare does not fit together: {error}') from error
 
 
 def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistry:

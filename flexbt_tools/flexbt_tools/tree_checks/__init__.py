@@ -6,6 +6,7 @@ from .diagnostics import (
     NEVER_WRITTEN,
     REFUSED,
     RULES,
+    SHARED_RESOURCE,
     TYPE_CLASH,
     UNUSED_PORT,
     Diagnostic,
@@ -14,18 +15,22 @@ from .diagnostics import (
 )
 from .lint import HOST_KEYS, findings
 from .reachability import never_ticked
+from .resources import Resources, tree_resources
 
 __all__ = [
     'HOST_KEYS',
     'NEVER_WRITTEN',
     'REFUSED',
     'RULES',
+    'SHARED_RESOURCE',
     'TYPE_CLASH',
     'UNUSED_PORT',
     'Diagnostic',
+    'Resources',
     'Rule',
     'Severity',
     'check_trees',
     'findings',
     'never_ticked',
+    'tree_resources',
 ]

@@ -39,6 +39,9 @@ INCOMPLETE: Final = Rule(
     'incomplete', Severity.WARNING, 'a node has a number of children with which it cannot be ticked'
 )
 UNUSED_TREE: Final = Rule('unused-tree', Severity.WARNING, 'a tree is neither the main one nor a sub-tree')
+SHARED_RESOURCE: Final = Rule(
+    'shared-resource', Severity.WARNING, 'what may run at the same time needs the same actuator'
+)
 
 RULES: Final = (
     REFUSED,
@@ -50,6 +53,7 @@ RULES: Final = (
     UNUSED_PORT,
     TYPE_CLASH,
     UNUSED_TREE,
+    SHARED_RESOURCE,
 )
 
 

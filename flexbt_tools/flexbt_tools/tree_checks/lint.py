@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree import (
     TreeLoadError,
 )
 from flexbt_core.behavior_tree.model import STRING, is_fixed, similar_names
+from flexbt_core.skills import SkillLibrary
 from flexbt_tools.trees import (
     EntryUsage,
     KeyUsage,
@@ -40,20 +41,27 @@ from .diagnostics import (
     Diagnostic,
 )
 from .reachability import incompleteness, unreachable_children
+from .resources import shared_resources
+
+_NO_SKILLS: Final = SkillLibrary()
 
 HOST_KEYS: Final = ('goal', 'goals', 'number_recoveries')
 """Keys that the BT server writes before it runs a tree, as Nav2 does."""
 
 
-def findings(library: TreeLibrary, inputs: Collection[str], *, shared: bool) -> Iterator[Diagnostic]:
+def findings(
+    library: TreeLibrary, inputs: Collection[str], *, shared: bool, skills: SkillLibrary = _NO_SKILLS
+) -> Iterator[Diagnostic]:
     """Everything that is found in the trees of a library.
 
     ``inputs`` are keys that are written from outside. ``shared`` tells that all trees run on one blackboard.
+    ``skills`` are those that files declare.
     """
     for document in library.documents.values():
         yield from (Diagnostic(ODDITY, warning) for warning in document.warnings)
     yield from _incomplete(library)
     yield from unreachable_children(library)
+    yield from shared_resources(library, skills)
     yield from _unused_trees(library)
     yield from _unused_ports(library)
     usage = KeyUsage(library)

@@ -28,6 +28,8 @@ class ControlNode(TreeNode):
     """Least and greatest number of children."""
     tickable_with: ClassVar[tuple[int, int] | None] = None
     """Least and greatest number of children with which it can be ticked, if it is loaded with others as well."""
+    runs_several: ClassVar[bool] = False
+    """Whether several children may be RUNNING at once."""
     tries_all: ClassVar[bool] = False
     """Whether it fails because no child succeeds, not because one fails."""
 

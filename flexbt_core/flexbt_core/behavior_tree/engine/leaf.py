@@ -29,7 +29,7 @@ class LeafNode(TreeNode):
     goes_on: ClassVar[str] = 'it does not declare how it is paused'
     """Why the work of this leaf goes on while the tree is paused; '' when there is none that could."""
 
-    skill: ClassVar[Skill | None] = None
+    skill: ClassVar[Skill] = Skill()
     """What the leaf needs and brings about, beyond what its ports and statuses tell; see ``flexbt_core.skills``."""
 
     def __init__(self, config: NodeConfig) -> None:

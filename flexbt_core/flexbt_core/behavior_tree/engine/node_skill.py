@@ -3,14 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, NodeKind, NodeManifest, OneOf
 from flexbt_core.skills import Outcome, OutcomeClass, Skill
 
 from .leaf import Condition, LeafNode, SyncAction
-
-_NOTHING: Final = Skill()
 
 
 def node_skill(manifest: NodeManifest) -> Skill | None:
@@ -22,14 +18,13 @@ def node_skill(manifest: NodeManifest) -> Skill | None:
     node_class = manifest.node_class
     if not issubclass(node_class, LeafNode):
         return None
-    declared: Skill = node_class.skill or _NOTHING
     rule = manifest.outcomes
     possible = rule.results if isinstance(rule, OneOf) else (SUCCESS, FAILURE, RUNNING)
     if manifest.kind is NodeKind.CONDITION:
         classes = {SUCCESS: OutcomeClass.ANSWERED, FAILURE: OutcomeClass.ANSWERED}
     else:
         classes = {SUCCESS: OutcomeClass.COMPLETED, FAILURE: OutcomeClass.FAILED}
-    skill = declared.completed_by(
+    skill: Skill = node_class.skill.completed_by(
         manifest.id,
         {status.name: Outcome(kind) for status, kind in classes.items() if status in possible},
         reads=[name for name, port in manifest.ports.items() if port.readable],

@@ -77,6 +77,9 @@ class NodeRegistry:
             problem = _port_problem(name, port)
             if problem:
                 raise RegistrationError(f'node ID [{id}], port [{name}]: {problem}')
+        problem = _skill_problem(node_class)
+        if problem:
+            raise RegistrationError(f'node ID [{id}], skill: {problem}')
         manifest = NodeManifest(
             id,
             node_class.kind,
@@ -154,6 +157,16 @@ def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
     if node_class.kind is NodeKind.SUBTREE:
         return 0, 0
     return (1, 1) if issubclass(node_class, DecoratorNode) else (0, 0)
+
+
+def _skill_problem(node_class: type[TreeNode]) -> str:
+    """What is wrong with the skill that a leaf declares, taken by itself."""
+    if not issubclass(node_class, LeafNode):
+        return ''
+    for name in node_class.skill.outcomes:
+        if name not in ('SUCCESS', 'FAILURE'):
+            return f"'{name:.80}' is no outcome of a leaf; it ends by SUCCESS or FAILURE"
+    return next((f'{" ".join(at)}: {problem}' for at, problem in node_class.skill.problems()), '')
 
 
 def _port_problem(name: str, port: object) -> str:

@@ -35,6 +35,8 @@ class _ParallelControl(ControlNode):
 
     __slots__ = ('_counted', '_limits', '_row')
 
+    runs_several = True
+
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         # How many failures there were when it failed.

@@ -60,7 +60,7 @@ class EventState:
     is_instant: ClassVar[bool] = False
     """Whether it always leaves when it is first executed, so that a loop of such states does not wait for anything."""
 
-    skill: Skill | None = None
+    skill: Skill = Skill()
     """What the state needs and brings about, beyond what its keys and outcomes tell; see ``flexbt_core.skills``.
 
     A class declares it; a state that was made for one object binds it: ``self.skill = self.skill.bound(door=door)``."""

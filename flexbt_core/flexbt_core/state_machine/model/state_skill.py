@@ -3,13 +3,9 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from flexbt_core.skills import Outcome, Skill
 
 from .event_state import EventState
-
-_NOTHING: Final = Skill()
 
 
 def state_skill(state: EventState) -> Skill:
@@ -18,8 +14,7 @@ def state_skill(state: EventState) -> Skill:
     It reads and writes its keys, and ends by its outcomes, which mean what is declared, or what their names say.
     """
     inner = state.unwrapped
-    declared = inner.skill or _NOTHING
-    skill = declared.completed_by(
+    skill = inner.skill.completed_by(
         type(inner).__name__, {name: Outcome() for name in state.outcomes}, state.input_keys, state.output_keys
     )
     return skill.lasting(0.0, 0.0) if inner.is_instant else skill

@@ -17,16 +17,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_parameters(parser)
     add_tree_files(parser)
     arguments.add_node_types(parser)
+    arguments.add_skills(parser)
     report.add_arguments(parser, [rule for rule in RULES if rule is not REFUSED])
 
 
 def run(options: argparse.Namespace) -> ExitCode:
     registry = arguments.registry(options, allow_unknown=options.allow_unknown)
+    skills = arguments.skill_library(options.skills, registry)
     entries = installed(options.names)
     arguments_of = parameters(options)
     reported = [
         Reported(one.rule, one.text(entry.name), one.to_json(entry.name))
         for entry in entries
-        for one in check_behavior(build(entry, arguments_of), options.trees, registry)
+        for one in check_behavior(build(entry, arguments_of), options.trees, registry, skills)
     ]
     return report.report(options, reported, 'behavior', len(entries))

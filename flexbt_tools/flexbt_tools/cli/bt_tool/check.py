@@ -20,12 +20,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help='a key that is written from outside; repeatable',
     )
+    arguments.add_skills(parser)
     parser.add_argument('--shared', action='store_true', help='all trees run on one blackboard, as the server does it')
     report.add_arguments(parser, [rule for rule in RULES if rule.severity is not Severity.ERROR])
 
 
 def run(options: argparse.Namespace) -> ExitCode:
     registry = arguments.registry(options, allow_unknown=options.allow_unknown)
-    found = check_trees(options.files, registry, options.input, shared=options.shared)
+    skills = arguments.skill_library(options.skills, registry)
+    found = check_trees(options.files, registry, options.input, shared=options.shared, skills=skills)
     reported = [Reported(one.rule, str(one), one.to_json()) for one in found]
     return report.report(options, reported, 'file', len(options.files))

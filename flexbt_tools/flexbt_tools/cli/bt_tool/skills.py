@@ -6,11 +6,11 @@ from __future__ import annotations
 import argparse
 import json
 
-from flexbt_core.skills import SkillError, SkillLibrary, skill_entry, write_skills
+from flexbt_core.skills import SkillLibrary, skill_entry, write_skills
 from flexbt_core.values import hint, lines
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UsageError
-from flexbt_tools.skills import node_skills, read_skill_files, skill_lines
+from flexbt_tools.skills import skill_lines
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,11 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    try:
-        base = node_skills(arguments.registry(options, allow_unknown=False))
-    except SkillError as error:
-        raise UsageError(str(error)) from error
-    library = _chosen(read_skill_files(options.files, base), options.skill)
+    known = arguments.registry(options, allow_unknown=False)
+    library = _chosen(arguments.skill_library(options.files, known), options.skill)
     if options.yaml:
         print(write_skills(library), end='')
     elif options.json:

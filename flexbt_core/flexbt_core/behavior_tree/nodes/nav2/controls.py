@@ -106,6 +106,7 @@ class PipelineSequence(Control):
 
     __slots__ = ('_reached',)
 
+    runs_several = True
     example = Example(
         '<PipelineSequence><Script code="planned += 1"/><Sleep msec="100"/></PipelineSequence>',
         ticks=(RUNNING, SUCCESS),

@@ -27,6 +27,7 @@ class NonblockingSequence(Control):
 
     __slots__ = ()
 
+    runs_several = True
     example = Example(
         '<NonblockingSequence><Sleep msec="100"/><Script code="n += 1"/></NonblockingSequence>',
         ticks=(RUNNING, SUCCESS),

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which actuators trees need, and who needs one of them at the same time as somebody else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from typing import Final
+
+from flexbt_core.behavior_tree import NodeDefinition, TreeKey, TreeLibrary, node_skill
+from flexbt_core.behavior_tree.engine import ControlNode
+from flexbt_core.skills import Skill, SkillLibrary
+from flexbt_tools.trees import sub_trees_first
+
+from .diagnostics import SHARED_RESOURCE, Diagnostic
+
+Resources = Mapping[str, str]
+"""The actuators that something needs, and the leaf that needs it, as it is named to users; one of several."""
+
+_NO_SKILLS: Final = SkillLibrary()
+
+
+def tree_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> dict[TreeKey, Resources]:
+    """What each tree needs. ``skills`` are those that files declare, in the place of those of the classes."""
+    return {key: resources for key, resources, _ in _trees(library, skills)}
+
+
+def shared_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> Iterator[Diagnostic]:
+    """A finding for each two children that may run at once and need the same."""
+    for _, _, found in _trees(library, skills):
+        yield from found
+
+
+def _trees(library: TreeLibrary, skills: SkillLibrary) -> Iterator[tuple[TreeKey, Resources, list[Diagnostic]]]:
+    known: dict[TreeKey, Resources] = {}
+    for key in sub_trees_first(library):
+        tree = library.definition(key)
+        needs: dict[int, Resources] = {}
+        found = []
+        for node in reversed(list(tree.nodes())):
+            if node.tree_id is not None:
+                target = library.find(node.tree_id, key.file)
+                needs[id(node)] = known[target] if target is not None else {}
+                continue
+            children = [needs[id(child)] for child in node.children]
+            own = _skill(node, skills)
+            needs[id(node)] = _united(children, node, own)
+            node_class = node.manifest.node_class
+            if issubclass(node_class, ControlNode) and node_class.runs_several:
+                found += [
+                    Diagnostic(SHARED_RESOURCE, tree.error(second, _message(name, node, one[name], other[name])))
+                    for (_, one), (second, other) in combinations(zip(node.children, children, strict=True), 2)
+                    for name in one.keys() & other.keys()
+                ]
+        known[key] = needs[id(tree.root)]
+        yield key, known[key], found
+
+
+def _united(children: list[Resources], node: NodeDefinition, skill: Skill | None) -> Resources:
+    united: dict[str, str] = {}
+    for child in children:
+        united |= {name: leaf for name, leaf in child.items() if name not in united}
+    if skill is not None and skill.duration != (0.0, 0.0):
+        united |= dict.fromkeys(skill.resources, node.label)
+    return united
+
+
+def _skill(node: NodeDefinition, skills: SkillLibrary) -> Skill | None:
+    return skills.skills.get(node.manifest.id) or node_skill(node.manifest)
+
+
+def _message(resource: str, parent: NodeDefinition, first: str, second: str) -> str:
+    both = f'{first} and {second}' if first != second else f'two {first}'
+    return f'{both} need [{resource}] for themselves, and may run at once in {parent.label}'
