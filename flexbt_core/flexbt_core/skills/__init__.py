@@ -28,6 +28,7 @@ from .literals import (
 from .skill import LEVELS, Outcome, OutcomeClass, Skill, class_of
 
 if TYPE_CHECKING:
+    from .capabilities import capability_file
     from .yaml_reader import read_skills
     from .yaml_writer import skill_entry, write_skills
 
@@ -49,6 +50,7 @@ __all__ = [
     'SkillLibrary',
     'TopicSensor',
     'argument_texts',
+    'capability_file',
     'class_of',
     'ground',
     'literals',
@@ -64,6 +66,6 @@ if not TYPE_CHECKING:  # type checkers would take any name for one of this modul
         """PyYAML takes a while to be imported, and classes that declare a skill need none of it."""
         if name not in __all__:
             raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-        from . import yaml_reader, yaml_writer
+        from . import capabilities, yaml_reader, yaml_writer
 
-        return getattr(yaml_reader, name, None) or getattr(yaml_writer, name)
+        return next(found for one in (capabilities, yaml_reader, yaml_writer) if (found := getattr(one, name, None)))

@@ -54,7 +54,7 @@ def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Liter
     """
     start, goal = tuple(start), tuple(goal)
     _check(library, start, goal)
-    return _Grounding(library, start, goal).problem()
+    return Grounding(library, start, goal).problem()
 
 
 def _check(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> None:
@@ -67,7 +67,9 @@ def _check(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Liter
         )
 
 
-class _Grounding:
+class Grounding:
+    """A library with its objects: which bindings there are, and what outcomes do then."""
+
     def __init__(self, library: SkillLibrary, start: tuple[Literal, ...], goal: tuple[Literal, ...]) -> None:
         self._library = library
         self._goal = goal
@@ -77,18 +79,16 @@ class _Grounding:
             effect.predicate
             for skill in skills
             for outcome in skill.outcomes.values()
-            if outcome.kind is OutcomeClass.COMPLETED
+            if outcome.kind is not OutcomeClass.ANSWERED  # who answers changes nothing
             for effect in outcome.effects
         }
         asked = [*goal, *(one for skill in skills for one in skill.preconditions)]
-        self._asked_negative = {one.predicate for one in asked if not one.positive} & self._changed
+        self._negated = {one.predicate for one in asked if not one.positive} & self._changed
 
     def problem(self) -> GroundProblem:
         actions = tuple(action for skill in self._library.skills.values() for action in self._actions(skill))
         atoms = {str(one) for one in self._start}
-        negative = {
-            str(~atom) for name in self._asked_negative for atom in self._atoms(name) if atom not in self._start
-        }
+        negative = {str(~atom) for name in self._negated for atom in self._atoms(name) if atom not in self._start}
         goal = {str(one) for one in self._goal if not (one.predicate == EQUAL and self._holds(one))}
         # Of what nothing changes, it is known now whether it is absent.
         fixed = {str(one) for one in self._goal if self._is_fixed(one) and not one.positive and self._holds(one)}
@@ -118,13 +118,13 @@ class _Grounding:
             for name, outcome in skill.outcomes.items()
             if outcome.kind is OutcomeClass.COMPLETED and outcome.effects
         }
-        for binding in self._bindings(skill) if outcomes else ():
+        for binding in self.bindings(skill) if outcomes else ():
             shown = f'{skill.name}({", ".join(binding[name] for name in skill.parameters)})'
-            pre = {one.bound(binding) for one in skill.preconditions if not self._is_fixed(one)}
+            pre = self.conditions(skill, binding)
             if any(~one in pre for one in pre):
                 continue
             for name, outcome in outcomes.items():
-                add, delete = self._effects(outcome, binding)
+                effects = self.effects(outcome, binding)
                 yield GroundAction(
                     shown if len(outcomes) == 1 else f'{shown}:{name}',
                     skill.name,
@@ -132,20 +132,29 @@ class _Grounding:
                     binding,
                     argument_texts(skill, binding),
                     frozenset(map(str, pre)),
-                    frozenset(add),
-                    frozenset(delete),
+                    self._atoms_of(effects, added=True),
+                    self._atoms_of(effects, added=False),
                     skill.cost,
                 )
 
-    def _effects(self, outcome: Outcome, binding: Mapping[str, str]) -> tuple[set[str], set[str]]:
+    def conditions(self, skill: Skill, binding: Mapping[str, str]) -> set[Literal]:
+        """What has to hold before, of what skills change."""
+        return {one.bound(binding) for one in skill.preconditions if not self._is_fixed(one)}
+
+    def effects(self, outcome: Outcome, binding: Mapping[str, str]) -> set[Literal]:
+        """What holds afterwards, and what does not any more: also what cannot hold together with that."""
         effects = {one.bound(binding) for one in outcome.effects}
         true = {one for one in effects if one.positive}
-        false = {one.atom for one in effects if not one.positive} - true
+        false = {one.atom for one in effects if not one.positive}
         for one in true:
-            false |= {other for other in self._excluded(one) if other not in true}
-        add = {str(one) for one in true} | {str(~one) for one in false if one.predicate in self._asked_negative}
-        delete = {str(one) for one in false} | {str(~one) for one in true if one.predicate in self._asked_negative}
-        return add, delete
+            false |= set(self._excluded(one))
+        return true | {~one for one in false - true}
+
+    def _atoms_of(self, effects: set[Literal], *, added: bool) -> frozenset[str]:
+        """What effects make true, or false: atoms, and those that stand for a literal with ``not``."""
+        plain = {str(one.atom) for one in effects if one.positive is added}
+        opposite = {str(~one.atom) for one in effects if one.positive is not added and one.predicate in self._negated}
+        return frozenset(plain | opposite)
 
     def _excluded(self, atom: Literal) -> Iterator[Literal]:
         """The atoms that cannot hold together with this one."""
@@ -157,7 +166,7 @@ class _Grounding:
             if other != atom.arguments[place]:
                 yield Literal(atom.predicate, (*atom.arguments[:place], other, *atom.arguments[place + 1 :]))
 
-    def _bindings(self, skill: Skill) -> Iterator[dict[str, str]]:
+    def bindings(self, skill: Skill) -> Iterator[dict[str, str]]:
         """Objects for the parameters, one after the other; what cannot hold is left as soon as that is known."""
         names = list(skill.parameters)
         fixed = [one for one in skill.preconditions if self._is_fixed(one)]

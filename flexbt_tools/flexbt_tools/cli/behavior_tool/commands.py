@@ -8,7 +8,7 @@ from typing import Final
 
 from flexbt_tools.cli import run_command
 
-from . import check, draw, show, synthesize
+from . import check, draw, show, skills, synthesize
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong'),
@@ -22,6 +22,7 @@ EXIT_CODES: Final = (
 COMMANDS: Final = (
     ('check', check, 'find what is wrong, and what is suspicious, in behaviors and their trees'),
     ('show', show, 'show the state machine of a behavior as text'),
+    ('skills', skills, 'check manifests of states, show them, or make capabilities of them'),
     ('draw', draw, 'draw a behavior with its trees'),
     (
         'synthesize',
