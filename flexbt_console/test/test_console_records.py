@@ -5,13 +5,20 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
+import math
+from array import array
 from enum import IntEnum
 from typing import Any, Final
 
 import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid, Path
 
+from flexbt_common import names
 from flexbt_console import mirror
 from flexbt_console.link import (
+    SurroundingsFeed,
     behaviors_record,
     command_message,
     event_records,
@@ -20,6 +27,11 @@ from flexbt_console.link import (
     snapshot_record,
     structure_record,
 )
+from flexbt_console.present import encode_json
+from flexbt_console.ui.screen.glyphs import UNICODE
+from flexbt_console.ui.screen.map_pane import MapPane
+from flexbt_console.ui.web.picture import parts_of
+from flexbt_core.clock import ManualClock
 from flexbt_msgs import msg
 
 NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
@@ -175,3 +187,40 @@ def test_the_places_of_the_robot_are_known_by_name() -> None:
     places = places_record(msg.PlaceList(places=[kitchen, nowhere]))
     assert places.keys() == {'kitchen'}
     assert places['kitchen'].yaw == pytest.approx(1.5707963)
+
+
+def _pose(x: float, y: float) -> PoseStamped:
+    pose = PoseStamped()
+    pose.header.frame_id = 'map'
+    pose.pose.position.x, pose.pose.position.y = x, y
+    return pose
+
+
+@pytest.mark.parametrize('has_map', [True, False])
+@pytest.mark.parametrize('number', [math.nan, math.inf, -math.inf, 1e308, -1e308])
+def test_what_is_nowhere_is_not_on_the_map(number: float, has_map: bool) -> None:
+    """A robot that is lost may send anything, and the operator goes on seeing the rest."""
+    known = mirror.Mirror(ManualClock())
+    receive = SurroundingsFeed(known).receivers
+    grid = OccupancyGrid(data=array('b', [0] * 4))
+    grid.info.width = grid.info.height = 2
+    grid.info.resolution = 0.5
+    if has_map:
+        receive[names.MAP](grid)
+    known.receive_places(places_record(_places(_pose(1.0, 2.0), _pose(number, 0.0), _pose(0.0, number))))
+    for sequence, pose in enumerate((_pose(number, 0.0), _pose(0.0, number)), 1):
+        known.receive_snapshot(snapshot_record(msg.ExecutiveStatus(sequence=sequence, robot_pose=pose)))
+        with pytest.raises(ValueError, match='nowhere'):
+            receive[names.PLAN](Path(poses=[_pose(0.0, 0.0), pose]))
+        grid.info.origin = pose.pose
+        with pytest.raises(ValueError, match='a map of'):
+            receive[names.MAP](grid)
+        view = known.view()
+        assert view.snapshot is not None and view.snapshot.robot_pose is None
+        assert view.places.keys() == {'0'}
+        assert MapPane(UNICODE).draw(view, 40, 12).plain
+        json.loads(encode_json(parts_of(view)))
+
+
+def _places(*poses: PoseStamped) -> msg.PlaceList:
+    return msg.PlaceList(places=[msg.Place(name=str(number), pose=pose) for number, pose in enumerate(poses)])

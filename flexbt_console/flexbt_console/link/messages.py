@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
 
@@ -22,6 +22,9 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
     PlaceList,
 )
+
+FARTHEST: Final = 1e9
+"""Metres from the origin of a map that anything is taken for."""
 
 E = TypeVar('E', bound=IntEnum)
 N = TypeVar('N', int, float)
@@ -215,11 +218,19 @@ def _known(value: N) -> N | None:
 
 
 def _pose(message: Any) -> records.Pose | None:
+    """None for one that is not known, or is none: a robot that is lost may send anything."""
     if not message.header.frame_id:
         return None
     position, q = message.pose.position, message.pose.orientation
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    if not (is_length(position.x) and is_length(position.y) and math.isfinite(yaw)):
+        return None
     return records.Pose(position.x, position.y, yaw, message.header.frame_id)
+
+
+def is_length(value: float) -> bool:
+    """Whether it can be a coordinate, m: finite, and not so large that nobody could draw it."""
+    return abs(value) <= FARTHEST
 
 
 def known_constant(constants: type[E], value: int) -> E:

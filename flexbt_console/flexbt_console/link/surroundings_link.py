@@ -15,10 +15,13 @@ from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusC
 from flexbt_core.values import one_line
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 
-from .messages import known_constant, seconds_of
+from .messages import is_length, known_constant, seconds_of
 
 MOST_CELLS: Final = 16_000_000
 """Cells of a map at most, which is 4,000 in a row and as many rows."""
+
+MOST_RESOLUTION: Final = 100.0
+"""Metres of a cell, at most."""
 
 MOST_POINTS: Final = 500
 """Points of a plan that are kept; of a longer one, every so many."""
@@ -106,16 +109,20 @@ class SurroundingsFeed:
     def _on_map(self, message: Any) -> None:
         info = message.info
         cells = message.data.tobytes()
-        if info.width * info.height != len(cells) or len(cells) > MOST_CELLS or not info.resolution > 0.0:
-            raise ValueError(
-                f'a map of {info.width} x {info.height} cells of {info.resolution:g} m, with {len(cells)} values; '
-                f'at most {MOST_CELLS} are taken'
-            )
         origin = info.origin.position
+        is_somewhere = is_length(origin.x) and is_length(origin.y) and 0.0 < info.resolution <= MOST_RESOLUTION
+        if info.width * info.height != len(cells) or len(cells) > MOST_CELLS or not is_somewhere:
+            raise ValueError(
+                f'a map of {info.width} x {info.height} cells of {info.resolution:g} m from ({origin.x:g}, '
+                f'{origin.y:g}) on, with {len(cells)} values; at most {MOST_CELLS} of at most {MOST_RESOLUTION:g} m '
+                'are taken'
+            )
         self._mirror.receive_map(GridMap(info.width, info.height, info.resolution, origin.x, origin.y, cells))
 
     def _on_plan(self, message: Any) -> None:
         points = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
+        if not all(is_length(x) and is_length(y) for x, y in points):
+            raise ValueError('a plan with a point that is nowhere')
         step = -(-len(points) // MOST_POINTS) or 1
         kept = points[::step]
         self._mirror.receive_plan(tuple(kept if not points or kept[-1] == points[-1] else [*kept, points[-1]]))
