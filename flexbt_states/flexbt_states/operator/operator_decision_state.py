@@ -30,7 +30,7 @@ class OperatorDecisionState(EventState):
         if suggestion is not None and suggestion not in names:
             raise StateParameterError(self, 'suggestion', f'{suggestion!r} is none of {", ".join(names)}')
         self._hint = hint or ''
-        self._suggestion = suggestion
+        self.suggestion = suggestion
 
     def on_enter(self, userdata: UserData) -> None:
-        self.ask(self._hint, self._suggestion)
+        self.ask(self._hint, self.suggestion)

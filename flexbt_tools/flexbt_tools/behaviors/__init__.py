@@ -6,13 +6,14 @@ from .built_behavior import BuiltBehavior, build, installed
 from .check import check_behavior
 from .findings import REFUSED, RULES, Finding
 from .machine_text import machine_lines, structure_as_json
-from .used_trees import UsedTrees, used_trees
+from .used_trees import TreeUse, UsedTrees, used_trees
 
 __all__ = [
     'REFUSED',
     'RULES',
     'BuiltBehavior',
     'Finding',
+    'TreeUse',
     'UsedTrees',
     'build',
     'check_behavior',

@@ -8,14 +8,14 @@ from typing import Final
 
 from flexbt_tools.cli import run_command
 
-from . import check, draw, show, skills, synthesize
+from . import check, draw, prove, show, skills, synthesize
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong'),
-    ('1', 'check: something is wrong; synthesize: no machine can do it'),
+    ('1', 'check, prove: something is wrong; synthesize: no machine can do it'),
     ('2', 'wrong usage, or something is missing on this computer'),
     ('3', 'a file cannot be used; the reasons are printed'),
-    ('5', 'synthesize: no answer within the time limit'),
+    ('5', 'synthesize: no answer within the time limit; prove: nothing is wrong so far, but not all was followed'),
     ('130', 'interrupted'),
 )
 
@@ -23,6 +23,7 @@ COMMANDS: Final = (
     ('check', check, 'find what is wrong, and what is suspicious, in behaviors and their trees'),
     ('show', show, 'show the state machine of a behavior as text'),
     ('skills', skills, 'check manifests of states, show them, or make capabilities of them'),
+    ('prove', prove, 'follow all that can happen to a behavior, and tell what is wrong'),
     ('draw', draw, 'draw a behavior with its trees'),
     (
         'synthesize',

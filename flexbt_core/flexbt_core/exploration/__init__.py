@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Proof: all that can happen to a tree, or to a machine, followed with the real engines.
+
+::
+
+    report = explore(lambda: TreeSystem(library, key), 'navigate.xml')
+    for found in report.counterexamples:
+        print(found.violation.text, *found.lines, sep='\\n')
+"""
+
+from .choices import Choice, Choices
+from .explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Limits, Progress, RestoreError, explore, narrate, replay
+from .leaf_models import LeafKind, LeafModel, LeafModels, leaf_model
+from .machine_system import Bounds, MachineSystem, Operator
+from .model import Counterexample, Label, Move, Property, Report, System, Violation
+from .state_models import FAILURES, StateKind, StateModel, StateModels, state_model
+from .tree_system import TreeSystem
+
+__all__ = [
+    'DEFAULT_CONFIGURATIONS',
+    'DEFAULT_SECONDS',
+    'FAILURES',
+    'Bounds',
+    'Choice',
+    'Choices',
+    'Counterexample',
+    'Label',
+    'LeafKind',
+    'LeafModel',
+    'LeafModels',
+    'Limits',
+    'MachineSystem',
+    'Move',
+    'Operator',
+    'Progress',
+    'Property',
+    'Report',
+    'RestoreError',
+    'StateKind',
+    'StateModel',
+    'StateModels',
+    'System',
+    'TreeSystem',
+    'Violation',
+    'explore',
+    'leaf_model',
+    'narrate',
+    'replay',
+    'state_model',
+]

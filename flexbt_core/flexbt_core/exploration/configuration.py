@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Configurations of running engines: kept, restored in place, and told apart by what can follow from them.
+
+A configuration is what all objects hold that can be reached from some roots. It is found by walking over them, so
+that nothing is forgotten that an engine, a node or a state remembers; what never changes once a run was made
+(definitions, wiring, functions) is left out by :class:`Layout`.
+
+Two configurations have the same key when they differ only in what has no part in what follows: the time that has
+passed (of points in time only their order counts), messages for people, numbers that are only counted up, the contents
+of messages on a blackboard (only whether there is one).
+"""
+
+from __future__ import annotations
+
+import marshal
+import threading
+import types
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from copy import copy
+from dataclasses import dataclass, field
+from enum import Enum
+from hashlib import blake2b
+from operator import attrgetter, is_, length_hint
+from typing import Any, Final
+
+from .virtual_time import Instant
+
+_DIGEST: Final = 16
+_PLAIN: Final = (type(None), bool, int, str, bytes)
+_FIXED: Final = (
+    type,
+    types.FunctionType,
+    types.BuiltinFunctionType,
+    types.MethodType,
+    types.ModuleType,
+    types.MappingProxyType,
+    type(threading.Lock()),
+    type(threading.RLock()),
+)
+_ITERATORS: Final[tuple[type[Any], ...]] = (type(iter(())), type(iter([])))
+_OURS: Final = 'flexbt_'
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the walk has to know of classes, each of which holds for those that derive from it, too.
+
+    ``fixed``: objects that never change, or hold nothing that matters. ``wired``: attributes that never change.
+    ``unseen``: attributes that are kept and restored, but have no part in the key. ``views``: what the key has in the
+    place of an attribute. ``idle``: gives, for an object that is at rest now, the dictionaries and lists that are kept
+    of it, and that have no part in the key, since they are set when it begins; None for one that is not at rest.
+    """
+
+    fixed: tuple[type[Any], ...] = ()
+    wired: Mapping[type[Any], frozenset[str]] = field(default_factory=dict)
+    unseen: Mapping[type[Any], frozenset[str]] = field(default_factory=dict)
+    views: Mapping[type[Any], Mapping[str, Callable[[Any], Any]]] = field(default_factory=dict)
+    idle: Mapping[type[Any], Callable[[Any], Iterable[Any] | None]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """What the objects hold: of each, what restores it. ``key`` tells configurations apart (128 bit)."""
+
+    parts: tuple[tuple[Any, Any, Any], ...]
+    key: bytes
+
+
+class _Kind:
+    """How objects of one class are walked."""
+
+    __slots__ = ('get', 'has_dict', 'idle', 'is_fixed', 'name', 'names', 'seen', 'views', 'wired')
+
+    def __init__(self, kind: type[Any], layout: Layout) -> None:
+        self.name = kind.__qualname__
+        parameters = getattr(kind, '__dataclass_params__', None)
+        self.idle = next((idle for base, idle in layout.idle.items() if issubclass(kind, base)), None)
+        self.is_fixed = (
+            issubclass(kind, (*_FIXED, *layout.fixed))
+            or (parameters is not None and parameters.frozen)
+            or (not kind.__module__.startswith(_OURS) and not hasattr(kind, 'explored'))
+        )
+        wired = _of_bases(kind, layout.wired)
+        unseen = _of_bases(kind, layout.unseen)
+        slots = [name for base in kind.__mro__ for name in _slots_of(base)]
+        self.names = tuple(
+            dict.fromkeys(name for name in slots if name not in wired and name not in ('__weakref__', '__dict__'))
+        )
+        self.has_dict = hasattr(kind, '__dictoffset__') and kind.__dictoffset__ != 0
+        self.get: Callable[[Any], tuple[Any, ...]] | None = attrgetter(*self.names) if len(self.names) > 1 else None
+        self.wired = wired
+        self.seen = frozenset(unseen | wired)
+        views = {name: view for base in kind.__mro__ for name, view in layout.views.get(base, {}).items()}
+        self.views = {name: view for name, view in views.items() if not name or name in self.names}
+
+    def holds(self, one: Any, held: tuple[Any, ...]) -> bool:
+        """Whether the slots of an object hold just this."""
+        assert self.get is not None
+        try:
+            return all(map(is_, self.get(one), held))
+        except AttributeError:  # something was not set then
+            return False
+
+
+def _of_bases(kind: type[Any], table: Mapping[type[Any], frozenset[str]]) -> frozenset[str]:
+    return frozenset(name for base in kind.__mro__ for name in table.get(base, ()))
+
+
+def _slots_of(kind: type[Any]) -> tuple[str, ...]:
+    slots = vars(kind).get('__slots__', ())
+    return (slots,) if isinstance(slots, str) else tuple(slots)
+
+
+_ABSENT: Final = object()
+
+
+class Memory:
+    """Keeps and restores the configurations of what can be reached from ``roots``."""
+
+    def __init__(self, roots: Iterable[Any], clock: Any, layout: Layout) -> None:
+        self._roots = tuple(roots)
+        self._clock = clock
+        self._layout = layout
+        self._kinds: dict[type[Any], _Kind] = {}
+        self._fragments: dict[int, tuple[tuple[Any, ...], list[Any]]] = {}
+
+    def capture(self) -> Configuration:
+        """What everything holds now."""
+        return _Walk(self._kinds, self._layout, self._roots, self._clock.now(), self._fragments).configuration()
+
+    @staticmethod
+    def restore(configuration: Configuration) -> None:
+        """Have every object hold what it held then. What was made later is not reachable any more."""
+        for one, how, held in configuration.parts:
+            if how.__class__ is _Kind:
+                if not how.holds(one, held):
+                    for name, value in zip(how.names, held, strict=True):
+                        object.__setattr__(one, name, copy(value) if type(value) in _ITERATORS else value)
+            elif how is _SLOTS:
+                for name, value in held:
+                    if value is _ABSENT:
+                        if hasattr(one, name):
+                            delattr(one, name)
+                    else:
+                        object.__setattr__(one, name, copy(value) if type(value) in _ITERATORS else value)
+            elif how is _DICT:
+                one.clear()
+                one.update(held)
+            elif how is _LIST:
+                one[:] = held
+            elif how is _DEQUE:
+                one.clear()
+                one.extend(held)
+            else:
+                one.clear()
+                one.update(held)
+
+
+_SLOTS: Final = 'slots'
+_DICT: Final = 'dict'
+_LIST: Final = 'list'
+_DEQUE: Final = 'deque'
+_SET: Final = 'set'
+
+
+class _Walk:
+    def __init__(
+        self,
+        kinds: dict[type[Any], _Kind],
+        layout: Layout,
+        roots: tuple[Any, ...],
+        now: float,
+        fragments: dict[int, tuple[tuple[Any, ...], list[Any]]],
+    ) -> None:
+        self._kinds = kinds
+        self._roots = len(roots)
+        self._fragments = fragments
+        self._layout = layout
+        self._now = now
+        self._numbers: dict[int, int] = {}
+        self._ahead: list[Any] = []
+        self._quiet: set[int] = set()  # of what was reached only by what has no part in the key
+        self._instants: list[tuple[int, float]] = []
+        self._text: list[Any] = []
+        self._parts: list[tuple[Any, Any, Any]] = []
+        for root in roots:
+            self._reach(root)
+
+    def configuration(self) -> Configuration:
+        place = 0
+        while place < len(self._ahead):
+            one = self._ahead[place]
+            if id(one) in self._quiet:
+                self._quietly(self._visit, one)
+            else:
+                self._visit(one)
+            place += 1
+        # Of points in time: past, now, or the place among those to come.
+        to_come = sorted({when for _, when in self._instants if when > self._now})
+        ranks = {when: rank + 1 for rank, when in enumerate(to_come)}
+        for at, when in self._instants:
+            self._text[at] = ranks.get(when, 0 if when == self._now else -1)
+        return Configuration(tuple(self._parts), blake2b(marshal.dumps(self._text, 2), digest_size=_DIGEST).digest())
+
+    def _kind(self, kind: type[Any]) -> _Kind:
+        known = self._kinds.get(kind)
+        if known is None:
+            known = self._kinds[kind] = _Kind(kind, self._layout)
+        return known
+
+    def _reach(self, one: Any) -> int:
+        number = self._numbers.get(id(one))
+        if number is None:
+            number = self._numbers[id(one)] = len(self._ahead)
+            self._ahead.append(one)
+        return number
+
+    def _visit(self, one: Any) -> None:
+        kind = type(one)
+        text = self._text
+        if kind is dict:
+            self._parts.append((one, _DICT, dict(one)))
+            text.append(len(one))
+            items = one.items()
+            if all(type(key) is str for key in one):
+                items = sorted(items)
+            for key, value in items:
+                self._encode(key)
+                self._encode(value)
+        elif kind is list or kind is deque:
+            self._parts.append((one, _LIST if kind is list else _DEQUE, list(one)))
+            text.append(len(one))
+            for value in one:
+                self._encode(value)
+        elif kind is set:
+            self._parts.append((one, _SET, set(one)))
+            text.append(sorted(map(str, one)))
+        else:
+            self._visit_instance(one, self._kind(kind))
+
+    def _visit_instance(self, one: Any, kind: _Kind) -> None:
+        if kind.idle is not None:
+            kept = kind.idle(one)
+            if kept is not None:
+                self._parts += [
+                    (each, _DICT, dict(each)) if type(each) is dict else (each, _LIST, list(each)) for each in kept
+                ]
+                self._text.append('idle')
+                return
+        if kind.get is not None and not kind.has_dict:
+            try:
+                given = kind.get(one)
+            except AttributeError:  # something was not set yet
+                given = None
+            if given is not None:
+                self._visit_slots(one, kind, given)
+                return
+        self._text.append(kind.name)
+        held = [(name, getattr(one, name, _ABSENT)) for name in kind.names]
+        held = [(name, copy(value) if type(value) in _ITERATORS else value) for name, value in held]
+        self._parts.append((one, _SLOTS, held))
+        for name, value in held:
+            self._attribute(one, kind, name, value)
+        attributes = getattr(one, '__dict__', None)
+        if attributes is not None:
+            wired = kind.wired
+            self._parts.append((attributes, _DICT, dict(attributes)))
+            for name, value in attributes.items():
+                if name not in wired:
+                    self._attribute(one, kind, name, value)
+
+    def _visit_slots(self, one: Any, kind: _Kind, held: tuple[Any, ...]) -> None:
+        """As :meth:`_visit_instance`, where all slots are set. What has not changed is not encoded again."""
+        known = self._fragments.get(id(one))
+        if known is not None and all(map(is_, held, known[0])):
+            self._parts.append((one, kind, held))
+            self._text.append(known[1])
+            return
+        if any(type(value) in _ITERATORS for value in held):
+            held = tuple(copy(value) if type(value) in _ITERATORS else value for value in held)
+        self._parts.append((one, kind, held))
+        text, instants, reached = len(self._text), len(self._instants), len(self._ahead)
+        self._text.append(kind.name)
+        for name, value in zip(kind.names, held, strict=True):
+            self._attribute(one, kind, name, value)
+        is_lasting = (
+            not kind.views
+            and self._numbers[id(one)] < self._roots
+            and len(self._instants) == instants
+            and len(self._ahead) == reached
+            and all(self._is_lasting(value) for value in held)
+        )
+        if is_lasting:
+            fragment = self._text[text:]
+            self._text[text:] = [fragment]
+            self._fragments[id(one)] = held, fragment
+
+    def _is_lasting(self, value: Any) -> bool:
+        """Whether what stands for a value is the same in all configurations."""
+        if type(value) in _PLAIN or type(value) is float or isinstance(value, Enum):
+            return True
+        number = self._numbers.get(id(value))
+        return self._kind(type(value)).is_fixed if number is None else number < self._roots
+
+    def _attribute(self, one: Any, kind: _Kind, name: str, value: Any) -> None:
+        view = kind.views.get(name)
+        if view is not None:
+            self._text.append(view(one))
+        elif name in kind.seen:
+            self._quietly(self._encode, value)
+        else:
+            self._encode(value)
+
+    def _quietly(self, walk: Callable[[Any], None], one: Any) -> None:
+        """Walk over what is restored, but has no part in the key."""
+        text, instants, reached = len(self._text), len(self._instants), len(self._ahead)
+        walk(one)
+        del self._text[text:]
+        del self._instants[instants:]
+        self._quiet.update(map(id, self._ahead[reached:]))
+
+    def _encode(self, value: Any) -> None:
+        kind = type(value)
+        text = self._text
+        if kind is Instant:
+            self._instants.append((len(text), value))
+            text.append(0)
+        elif kind in _PLAIN or kind is float:
+            text.append(value)
+        elif isinstance(value, tuple):
+            text.append(len(value))
+            for inner in value:
+                self._encode(inner)
+        elif kind in (dict, list, deque, set):
+            text.append(self._reach(value))
+        elif kind in _ITERATORS:
+            text.append(length_hint(value))
+        elif isinstance(value, Enum):
+            text.append(value.name)
+        elif value is _ABSENT:
+            text.append('absent')
+        elif isinstance(value, frozenset):
+            text.append(sorted(map(str, value)))
+        else:
+            known = self._kind(kind)
+            if known.views.get('') is not None:
+                self._encode(known.views[''](value))
+            elif known.is_fixed:
+                text.append(known.name)
+            else:
+                text.append(self._reach(value))

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Breadth first through all configurations of a system, so that the way to each is the shortest.
+
+Every step is one of the real engines, from a configuration that was restored. A share of the restored ones is compared
+with one that was reached by the steps from the beginning: a configuration that forgets something would be noticed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from .choices import Choices
+from .configuration import Configuration
+from .graph import Graph
+from .model import Counterexample, Label, Move, Property, Report, System, Violation
+
+DEFAULT_SECONDS: Final = 60.0
+DEFAULT_CONFIGURATIONS: Final = 200_000
+_ANSWERS_OF_A_STEP: Final = 4096
+"""Ways to answer in one step that are tried; there may be more where many conditions are asked in one tick."""
+_CHECKED: Final = 100
+"""Of so many configurations one is compared with what the steps from the beginning lead to."""
+_PROGRESS_SECONDS: Final = 0.5
+_ALIKE: Final = 3
+"""Counterexamples of one property that are reported; the rest are counted."""
+
+
+class Progress(NamedTuple):
+    """How far an exploration has come."""
+
+    configurations: int
+    waiting: int
+    steps: int
+    seconds: float
+
+
+@dataclass
+class Limits:
+    """When an exploration ends although there is more: after ``seconds``, or with so many configurations."""
+
+    seconds: float = DEFAULT_SECONDS
+    configurations: int = DEFAULT_CONFIGURATIONS
+
+
+@dataclass
+class _Found:
+    violations: dict[Violation, tuple[Move, ...]] = field(default_factory=dict)
+    counts: Counter[Property] = field(default_factory=Counter)
+
+
+class RestoreError(AssertionError):
+    """A configuration that was restored is not what the steps lead to: something is remembered that is not kept."""
+
+
+def explore(
+    make: Callable[[], System],
+    name: str,
+    bounds: str = '',
+    limits: Limits | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Report:
+    """Explore a system, which ``make`` makes anew at its beginning. Raises RestoreError."""
+    return _Exploration(make, limits or Limits(), on_progress).report(name, bounds)
+
+
+class _Exploration:
+    def __init__(
+        self, make: Callable[[], System], limits: Limits, on_progress: Callable[[Progress], None] | None
+    ) -> None:
+        self._make = make
+        self._limits = limits
+        self._on_progress = on_progress
+        self._system = make()
+        self._graph = Graph()
+        self._found = _Found()
+        self._steps = 0
+        self._checked = 0
+        self._begin = self._told = time.monotonic()
+        self._stopped_by = ''
+        self._cut = False
+
+    # -- the search --------------------------------------------------------------------------------------------------
+
+    def _search(self) -> None:
+        first = self._system.capture()
+        graph = self._graph
+        graph.add(first.key, None, None)
+        self._describe(first.key)
+        ahead: deque[tuple[bytes, Configuration]] = deque([(first.key, first)])
+        expanded = 0
+        while ahead:
+            _, configuration = ahead.popleft()
+            self._tell(len(ahead))
+            self._system.restore(configuration)
+            for label in self._system.labels():
+                for new in self._follow(configuration, label):
+                    ahead.append((new.key, new))
+            expanded += 1
+            if expanded % _CHECKED == _CHECKED // 10:
+                self._check_restore(configuration)
+            if time.monotonic() - self._begin > self._limits.seconds:
+                self._stopped_by = f'the time limit of {self._limits.seconds:g} s'
+            elif len(graph) > self._limits.configurations:
+                self._stopped_by = f'the limit of {self._limits.configurations} configurations'
+            if self._stopped_by:
+                graph.unfinished = {waiting for waiting, _ in ahead}
+                return
+
+    def _follow(self, configuration: Configuration, label: Label) -> list[Configuration]:
+        """All steps from a configuration with a label; the configurations that are new by that."""
+        found: list[Configuration] = []
+        system, graph = self._system, self._graph
+        answers: list[tuple[int, ...]] = [()]
+        tried = 0
+        while answers:
+            tried += 1
+            if tried > _ANSWERS_OF_A_STEP:
+                self._cut = True
+                break
+            choices = Choices(answers.pop())
+            system.restore(configuration)
+            violations = system.step(label, choices)
+            self._steps += 1
+            answers += reversed(choices.others())
+            move = Move(label, choices.answers)
+            for violation in violations:
+                self._note(violation, (*graph.way_to(configuration.key), move))
+            reached = system.capture()
+            if graph.add(reached.key, configuration.key, move):
+                self._describe(reached.key)
+                # What is wrong once is not followed: all that comes after it would be wrong, too.
+                if not violations:
+                    found.append(reached)
+                else:
+                    graph.broken.add(reached.key)
+        return found
+
+    def _describe(self, key: bytes) -> None:
+        system = self._system
+        self._graph.ended[key] = system.ended
+        if system.waits:
+            self._graph.waiting.add(key)
+
+    def _note(self, violation: Violation, moves: tuple[Move, ...]) -> None:
+        if violation not in self._found.violations:
+            self._found.counts[violation.property] += 1
+            if self._found.counts[violation.property] <= _ALIKE:
+                self._found.violations[violation] = moves
+
+    def _check_restore(self, configuration: Configuration) -> None:
+        """Compare a configuration with what the steps from the beginning lead to."""
+        again = self._make()
+        for label, answers in self._graph.way_to(configuration.key):
+            again.step(label, Choices(answers))
+        if again.capture().key != configuration.key:
+            way = '; '.join(str(move.label) for move in self._graph.way_to(configuration.key))
+            raise RestoreError(
+                f'after "{way}" the engine is not where it was: something is remembered that is not kept'
+            )
+        self._checked += 1
+
+    def _tell(self, waiting: int) -> None:
+        now = time.monotonic()
+        if self._on_progress is not None and now - self._told >= _PROGRESS_SECONDS:
+            self._told = now
+            self._on_progress(Progress(len(self._graph), waiting, self._steps, now - self._begin))
+
+    # -- what it means -----------------------------------------------------------------------------------------------
+
+    def report(self, name: str, bounds: str) -> Report:
+        """Search, and say what was found."""
+        self._search()
+        graph, system = self._graph, self._system
+        notes: list[str] = []
+        if self._cut:
+            notes.append(f'in a step, more than {_ANSWERS_OF_A_STEP} ways to answer; the rest was not tried')
+        for violation, moves in graph.problems(self._position):
+            self._note(violation, moves)
+        for found, count in self._found.counts.items():
+            if count > _ALIKE:
+                notes.append(f'{count - _ALIKE} more of "{found.value}"')
+        if not self._stopped_by and not any(ended for ended in graph.ended.values()):
+            notes.append('it never ends by itself; only a stop ends it')
+        uncovered = tuple(sorted(system.coverable() - system.covered()))
+        return Report(
+            name=name,
+            bounds=bounds,
+            is_complete=not self._stopped_by and not self._cut,
+            stopped_by=self._stopped_by,
+            configurations=len(graph),
+            steps=self._steps,
+            depth=graph.depth,
+            seconds=time.monotonic() - self._begin,
+            counterexamples=tuple(
+                Counterexample(violation, moves, tuple(self.tell(moves)))
+                for violation, moves in self._found.violations.items()
+            ),
+            notes=tuple(notes),
+            ends=Counter(ended for ended in graph.ended.values() if ended is not None),
+            covered=len(system.coverable()) - len(uncovered),
+            coverable=len(system.coverable()),
+            uncovered=uncovered,
+            checked_restores=self._checked,
+        )
+
+    def tell(self, moves: tuple[Move, ...]) -> list[str]:
+        """The way in words, replayed on a new system."""
+        return narrate(self._make, moves)
+
+    def _position(self, moves: tuple[Move, ...]) -> str:
+        system = self._make()
+        for label, answers in moves:
+            system.step(label, Choices(answers))
+        return system.position()
+
+
+def narrate(make: Callable[[], System], moves: tuple[Move, ...]) -> list[str]:
+    """What happens on a way, a line for each step and for what follows from it, on a new system."""
+    system = make()
+    lines = [f'it begins: {system.position()}']
+    for number, (label, answers) in enumerate(moves, start=1):
+        choices = Choices(answers)
+        violations = system.step(label, choices)
+        told = ', '.join(str(one) for one in choices.made)
+        lines.append(f'{number}. {label}{f" ({told})" if told else ""}')
+        lines += [f'     {line}' for line in system.happened()]
+        lines += [f'     ! {violation.text}' for violation in violations]
+    return lines
+
+
+def replay(make: Callable[[], System], moves: tuple[Move, ...]) -> list[Violation]:
+    """What is wrong on a way, found by a new system that makes its steps; for tests.
+
+    Nothing when the way is closed: a step of it cannot happen any more, or asks for something else.
+    """
+    system = make()
+    found: list[Violation] = []
+    for label, answers in moves:
+        if label not in system.labels():
+            return []
+        try:
+            found += system.step(label, Choices(answers))
+        except IndexError:
+            return []
+    return found

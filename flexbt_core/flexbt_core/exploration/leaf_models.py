@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What stands for the leaves of a tree in an exploration: they do whatever the real ones may do.
+
+An action is RUNNING until the environment gives its result; halted, it goes on until the environment confirms that it
+has ended, and like an ActionLeaf of the BT server it does not begin while something of its tree is still ending. What
+is done within a tick, and a condition, is answered anew in each tick. A decorator that looks at the robot lets its
+child begin, or not.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, ClassVar, Final
+
+from flexbt_core.behavior_tree import (
+    Decorator,
+    NodeConfig,
+    NodeDefinition,
+    NodeKind,
+    NodeStatus,
+    StatefulAction,
+    SyncAction,
+    TreeNode,
+    UnfinishedWork,
+)
+from flexbt_core.behavior_tree.engine import LeafNode
+from flexbt_core.behavior_tree.model import EMPTY, FAILURE, NO_DEFAULT, RUNNING, SUCCESS, PortType
+
+from .choices import Choices
+
+_ENGINE: Final = 'flexbt_core.behavior_tree.nodes.'
+_NAV2: Final = f'{_ENGINE}nav2.'
+_RESULTS: Final = (SUCCESS, FAILURE)
+
+
+class LeafKind(Enum):
+    """What stands for a node. REAL: the node itself."""
+
+    REAL = 'real'
+    ACTION = 'action'
+    INSTANT = 'instant'
+    GATE = 'gate'
+    PASS = 'pass'  # noqa: S105
+
+
+@dataclass(frozen=True)
+class LeafModel:
+    """What a node may do.
+
+    ``results`` are those that it may give. ``resources`` are actuators that it has while it works. A GATE that does not
+    let its child begin gives ``otherwise``; one that ``begins_first`` lets it begin when it is ticked first.
+    """
+
+    kind: LeafKind
+    results: tuple[NodeStatus, ...] = _RESULTS
+    resources: frozenset[str] = frozenset()
+    otherwise: NodeStatus = RUNNING
+    begins_first: bool = True
+
+
+LeafModels = Callable[[NodeDefinition], LeafModel]
+"""Says what stands for a node."""
+
+REAL: Final = LeafModel(LeafKind.REAL)
+# Of Nav2: they take what was heard on their topic, or their default.
+_NEVER_FAIL: Final = frozenset(
+    f'{what}Selector' for what in ('Controller', 'Planner', 'Smoother', 'GoalChecker', 'ProgressChecker', 'PathHandler')
+)
+# What decides by the robot, or by messages, whether its child begins. GoalUpdater only hears of goals.
+_GATES: Final = {
+    'PathLongerOnApproach': LeafModel(LeafKind.GATE, otherwise=SUCCESS, begins_first=False),
+    'GoalUpdatedController': LeafModel(LeafKind.GATE),
+    'DistanceController': LeafModel(LeafKind.GATE),
+    'SpeedController': LeafModel(LeafKind.GATE),
+    'GoalUpdater': LeafModel(LeafKind.PASS),
+}
+
+
+def leaf_model(definition: NodeDefinition, resources: Mapping[str, frozenset[str]] | None = None) -> LeafModel:
+    """What stands for a node of which no more is known than its class. ``resources`` are by the IDs of node types."""
+    manifest = definition.manifest
+    module = manifest.node_class.__module__
+    if definition.tree_id is not None:
+        return REAL
+    if manifest.kind in (NodeKind.DECORATOR, NodeKind.CONTROL):
+        if manifest.id in _GATES:
+            return _GATES[manifest.id]
+        return REAL
+    if module.startswith(_ENGINE) and not module.startswith(_NAV2):
+        return REAL
+    own = (resources or {}).get(manifest.id, frozenset())
+    is_instant = manifest.kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction)
+    results = (SUCCESS,) if manifest.id in _NEVER_FAIL else _RESULTS
+    return LeafModel(LeafKind.INSTANT if is_instant else LeafKind.ACTION, results, own)
+
+
+class Environment:
+    """What the models have in common: what is open, and the answers of the step that is under way.
+
+    ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths.
+    ``answers`` were given in the step that is under way.
+    """
+
+    def __init__(self, values: Mapping[str, tuple[Any, ...]]) -> None:
+        self.open: dict[str, ModelAction] = {}
+        self.canceling: dict[str, UnfinishedWork] = {}
+        self.owned: dict[str, frozenset[str]] = {}
+        self.choices = Choices()
+        self.events: list[str] = []
+        self.ticked: set[str] = set()
+        self.answers: dict[str, int] = {}
+        self.values = values
+
+    explored: ClassVar[bool] = True
+
+    def begin(self, action: ModelAction) -> None:
+        """An action begins to work."""
+        self.open[action.path] = action
+        if action.model.resources:
+            self.owned[action.path] = action.model.resources
+        self.events.append(f'{action.path} begins')
+
+    def end(self, path: str) -> None:
+        """An action has ended by its result."""
+        self.open.pop(path, None)
+        self.owned.pop(path, None)
+
+    def cancel(self, action: ModelAction) -> None:
+        """An action was halted."""
+        self.open.pop(action.path, None)
+        self.canceling[action.path] = action.context.add_unfinished(f'canceling {action.path}')
+        self.events.append(f'{action.path} is being canceled')
+
+    def confirm(self, path: str) -> None:
+        """A halted action has ended."""
+        self.owned.pop(path, None)
+        self.canceling.pop(path).done()
+
+    def shared(self) -> list[tuple[str, list[str]]]:
+        """Actuators that several have, with them."""
+        owners: dict[str, list[str]] = {}
+        for path, resources in self.owned.items():
+            for resource in resources:
+                owners.setdefault(resource, []).append(path)
+        return [(resource, paths) for resource, paths in sorted(owners.items()) if len(paths) > 1]
+
+
+def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) -> None:
+    """Write what the real node would with this result: its outputs, or the error codes alone."""
+    for name, port in node.ports.items():
+        value = node._values.get(name)
+        if not port.writable or value is None or value.key is None:
+            continue
+        if status is SUCCESS or name.startswith('error'):
+            entry = node.blackboard.declare(value.key, port.type)
+            options = environment.values.get(value.key.removeprefix('@'), ())
+            fitting = [one for one in options if port.type is None or type(one) is port.type.python_type]
+            if fitting and status is SUCCESS:
+                taken = environment.choices.choose(f'{node.path} writes {value.key}', [*map(repr, fitting)])
+                entry.write(fitting[taken])
+            else:
+                entry.write(some_value(port.type))
+
+
+class _Model(LeafNode):
+    __slots__ = ('_path',)
+
+    model: ClassVar[LeafModel]
+    needed: ClassVar[tuple[str, ...]]
+    """Inputs that the real node reads."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._path = super().path
+
+    @property
+    def path(self) -> str:
+        return self._path
+
+    @property
+    def environment(self) -> Environment:
+        environment: Environment = self.services
+        return environment
+
+    def read(self) -> None:
+        """Read what the real node would. Raises PortError."""
+        for name in self.needed:
+            self.get_input(name)
+
+    def lacks_an_input(self) -> bool:
+        """Whether an input that is given points to what was never written."""
+        keys = (value.key for name, value in self._values.items() if name in self.ports and self.ports[name].readable)
+        entries = [self.blackboard.entry(key) for key in keys if key is not None]
+        return any(entry is None or entry.value is EMPTY for entry in entries)
+
+    def write(self, status: NodeStatus) -> None:
+        """Write what the real node would with this result."""
+        write_outputs(self, self.environment, status)
+
+    def answer(self) -> NodeStatus:
+        """A result that the environment gives at once: the same one as long as no time goes by."""
+        results = self.model.results
+        known = self.environment.answers
+        if self.path not in known:
+            known[self.path] = self.environment.choices.choose(self.path, [one.name for one in results])
+        return results[known[self.path]]
+
+
+class ModelInstant(_Model):
+    """Done within one tick: a condition, or an action that only computes."""
+
+    __slots__ = ()
+
+    def execute(self) -> NodeStatus:
+        try:
+            self.read()
+            # A condition on something that is not there does not hold.
+            status = FAILURE if self.kind is NodeKind.CONDITION and self.lacks_an_input() else self.answer()
+            self.write(status)
+        except Exception as error:
+            raise self.fault(error) from error
+        self.status = status
+        return status
+
+
+class ModelAction(_Model, StatefulAction):
+    """Works until the environment gives a result, or confirms that it was canceled."""
+
+    __slots__ = ('is_waiting', 'result')
+
+    goes_on = ''
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.result: NodeStatus | None = None
+        self.is_waiting = False
+
+    def on_start(self) -> NodeStatus:
+        self.read()
+        self.result = None
+        self.is_waiting = bool(self.context.unfinished)
+        if not self.is_waiting:
+            self.environment.begin(self)
+        self.environment.ticked.add(self.path)
+        return RUNNING
+
+    def on_running(self) -> NodeStatus:
+        environment = self.environment
+        environment.ticked.add(self.path)
+        if self.is_waiting and not self.context.unfinished:
+            self.is_waiting = False
+            environment.begin(self)
+        if self.result is None:
+            return RUNNING
+        status, self.result = self.result, None
+        environment.end(self.path)
+        self.write(status)
+        return status
+
+    def on_halted(self) -> None:
+        if not self.is_waiting:
+            self.environment.cancel(self)
+        self.is_waiting = False
+        self.result = None
+
+
+class ModelGate(Decorator):
+    """Lets its child begin, or not; one that runs is ticked."""
+
+    __slots__ = ()
+
+    model: ClassVar[LeafModel]
+
+    def tick(self) -> NodeStatus:
+        environment: Environment = self.services
+        model = self.model
+        begins = (not self.active and model.begins_first) or self.child.status is RUNNING or model.kind is LeafKind.PASS
+        self.status = RUNNING
+        if model.kind is LeafKind.PASS:
+            write_outputs(self, environment, SUCCESS)
+        if begins or environment.choices.choose(f'{self.path} begins its child', ('yes', 'no')) == 0:
+            return self.tick_child()
+        return self.model.otherwise
+
+
+_CLASSES: Final[Mapping[LeafKind, type[Any]]] = {
+    LeafKind.ACTION: ModelAction,
+    LeafKind.INSTANT: ModelInstant,
+    LeafKind.GATE: ModelGate,
+    LeafKind.PASS: ModelGate,
+}
+
+
+def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
+    """The definition of what stands for a node."""
+    if model.kind is LeafKind.REAL:
+        return definition
+    manifest = definition.manifest
+    needed = tuple(
+        name
+        for name, port in manifest.ports.items()
+        if port.readable and (port.required or port.default is not NO_DEFAULT)
+    )
+    namespace = {
+        '__slots__': (),
+        '__module__': __name__,
+        'kind': manifest.kind,
+        'ports': manifest.ports,
+        'model': model,
+        'needed': needed,
+    }
+    base = _CLASSES[model.kind]
+    return definition._replace(manifest=replace(manifest, node_class=type(base.__name__, (base,), namespace)))
+
+
+# -- values ----------------------------------------------------------------------------------------------------------
+
+_WORDS: Final = re.compile(r"'([^']*)'|(?<![\w.])(\d+\.\d+|\d+)|\b(true|false)\b|([A-Za-z_]\w*)")
+
+
+def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
+    """Values that make a difference to scripts, by keys that stand in them: each constant, and what is beside it."""
+    found: dict[str, dict[tuple[type[Any], Any], None]] = {}
+    for script in scripts:
+        keys: list[str] = []
+        values: list[Any] = []
+        for text, number, truth, name in _WORDS.findall(script):
+            if name:
+                keys.append(name)
+            elif number:
+                values += (
+                    [float(number), float(number) - 1.0, float(number) + 1.0]
+                    if '.' in number
+                    else [
+                        value for one in (int(number), int(number) - 1, int(number) + 1) for value in (one, float(one))
+                    ]
+                )
+            elif not truth:
+                values += [text, '']
+        for key in keys:
+            # 1, 1.0 and True are equal, and not the same here.
+            found.setdefault(key, {}).update(dict.fromkeys((type(value), value) for value in (True, False, *values)))
+    return {key: tuple(value for _, value in values) for key, values in found.items()}
+
+
+def some_value(kind: PortType | None) -> Any:
+    """A value of a type: nobody asks which."""
+    if kind is None or kind.python_type is object:
+        return 'value'
+    try:
+        return kind.python_type()
+    except Exception:  # code of the type: then anything stands for it
+        return 'value'

@@ -1,0 +1,405 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A state machine with its environment and its operator, as the executive runs it."""
+
+from __future__ import annotations
+
+import marshal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from hashlib import blake2b
+from typing import Any, Final
+
+from flexbt_core.state_machine import (
+    AUTONOMY_NAMES,
+    ERROR,
+    PREEMPTED,
+    Autonomy,
+    Decision,
+    DecisionKind,
+    EventState,
+    ExitReason,
+    LeafRun,
+    MachineDefinition,
+    MachineRun,
+    Severity,
+)
+from flexbt_core.state_machine.engine import ContainerRun
+
+from .choices import Choices
+from .configuration import Configuration, Layout, Memory
+from .model import STOP, Label, Property, Violation
+from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
+from .virtual_time import VirtualClock
+
+OUTCOME: Final = 'outcome'
+CONFIRMED: Final = 'canceled'
+ALARM: Final = 'time'
+IGNORED: Final = 'cancel ignored'
+APPROVE: Final = 'operator approves'
+CHOOSE: Final = 'operator chooses'
+FORCE: Final = 'operator forces'
+PAUSE: Final = 'operator pauses'
+RESUME: Final = 'operator resumes'
+
+_TRANSITIONS: Final = 60
+_WAKES: Final = 50
+
+
+class Operator(Enum):
+    """What the operator does: nothing; answers what is asked; and may force, pause and go on."""
+
+    NONE = 'none'
+    ANSWERS = 'answers'
+    ALL = 'all'
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Of what is explored: the operator's commands, how many outcomes are forced, how many cancels are ignored."""
+
+    operator: Operator = Operator.ANSWERS
+    forces: int = 0
+    faults: int = 1
+    autonomy: int = Autonomy.Low
+    stops: bool = True
+
+    def __str__(self) -> str:
+        people = {
+            Operator.NONE: 'no operator',
+            Operator.ANSWERS: 'an operator who answers what is asked',
+            Operator.ALL: f'an operator who answers, pauses, and forces at most {self.forces}',
+        }[self.operator]
+        stops = ', a stop at any time' if self.stops else ''
+        return (
+            f'any outcome of each state at any time, {people}{stops}, at most {self.faults} ignored '
+            f'cancel{"" if self.faults == 1 else "s"}, autonomy {AUTONOMY_NAMES[self.autonomy]}'
+        )
+
+
+_WIRED: Final = {
+    MachineRun: frozenset(
+        (
+            *('definition', 'clock', 'observer', 'services', '_steady', '_exit_timeout', '_max_transitions'),
+            *('_on_wake', '_stop_timeout', '_lock'),
+        )
+    ),
+    MachineEnvironment: frozenset(('choices', 'answers', 'unbalanced')),
+    ModelState: frozenset(('model', 'environment', 'own_path', '_type_name')),
+    EventState: frozenset(('outcomes', 'input_keys', 'output_keys', 'desired_rate')),
+}
+_UNSEEN: Final = {
+    MachineRun: frozenset(('decision_count', '_recent', '_transitions', 'message', 'calling')),
+    LeafRun: frozenset(('entered_at',)),
+    VirtualClock: frozenset(('time',)),
+}
+_VIEWS: Final = {Decision: {'': lambda decision: (decision.kind.name, decision.path, decision.outcome)}}
+
+
+class _Counted:
+    """What was used up of the bounds, and what has happened since the beginning."""
+
+    def __init__(self) -> None:
+        self.is_started = False
+        self.is_stopped = False
+        self.forces = 0
+        self.faults = 0
+        self.approved: set[str] = set()
+
+
+class MachineSystem:
+    """A machine on a clock of its own. ``models`` says what stands for a state."""
+
+    def __init__(
+        self, definition: MachineDefinition, models: StateModels = state_model, bounds: Bounds | None = None
+    ) -> None:
+        self.clock = VirtualClock()
+        self._bounds = bounds or Bounds()
+        self._environment = MachineEnvironment()
+        self._definition = modelled(definition, models, self._environment)
+        self._observer = _Observer(self)
+        self._woken = False
+        self._counted = _Counted()
+        self._taken: set[str] = set()
+        self._found: list[Violation] = []
+        self._events: list[str] = []
+        given = {key: f'given:{key}' for key in definition.read_inputs}
+        self.given = tuple(sorted(given))
+        self._run = MachineRun(
+            self._definition,
+            self.clock,
+            self._observer,
+            autonomy=self._bounds.autonomy,
+            userdata=given,
+            on_wake=self._wake,
+            max_transitions=_TRANSITIONS,
+        )
+        self._at_work: set[str] = set()
+        layout = Layout(
+            wired=_WIRED,
+            unseen=_UNSEEN,
+            views=_VIEWS,
+            idle={LeafRun: self._idle_leaf, ContainerRun: self._idle_container},
+        )
+        self._memory = Memory((self._counted, self._run, self.clock, self._environment), self.clock, layout)
+
+    # -- what an exploration needs -----------------------------------------------------------------------------------
+
+    def capture(self) -> Configuration:
+        self._at_work = {'/', *(node.path for node in self._run.root.active()), *self._environment.ending}
+        self._at_work.update(one.coming.path for one in self._run.regions() if one.coming is not None)
+        configuration = self._memory.capture()
+        if self._run.outcome is None:
+            return configuration
+        rest = marshal.dumps((self._run.outcome, sorted(self._environment.ending)), 2)
+        return Configuration(configuration.parts, blake2b(rest, digest_size=16).digest())
+
+    def restore(self, configuration: Configuration) -> None:
+        self._memory.restore(configuration)
+
+    @property
+    def ended(self) -> str | None:
+        return self._run.outcome
+
+    @property
+    def waits(self) -> str:
+        asked = ', '.join(decision.path for decision in self._run.decisions)
+        return asked or ('the operator, who has paused it' if self._run.is_paused else '')
+
+    def labels(self) -> Sequence[Label]:
+        run, counted, environment, bounds = self._run, self._counted, self._environment, self._bounds
+        if not counted.is_started:
+            return [Label('start')]
+        if run.outcome is not None:
+            return []
+        labels = [Label(CONFIRMED, path) for path in environment.ending]
+        if self._next_alarm() is not None:
+            if not environment.ending:
+                labels.append(Label(ALARM))
+            elif counted.faults < bounds.faults:
+                labels.append(Label(IGNORED, ', '.join(environment.ending)))
+        if run.is_ending:
+            return labels
+        if not run.is_paused:
+            labels += [
+                Label(OUTCOME, path, outcome)
+                for path, state in environment.active.items()
+                if state.result is None and not run.pausing.holds(path)
+                for outcome in state.results
+            ]
+        if bounds.operator is not Operator.NONE:
+            labels += self._commands()
+        if bounds.stops:
+            labels.append(Label(STOP))
+        return labels
+
+    def _commands(self) -> list[Label]:
+        run, bounds = self._run, self._bounds
+        labels = []
+        if not run.is_paused:
+            for decision in run.decisions:
+                if decision.kind is DecisionKind.CHOICE:
+                    labels += [Label(CHOOSE, decision.path, outcome) for outcome in decision.outcomes]
+                else:
+                    labels.append(Label(APPROVE, decision.path, decision.outcome))
+        if bounds.operator is Operator.ALL:
+            labels.append(Label(RESUME if run.is_paused else PAUSE))
+            if self._counted.forces < bounds.forces and not run.is_paused:
+                labels += [
+                    Label(FORCE, leaf.path, outcome)
+                    for leaf in run.active_states()
+                    for outcome in leaf.definition.outcomes
+                ]
+        return labels
+
+    def step(self, label: Label, choices: Choices) -> list[Violation]:
+        run, environment = self._run, self._environment
+        environment.choices = choices
+        environment.answers = {}
+        environment.unbalanced = []
+        self._found = []
+        self._events = []
+        self._happen(label)
+        wakes = 0
+        while True:
+            self._woken = False
+            run.step()
+            wakes += 1
+            if not self._woken or run.outcome is not None:
+                break
+            if wakes > _WAKES:
+                text = f'it wakes itself over and over ({_WAKES} times in a row) and waits for nothing'
+                self._found.append(Violation(Property.NO_LIVELOCK, self.position(), text))
+                break
+        self._check()
+        return self._found
+
+    def _happen(self, label: Label) -> None:
+        run, environment, counted = self._run, self._environment, self._counted
+        kind, path, value = label
+        if kind == 'start':
+            counted.is_started = True
+            run.start()
+        elif kind == OUTCOME:
+            environment.active[path].result = value
+            environment.active[path].wake()
+        elif kind == CONFIRMED:
+            environment.ending[path].confirm()
+        elif kind in (ALARM, IGNORED):
+            if kind == IGNORED:
+                counted.faults += 1
+                environment.overdue.update(environment.ending)
+            alarm = self._next_alarm()
+            if alarm is not None:
+                self.clock.go_to(alarm)
+        elif kind == STOP:
+            counted.is_stopped = True
+            run.preempt('stopped')
+        elif kind in (APPROVE, CHOOSE, FORCE):
+            counted.approved.add(path)
+            decision = next((one for one in run.decisions if one.path == path), None)
+            if kind == APPROVE:
+                assert decision is not None
+                run.confirm(decision.id, self._answered)
+            else:
+                counted.forces += kind == FORCE
+                run.force(path, value, decision.id if decision is not None else '', self._answered)
+        elif kind == PAUSE:
+            run.pause(self._answered)
+        elif kind == RESUME:
+            run.resume(self._answered)
+
+    def position(self) -> str:
+        run = self._run
+        if run.outcome is not None:
+            return f'the machine has ended: {run.outcome}'
+        active = ', '.join(state.path for state in run.active_states()) or 'nothing is active'
+        asked = ', '.join(f'{one.path} > {one.outcome or "?"}' for one in run.decisions)
+        return f'active: {active}{f"; the operator is asked: {asked}" if asked else ""}'
+
+    def happened(self) -> Sequence[str]:
+        return [*self._events, self.position()]
+
+    def covered(self) -> frozenset[str]:
+        return frozenset(self._taken)
+
+    def coverable(self) -> frozenset[str]:
+        return frozenset(f'{node.path} > {outcome}' for node in self._definition.nodes() for outcome in node.outcomes)
+
+    # -- what is at rest ---------------------------------------------------------------------------------------------
+
+    def _idle_leaf(self, leaf: LeafRun) -> list[Any] | None:
+        """What is kept of a state that is not active: it begins anew when it is entered."""
+        return None if leaf.path in self._at_work else _kept_of_leaf(leaf)
+
+    def _idle_container(self, container: ContainerRun) -> list[Any] | None:
+        return None if container.path in self._at_work else _kept_of_container(container)
+
+    # -- the host ----------------------------------------------------------------------------------------------------
+
+    def _wake(self) -> None:
+        self._woken = True
+
+    def _answered(self, refusal: str | None) -> None:
+        if refusal is not None:
+            self._events.append(f'refused: {refusal}')
+
+    def _next_alarm(self) -> float | None:
+        times = [time for time in (self._run.next_wake, self.clock.next_timer()) if time is not None]
+        return min(times, default=None)
+
+    def _check(self) -> None:
+        run, environment, found = self._run, self._environment, self._found
+        found += [Violation(Property.BALANCED, '', text) for text in environment.unbalanced]
+        found += [
+            Violation(Property.ONE_OWNER, resource, f'{resource} has two owners at once: {" and ".join(paths)}')
+            for resource, paths in environment.shared(run.pausing.holds)
+        ]
+        if run.outcome is None:
+            return
+        if run.outcome == ERROR and not self._counted.faults:
+            is_livelock = run.message.startswith('livelock')
+            kind = Property.NO_LIVELOCK if is_livelock else Property.NO_FAULT
+            if not any(one.property in (kind, Property.DATA, Property.NO_FAULT) for one in found):
+                found.append(Violation(kind, self._definition.path, f'the run ends as an error: {run.message}'))
+        elif run.outcome == PREEMPTED and not self._counted.is_stopped:
+            found.append(Violation(Property.DECLARED, '/', 'the run ends as preempted although nobody has stopped it'))
+        for path in environment.active:
+            text = f'{path} still works after the run has ended by {run.outcome!r}'
+            found.append(Violation(Property.STOP_STOPS, path, text))
+        for path in environment.ending:
+            if path not in environment.overdue:
+                text = f'what {path} has begun has not ended, and the run has, by {run.outcome!r}'
+                found.append(Violation(Property.STOP_STOPS, path, text))
+
+    # -- what the run tells ------------------------------------------------------------------------------------------
+
+    def left(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+        """A state or machine was left."""
+        self._events.append(f'{path} > {outcome or "(again)"} -> {target or "nothing follows it"}')
+        if outcome:
+            self._taken.add(f'{path} > {outcome}')
+        if target.startswith('=') and path.count('/') == 1:
+            self._taken.add(f'/ > {target[1:]}')
+        approved = self._counted.approved
+        if reason is ExitReason.OUTCOME and outcome and path not in approved:
+            required = _transition_level(self._definition, path, outcome)
+            if required is not None and not self._run.controls.may_pass(path, required):
+                text = f'{path} was left by {outcome!r}, which needs the operator, and nobody was asked'
+                self._found.append(Violation(Property.APPROVAL, path, text))
+        approved.discard(path)
+
+    def raised(self, path: str, text: str) -> None:
+        """A state raised, or did not halt."""
+        if self._counted.faults and 'halted' in text:
+            self._events.append(f'{path}: {text}')
+            return
+        last = text.strip().splitlines()[-1]
+        if 'transitions without waiting' in text:
+            self._found.append(Violation(Property.NO_LIVELOCK, path, f'{path}: {last}'))
+            return
+        kind = Property.DATA if 'UserDataError' in last else Property.NO_FAULT
+        self._found.append(Violation(kind, path, last.partition('Error: ')[2] or last))
+
+
+def _kept_of_leaf(leaf: LeafRun) -> list[Any]:
+    kept = [vars(leaf), vars(leaf.clock), leaf._wake_times]
+    state: Any = leaf.state
+    while state is not None:
+        kept.append(vars(state))
+        state = getattr(state, 'inner', None)
+    return kept
+
+
+def _kept_of_container(container: ContainerRun) -> list[Any]:
+    kept = [vars(container), container.ended, vars(container._halt_wait)]
+    for region in container.regions:
+        kept += [vars(region), vars(region._halt_wait)]
+    for child in container.children.values():
+        kept += _kept_of_leaf(child) if isinstance(child, LeafRun) else _kept_of_container(child)
+    return kept
+
+
+def _transition_level(machine: MachineDefinition, path: str, outcome: str) -> int | None:
+    for node in machine.nodes():
+        if node.path == path:
+            transition = node.transitions.get(outcome)
+            return None if transition is None else transition.autonomy
+    return None
+
+
+class _Observer:
+    def __init__(self, system: MachineSystem) -> None:
+        self._system = system
+
+    def changed(self) -> None:
+        """Nothing to do: it is looked at after the step."""
+
+    def log(self, severity: Severity, path: str, text: str) -> None:
+        """Nothing follows from that."""
+
+    def fault(self, path: str, text: str) -> None:
+        self._system.raised(path, text)
+
+    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+        self._system.left(path, outcome, target, reason)

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an exploration speaks of: steps, what is wrong, what was covered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, NamedTuple, Protocol
+
+from .choices import Choices
+from .configuration import Configuration
+
+
+class Label(NamedTuple):
+    """What happens from outside in a step: ``kind`` says what, ``subject`` to what, ``value`` how."""
+
+    kind: str
+    subject: str = ''
+    value: str = ''
+
+    @property
+    def is_stop(self) -> bool:
+        """Whether it is that everything be stopped."""
+        return self.kind == STOP
+
+    def __str__(self) -> str:
+        return ' '.join(part for part in self if part)
+
+
+STOP: Final = 'stop'
+"""The kind of label by which everything is stopped."""
+
+
+class Move(NamedTuple):
+    """A step: what happens, and how the environment answers what is asked in it, as places among what is possible."""
+
+    label: Label
+    answers: tuple[int, ...] = ()
+
+
+class Property(Enum):
+    """What is proved; the values are what reports call it."""
+
+    ENDS_ONCE = 'everything that was begun ends, once'
+    STOP_STOPS = 'stop means stopped'
+    ONE_OWNER = 'an actuator has one owner'
+    NO_LIVELOCK = 'nothing goes round without waiting for anything'
+    NO_DEADLOCK = 'something can always happen'
+    REACHABLE = 'every outcome can be reached'
+    CAN_END = 'it can always still end'
+    APPROVAL = 'nothing happens without the approval that it needs'
+    BALANCED = 'what is entered is left, once'
+    DATA = 'nothing is read before it is written'
+    WOKEN = 'what is RUNNING has something that wakes it'
+    HALTED = 'a halt halts everything'
+    NO_FAULT = 'no node and no state raises'
+    DECLARED = 'it ends only by what it declares'
+    REQUIREMENT = 'what the mission requires'
+
+
+class Violation(NamedTuple):
+    """What is wrong: with which property, where, and in words for a mission engineer."""
+
+    property: Property
+    where: str
+    text: str
+
+
+class System(Protocol):
+    """What is explored: engines with an environment. A step is deterministic but for the choices."""
+
+    def capture(self) -> Configuration:
+        """What it is in now."""
+
+    def restore(self, configuration: Configuration) -> None:
+        """Be in that again."""
+
+    def labels(self) -> Sequence[Label]:
+        """What can happen now; none when it has ended."""
+
+    def step(self, label: Label, choices: Choices) -> list[Violation]:
+        """Let it happen, with all that follows at once; what is wrong with that."""
+
+    @property
+    def ended(self) -> str | None:
+        """How it has ended; None while it goes on."""
+
+    @property
+    def waits(self) -> str:
+        """For whom it waits visibly, if it does: '' for nobody."""
+
+    def position(self) -> str:
+        """Where it is, in words."""
+
+    def happened(self) -> Sequence[str]:
+        """What has happened in the last step, a line each."""
+
+    def covered(self) -> frozenset[str]:
+        """What was taken up to now of :meth:`coverable`, with all steps that were made on this object."""
+
+    def coverable(self) -> frozenset[str]:
+        """Transitions and nodes that there are."""
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """A violation, and the shortest way to it, which ``lines`` tell in words."""
+
+    violation: Violation
+    moves: tuple[Move, ...]
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What an exploration has found.
+
+    ``is_complete``: everything that the bounds allow was followed; otherwise ``stopped_by`` says what ended it.
+    ``bounds`` says of what it was all. ``ends`` are the ways to end that were found, ``uncovered`` what was never
+    taken.
+    """
+
+    name: str
+    bounds: str
+    is_complete: bool
+    stopped_by: str
+    configurations: int
+    steps: int
+    depth: int
+    seconds: float
+    counterexamples: tuple[Counterexample, ...]
+    notes: tuple[str, ...]
+    ends: Mapping[str, int]
+    covered: int
+    coverable: int
+    uncovered: tuple[str, ...]
+    checked_restores: int = 0
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is wrong in what was covered."""
+        return not self.counterexamples

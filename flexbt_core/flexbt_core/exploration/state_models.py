@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What stands for the states of a machine in an exploration: they do whatever the real ones may do.
+
+A state is active until the environment gives its outcome; one that is left before has something to end (a goal, a
+service call), until the environment confirms that. What is computed at once is answered at once. An operator's decision
+is asked as the real one asks it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Final
+
+from flexbt_core.state_machine import (
+    EventState,
+    ExitReason,
+    MachineDefinition,
+    StateDefinition,
+    StateWrapper,
+    UserData,
+)
+
+from .choices import Choices
+
+
+class StateKind(Enum):
+    """What stands for a state. REAL: the state itself, which has to be free of ROS and quick to copy."""
+
+    REAL = 'real'
+    WORK = 'work'
+    INSTANT = 'instant'
+    DECISION = 'decision'
+
+
+@dataclass(frozen=True)
+class StateModel:
+    """What a state may do.
+
+    ``outcomes`` are those that it may give (None: all that it declares). ``resources`` are actuators that it has while
+    it is active. ``ends_later``: what it has begun has to be canceled, and confirmed, when it is left before its end.
+    ``not_written``: outcomes with which it leaves its output keys as they were. ``suggestion`` is that of a DECISION.
+    """
+
+    kind: StateKind
+    outcomes: tuple[str, ...] | None = None
+    resources: frozenset[str] = frozenset()
+    ends_later: bool = False
+    not_written: frozenset[str] = frozenset()
+    suggestion: str | None = None
+
+
+StateModels = Callable[[StateDefinition], StateModel]
+"""Says what stands for a state."""
+
+FAILURES: Final = frozenset(
+    (
+        *('failed', 'failure', 'fail', 'canceled', 'cancelled', 'aborted', 'timeout', 'timed_out', 'error'),
+        *('unavailable', 'rejected', 'declined', 'no_connection', 'not_found', 'jammed'),
+    )
+)
+"""Names of outcomes that are no success; a state that ends so has not written its outputs."""
+
+
+def state_model(definition: StateDefinition) -> StateModel:
+    """What stands for a state of which no more is known than its class."""
+    state = definition.state.unwrapped
+    kind = StateKind.INSTANT if state.is_instant else StateKind.WORK
+    ends_later = type(state).halting is not EventState.halting
+    return StateModel(kind, ends_later=ends_later, not_written=FAILURES.intersection(state.outcomes))
+
+
+class MachineEnvironment:
+    """What the models have in common: what is active, and the answers of the step that is under way.
+
+    ``active`` are the states that work, ``ending`` those that were left and have something to end, by their paths;
+    ``overdue`` are those for which nobody waits any more.
+    """
+
+    def __init__(self) -> None:
+        self.active: dict[str, ModelState] = {}
+        self.ending: dict[str, ModelState] = {}
+        self.overdue: set[str] = set()
+        self.owned: dict[str, frozenset[str]] = {}
+        self.choices = Choices()
+        self.answers: dict[str, int] = {}
+        self.unbalanced: list[str] = []
+
+    def shared(self, paused: Callable[[str], bool]) -> list[tuple[str, list[str]]]:
+        """Actuators that several have that are not ``paused``, with them. Who ignores a cancel does not count."""
+        owners: dict[str, list[str]] = {}
+        for path, resources in self.owned.items():
+            if path not in self.overdue and not paused(path):
+                for resource in resources:
+                    owners.setdefault(resource, []).append(path)
+        return [(resource, paths) for resource, paths in sorted(owners.items()) if len(paths) > 1]
+
+
+class ModelState(EventState):
+    """Stands for a state: the same outcomes and keys."""
+
+    def __init__(self, state: EventState, model: StateModel, path: str, environment: MachineEnvironment) -> None:
+        super().__init__(state.outcomes, desired_rate=None)
+        self.input_keys, self.output_keys = state.input_keys, state.output_keys
+        self.is_instant = state.is_instant  # type: ignore[misc]
+        self.runs_while_blocked = state.runs_while_blocked  # type: ignore[misc]
+        self.model = model
+        self.own_path = path
+        self.environment = environment
+        self.result: str | None = None
+        self.is_entered = False
+        self._type_name = state.type_name
+
+    @property
+    def type_name(self) -> str:
+        return self._type_name
+
+    @property
+    def results(self) -> tuple[str, ...]:
+        """Outcomes that it may give."""
+        return self.model.outcomes if self.model.outcomes is not None else self.outcomes
+
+    def on_enter(self, userdata: UserData) -> None:
+        if self.is_entered:
+            self.environment.unbalanced.append(f'{self.own_path} was entered again without having been left')
+        self.is_entered = True
+        self.result = None
+        for key in self.input_keys:
+            userdata[key]
+        if self.model.kind is StateKind.DECISION:
+            self.ask('', self.model.suggestion)
+        else:
+            self.environment.active[self.own_path] = self
+            if self.model.resources:
+                self.environment.owned[self.own_path] = self.model.resources
+
+    def execute(self, userdata: UserData) -> str | None:
+        outcome = self.result
+        if self.model.kind is StateKind.INSTANT and outcome is None:
+            outcome = self._answer()
+        if outcome is not None and outcome not in self.model.not_written:
+            for key in self.output_keys:
+                userdata[key] = 'value'
+        return outcome
+
+    def _answer(self) -> str:
+        known = self.environment.answers
+        if self.own_path not in known:
+            known[self.own_path] = self.environment.choices.choose(self.own_path, self.results)
+        return self.results[known[self.own_path]]
+
+    def on_exit(self, userdata: UserData) -> None:
+        if not self.is_entered:
+            self.environment.unbalanced.append(f'{self.own_path} was left without having been entered')
+        self.is_entered = False
+        self.environment.active.pop(self.own_path, None)
+        is_done = self.exit_reason is ExitReason.OUTCOME and self.result is not None
+        if self.model.ends_later and not is_done and self.model.kind is StateKind.WORK:
+            self.environment.ending[self.own_path] = self
+        else:
+            self.environment.owned.pop(self.own_path, None)
+
+    def halting(self) -> str | None:
+        return 'what it has begun is not confirmed canceled' if self.own_path in self.environment.ending else None
+
+    def confirm(self) -> None:
+        """What was to end has ended."""
+        del self.environment.ending[self.own_path]
+        self.environment.owned.pop(self.own_path, None)
+        self.environment.overdue.discard(self.own_path)
+        self.wake()
+
+
+def modelled(machine: MachineDefinition, models: StateModels, environment: MachineEnvironment) -> MachineDefinition:
+    """The machine with models in the place of its states; time-outs and further attempts around them stay."""
+    children = {
+        label: modelled(child, models, environment)
+        if isinstance(child, MachineDefinition)
+        else replace(child, state=_modelled_state(child.state, child, models, environment))
+        for label, child in machine.children.items()
+    }
+    return replace(machine, children=children)
+
+
+def _modelled_state(
+    state: EventState, definition: StateDefinition, models: StateModels, environment: MachineEnvironment
+) -> EventState:
+    if isinstance(state, StateWrapper):
+        around = copy(state)
+        around.inner = _modelled_state(state.inner, definition, models, environment)
+        return around
+    model = models(definition)
+    if model.kind is StateKind.REAL:
+        return copy(state)
+    return ModelState(state, model, definition.path, environment)

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A behavior tree with its environment, as the BT server runs it: ticked when something has happened, or it is time."""
+
+from __future__ import annotations
+
+import marshal
+import re
+from collections.abc import Iterable, Sequence
+from hashlib import blake2b
+from typing import Any, Final
+
+from flexbt_core.behavior_tree import (
+    Blackboard,
+    NodeDefinition,
+    NodeExecutionError,
+    NodeStatus,
+    PortError,
+    Tree,
+    TreeContext,
+    TreeKey,
+    TreeLibrary,
+    TreeNode,
+    UnfinishedWork,
+)
+from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
+from flexbt_core.behavior_tree.model import EMPTY, IDLE, RUNNING, Entry
+
+from .choices import Choices
+from .configuration import Configuration, Layout, Memory
+from .leaf_models import Environment, LeafModels, leaf_model, some_value, substitute, tested_values
+from .model import STOP, Label, Property, Violation
+from .virtual_time import VirtualClock
+
+START: Final = 'start'
+RESULT: Final = 'result'
+CONFIRMED: Final = 'canceled'
+ALARM: Final = 'time'
+TICK: Final = 'tick'
+
+_ROUNDS: Final = 200
+"""Ticks in a row that count as a livelock."""
+
+_WIRED: Final = ('_values', 'context', 'blackboard', 'marks', 'id', 'name', 'uid', '_scope', 'conditions', '_entries')
+_ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
+
+TREE_LAYOUT: Final = Layout(
+    fixed=(NodeDefinition,),
+    wired={
+        TreeNode: frozenset(_WIRED),
+        ControlNode: frozenset(('children', '_ticks')),
+        DecoratorNode: frozenset(('child', '_tick')),
+        TreeContext: frozenset(
+            ('clock', 'services', 'scripts', 'on_wake', 'observers', 'log', 'callbacks', '_lock', 'rewrapped')
+        ),
+        Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
+        Entry: frozenset(('type',)),
+        UnfinishedWork: frozenset(('_context',)),
+        Environment: frozenset(('values', 'choices', 'events', 'ticked', 'answers')),
+        Tree: frozenset(
+            (
+                *('key', 'blackboard', 'context', 'nodes', 'definitions', 'subtrees', 'callbacks', 'root', '_depth'),
+                *('_after_round', '_entry', '_max_rounds'),
+            )
+        ),
+    },
+    unseen={
+        TreeNode: frozenset(('decided_by', '_failed', '_child_failed', '_expired')),
+        LeafNode: frozenset(('_reason',)),
+        Entry: frozenset(('sequence',)),
+        TreeContext: frozenset(('earliest',)),
+        Tree: frozenset(('_failure',)),
+        VirtualClock: frozenset(('time',)),
+    },
+    views={
+        TreeNode: {
+            # Of a number of writes that was seen only matters whether there were more.
+            '_seen': lambda node: node._seen == node._entry.sequence,
+            '_count': lambda node: 0 if _is_unlimited(node) else node._count,
+        }
+    },
+)
+
+
+def _is_unlimited(node: Any) -> bool:
+    """Whether a node counts attempts to which there is no limit."""
+    limit = getattr(node, 'limit', None)
+    return limit is not None and node.get_input(limit) == -1
+
+
+class TreeSystem:
+    """A tree on a clock of its own.
+
+    ``models`` says what stands for a node. ``given`` are keys that are on the blackboard from the beginning; so are
+    those that something reads and nothing in the tree writes. ``stops``: whether it may be canceled at any time.
+    """
+
+    def __init__(
+        self,
+        library: TreeLibrary,
+        key: TreeKey,
+        models: LeafModels = leaf_model,
+        *,
+        given: Iterable[str] = (),
+        stops: bool = True,
+    ) -> None:
+        """Raises TreeLoadError or LookupError, as Tree does."""
+        self.clock = VirtualClock()
+        self._stops = stops
+        board = Blackboard()
+        scripts = list(_scripts(library))
+        self._environment = Environment(tested_values(scripts))
+        self._ticked: set[int] = set()
+        self._tree = Tree(
+            library,
+            key.id,
+            file=key.file,
+            blackboard=board,
+            clock=self.clock,
+            services=self._environment,
+            substitute=lambda definition, _: substitute(definition, models(definition)),
+            max_rounds=_ROUNDS,
+        )
+        self._tree.observe(self._note_status)
+        self.given = self._give(set(given), scripts)
+        self._run = _Run()
+        self._memory = Memory(
+            (
+                self._run,
+                self._tree,
+                *self._tree.nodes,
+                *(subtree.blackboard for subtree in self._tree.subtrees),
+                self._tree.context,
+                self.clock,
+                self._environment,
+            ),
+            self.clock,
+            TREE_LAYOUT,
+        )
+
+    def _give(self, given: set[str], scripts: list[str]) -> tuple[str, ...]:
+        """Write what is there from the beginning; the keys."""
+        read: dict[int, tuple[str, Any]] = {}
+        written: set[int] = set()
+        assigned = {name for script in scripts for name in _ASSIGNED.findall(script)}
+        for node in self._tree.nodes:
+            for name, value in node._values.items():
+                port = node.ports.get(name)
+                entry = node.blackboard.entry(value.key) if value.key is not None else None
+                if port is None or entry is None or value.key is None:
+                    continue
+                if port.readable:
+                    read.setdefault(id(entry), (value.key.removeprefix('@'), entry))
+                if port.writable or value.key in assigned:
+                    written.add(id(entry))
+        found = []
+        for at, (key, entry) in read.items():
+            if entry.value is EMPTY and (at not in written or key in given):
+                entry.write(some_value(entry.type))
+                found.append(key)
+        return tuple(sorted(set(found)))
+
+    # -- what an exploration needs -----------------------------------------------------------------------------------
+
+    def capture(self) -> Configuration:
+        configuration = self._memory.capture()
+        if self._run.result is None:
+            return configuration
+        # Nothing follows any more, but that what was canceled ends.
+        rest = marshal.dumps((self._run.result, sorted(self._environment.canceling)), 2)
+        return Configuration(configuration.parts, blake2b(rest, digest_size=16).digest())
+
+    def restore(self, configuration: Configuration) -> None:
+        self._memory.restore(configuration)
+
+    @property
+    def ended(self) -> str | None:
+        return self._run.result if self._run.result is not None and not self._tree.unfinished else None
+
+    @property
+    def waits(self) -> str:
+        return ''
+
+    def labels(self) -> Sequence[Label]:
+        run, environment = self._run, self._environment
+        if not run.is_started:
+            return [Label(START)]
+        if self.ended is not None:
+            return []
+        confirms = [Label(CONFIRMED, path) for path in environment.canceling]
+        if run.result is not None:
+            return confirms
+        labels = [
+            Label(RESULT, path, status.name)
+            for path, action in environment.open.items()
+            for status in action.model.results
+        ]
+        labels += confirms
+        if self._next_alarm() is not None:
+            labels.append(Label(ALARM))
+        labels.append(Label(TICK))
+        if self._stops:
+            labels.append(Label(STOP))
+        return labels
+
+    def step(self, label: Label, choices: Choices) -> list[Violation]:
+        run, environment = self._run, self._environment
+        environment.choices = choices
+        environment.events = []
+        environment.answers = {}
+        found: list[Violation] = []
+        if label.kind == STOP:
+            self._halt('stopped', found)
+        else:
+            if label.kind == START:
+                run.is_started = True
+            elif label.kind == RESULT:
+                environment.open[label.subject].result = NodeStatus[label.value]
+            elif label.kind == CONFIRMED:
+                environment.confirm(label.subject)
+            elif label.kind == ALARM:
+                alarm = self._next_alarm()
+                if alarm is not None:
+                    self.clock.go_to(alarm)
+            if run.result is None:
+                self._tick(found)
+        found += [
+            Violation(
+                Property.ONE_OWNER,
+                resource,
+                f'{resource} has two owners at once: {" and ".join(paths)}',
+            )
+            for resource, paths in environment.shared()
+        ]
+        return found
+
+    def position(self) -> str:
+        if not self._run.is_started:
+            return 'nothing was ticked yet'
+        if self._run.result is not None:
+            return f'the tree has ended: {self._run.result}'
+        return f'RUNNING: {", ".join(self._tree.active_nodes(leaves_only=True)) or "no leaf"}'
+
+    def happened(self) -> Sequence[str]:
+        return [*self._environment.events, self.position()]
+
+    def covered(self) -> frozenset[str]:
+        return frozenset(node.path for node in self._tree.nodes if node.uid in self._ticked)
+
+    def coverable(self) -> frozenset[str]:
+        return frozenset(node.path for node in self._tree.nodes)
+
+    # -- the host ----------------------------------------------------------------------------------------------------
+
+    def _next_alarm(self) -> float | None:
+        times = [time for time in (self._tree.next_wake, self.clock.next_timer()) if time is not None]
+        return min(times, default=None)
+
+    def _tick(self, found: list[Violation]) -> None:
+        tree, environment = self._tree, self._environment
+        environment.ticked.clear()
+        tree.take_wake()
+        try:
+            status = tree.tick_once()
+        except NodeExecutionError as error:
+            found.append(_fault(error))
+            self._halt('ERROR', found)
+            return
+        if status is RUNNING and tree.wake_pending:
+            text = f'the tree wakes itself over and over ({_ROUNDS} ticks in a row) and waits for nothing'
+            found.append(Violation(Property.NO_LIVELOCK, tree.key.id, text))
+        for path in environment.open:
+            if path not in environment.ticked:
+                text = f'{path} goes on, but nothing ticks it any more: it was not halted'
+                found.append(Violation(Property.HALTED, path, text))
+        if status is not RUNNING:
+            for path in environment.open:
+                text = f'{path} still works although the tree has ended with {status.name}: it was not halted'
+                found.append(Violation(Property.HALTED, path, text))
+            environment.events.append(f'the tree ends: {status.name}')
+            self._halt(status.name, found)
+
+    def _halt(self, result: str, found: list[Violation]) -> None:
+        tree, environment = self._tree, self._environment
+        self._run.result = result
+        try:
+            tree.halt()
+        except NodeExecutionError as error:
+            found.append(_fault(error))
+        for path in environment.open:
+            found.append(Violation(Property.STOP_STOPS, path, f'{path} still works after the tree was halted'))
+        for node in tree.nodes:
+            if node.status is not IDLE:
+                text = f'{node.path} is {node.status.name} after the tree was halted'
+                found.append(Violation(Property.HALTED, node.path, text))
+        if tree.next_wake is not None:
+            found.append(Violation(Property.STOP_STOPS, tree.key.id, 'a node still waits for a time after the halt'))
+
+    def _note_status(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        if after is not IDLE:
+            self._ticked.add(node.uid)
+
+
+class _Run:
+    """What the host of the tree knows of the run."""
+
+    def __init__(self) -> None:
+        self.is_started = False
+        self.result: str | None = None
+
+
+def _scripts(library: TreeLibrary) -> Iterable[str]:
+    for document in library.documents.values():
+        for tree in document.trees.values():
+            for node in tree.nodes():
+                yield from (script.text for script in node.conditions.values())
+                yield from (value.text for name, value in node.values.items() if name in ('code', 'if', 'switch'))
+
+
+def _fault(error: NodeExecutionError) -> Violation:
+    cause = error.__cause__
+    is_data = isinstance(cause, PortError) or 'never written' in str(error) or 'no such entry' in str(error)
+    return Violation(Property.DATA if is_data else Property.NO_FAULT, error.node_path, str(error))

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Machines with seeded defects: each is found, by a way that replays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from flexbt_core.exploration import (
+    Bounds,
+    Limits,
+    MachineSystem,
+    Operator,
+    Property,
+    Report,
+    StateKind,
+    StateModel,
+    explore,
+    replay,
+    state_model,
+)
+from flexbt_core.state_machine import (
+    Autonomy,
+    ConcurrencyContainer,
+    EventState,
+    OperatableStateMachine,
+    StateDefinition,
+    define,
+    with_retry,
+    with_timeout,
+)
+
+add = OperatableStateMachine.add
+
+
+class Work(EventState):
+    """What it does is up to the environment; what it has begun has to be canceled."""
+
+    def __init__(self, reads: str = '', writes: str = '') -> None:
+        super().__init__(['done', 'failed'], reads.split(), writes.split(), desired_rate=None)
+
+    def halting(self) -> str | None:
+        return None
+
+
+class Decide(EventState):
+    def __init__(self) -> None:
+        super().__init__(['again', 'enough'], desired_rate=None)
+
+
+class Think(EventState):
+    is_instant = True
+
+    def __init__(self) -> None:
+        super().__init__(['done'], desired_rate=None)
+
+
+def models(definition: StateDefinition) -> StateModel:
+    state = definition.state.unwrapped
+    if isinstance(state, Decide):
+        return StateModel(StateKind.DECISION)
+    drives = frozenset(('cmd_vel',)) if 'Drive' in definition.label else frozenset[str]()
+    found = state_model(definition)
+    return StateModel(found.kind, None, drives, found.ends_later, found.not_written)
+
+
+def mission(
+    *, goes_on: str = 'Drive', after_failure: str = 'Recover', loops: bool = False, keep_planning: bool = True
+) -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        add('Plan', Work(writes='path'), {'done': goes_on, 'failed': after_failure}, {'failed': Autonomy.Full})
+        drive = with_retry(with_timeout(Work(reads='path'), 5.0), 2)
+        add('Drive', drive, {'done': 'Ask', 'failed': 'Recover', 'timeout': 'Recover'})
+        add('Recover', Work(), {'done': 'Think', 'failed': 'failed'})
+        add('Ask', Decide(), {'again': 'Plan' if keep_planning else 'Drive', 'enough': 'finished'})
+        add('Think', Think(), {'done': 'Think' if loops else 'Plan'})
+    return machine
+
+
+def both_drive() -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        both = ConcurrencyContainer(
+            outcomes=['done', 'failed'],
+            conditions=[
+                ('done', [('Drive', 'done'), ('DriveToo', 'done')]),
+                ('failed', [('Drive', 'failed')]),
+                ('failed', [('DriveToo', 'failed')]),
+            ],
+        )
+        with both:
+            add('Drive', Work(), {'done': 'done', 'failed': 'failed'})
+            add('DriveToo', Work(), {'done': 'done', 'failed': 'failed'})
+        add('Both', both, {'done': 'finished', 'failed': 'failed'})
+    return machine
+
+
+def proved(
+    make: Callable[[], OperatableStateMachine], bounds: Bounds | None = None
+) -> tuple[Report, Callable[[], MachineSystem]]:
+    definition = define(make())
+
+    def system() -> MachineSystem:
+        return MachineSystem(definition, models, bounds)
+
+    return explore(system, 'mission', limits=Limits(seconds=600)), system
+
+
+@pytest.mark.parametrize(
+    'bounds',
+    [
+        Bounds(),
+        Bounds(Operator.ALL, forces=1, faults=0, autonomy=Autonomy.Full),
+    ],
+    ids=['answers', 'forces'],
+)
+def test_a_sound_mission_is_followed_to_its_end(bounds: Bounds) -> None:
+    machine = mission()
+    machine.userdata.path = 'given'  # so that forcing an outcome leaves nothing unwritten
+    report, _ = proved(lambda: machine, bounds)
+    assert report.is_complete and report.holds, report.counterexamples
+    assert {'finished', 'failed', 'preempted'} <= set(report.ends)
+    assert report.uncovered == ()
+
+
+DEFECTS: dict[str, tuple[Callable[[], OperatableStateMachine], Property]] = {
+    'wrong target': (lambda: mission(after_failure='Drive'), Property.DATA),
+    'instant loop': (lambda: mission(loops=True), Property.NO_LIVELOCK),
+    'two owners': (both_drive, Property.ONE_OWNER),
+}
+
+
+@pytest.mark.parametrize(('make', 'kind'), DEFECTS.values(), ids=DEFECTS.keys())
+def test_a_defect_is_found_and_replays(make: Callable[[], OperatableStateMachine], kind: Property) -> None:
+    report, system = proved(make)
+    assert kind in {found.violation.property for found in report.counterexamples}
+    found = next(found for found in report.counterexamples if found.violation.property is kind)
+    assert found.violation in replay(system, found.moves)
+    assert not replay(system, found.moves[:-1])
+
+
+def test_a_trap_is_found() -> None:
+    def trap() -> OperatableStateMachine:
+        machine = OperatableStateMachine(outcomes=['finished'])
+        with machine:
+            add('Choose', Work(), {'done': 'finished', 'failed': 'One'})
+            add('One', Work(), {'done': 'Other', 'failed': 'Other'})
+            add('Other', Work(), {'done': 'One', 'failed': 'One'})
+        return machine
+
+    report, _ = proved(trap)
+    (found,) = report.counterexamples
+    assert found.violation.property is Property.CAN_END and '/One' in found.violation.where
+
+
+def test_a_command_that_is_ignored_does_not_keep_a_stop_from_its_end() -> None:
+    report, _ = proved(mission, Bounds(faults=2))
+    assert 'error' in report.ends  # the run says that it could not stop everything
+    assert Property.STOP_STOPS not in {found.violation.property for found in report.counterexamples}

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees with seeded defects: each is found, by a way that replays; those without are followed to their end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    Condition,
+    Control,
+    NodeConfig,
+    NodeRegistry,
+    NodeStatus,
+    StatefulAction,
+    TreeKey,
+    TreeLibrary,
+    builtin_registry,
+    input_port,
+    load_xml,
+    output_port,
+)
+from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.exploration import LeafModels, Limits, Property, Report, TreeSystem, explore, leaf_model, replay
+
+DRIVES: Mapping[str, frozenset[str]] = {name: frozenset(('cmd_vel',)) for name in ('Drive', 'Turn')}
+
+
+class _Work(StatefulAction):
+    """What it does is up to the environment."""
+
+    def on_start(self) -> NodeStatus:
+        raise AssertionError('a proof runs no real leaf')
+
+    on_running = on_start
+
+    def on_halted(self) -> None:
+        raise AssertionError('a proof runs no real leaf')
+
+
+class Drive(_Work):
+    ports = {'path': input_port(STRING, optional=True)}
+
+
+class Turn(_Work):
+    pass
+
+
+class Plan(_Work):
+    ports = {'path': output_port(STRING)}
+
+
+class Follow(_Work):
+    ports = {'path': input_port(STRING)}
+
+
+class IsSafe(Condition):
+    def tick(self) -> NodeStatus:
+        raise AssertionError('a proof runs no real leaf')
+
+
+class Forgetful(Control):
+    """Ticks its children by turns, and forgets to halt the one before."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._next = 0
+
+    def tick(self) -> NodeStatus:
+        status = self.tick_child(self._next % len(self.children))
+        self._next = (self._next + 1) % len(self.children)
+        return status
+
+
+class Stalled(Control):
+    """RUNNING, with nothing that would ever wake it."""
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+
+def registry() -> NodeRegistry:
+    found = builtin_registry()
+    for kind in (Drive, Turn, Plan, Follow, IsSafe, Forgetful, Stalled):
+        found.register(kind.__name__, kind)
+    return found
+
+
+def models() -> LeafModels:
+    return lambda definition: leaf_model(definition, DRIVES)
+
+
+def system(body: str) -> TreeSystem:
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    return TreeSystem(library, TreeKey('main.xml', 'Main'), models())
+
+
+def proved(body: str) -> Report:
+    return explore(lambda: system(body), 'Main', limits=Limits(seconds=600))
+
+
+SOUND = """
+<Sequence>
+  <RetryUntilSuccessful num_attempts="3"><Plan path="{path}"/></RetryUntilSuccessful>
+  <ReactiveSequence><IsSafe/><Timeout msec="5000"><Drive path="{path}"/></Timeout></ReactiveSequence>
+  <Delay delay_msec="10"><Turn/></Delay>
+</Sequence>
+"""
+
+DEFECTS = {
+    'read before it is written': (
+        '<Sequence><Fallback><Plan path="{path}"/><AlwaysSuccess/></Fallback><Follow path="{path}"/></Sequence>',
+        Property.DATA,
+    ),
+    'two owners': (
+        '<Parallel success_count="2"><Drive/><Sequence><Plan/><Turn/></Sequence></Parallel>',
+        Property.ONE_OWNER,
+    ),
+    'not halted': ('<Forgetful><Plan/><Plan/></Forgetful>', Property.HALTED),
+    'wakes itself': (
+        '<RetryUntilSuccessful num_attempts="-1"><IsSafe/></RetryUntilSuccessful>',
+        Property.NO_LIVELOCK,
+    ),
+    'lost wake-up': (
+        '<Sequence><Drive/><Stalled><Turn/></Stalled></Sequence>',
+        Property.NO_DEADLOCK,
+    ),
+    'cannot end': (
+        '<Sequence><Drive/><Inverter><KeepRunningUntilFailure><Delay delay_msec="5"><AlwaysSuccess/></Delay>'
+        '</KeepRunningUntilFailure></Inverter></Sequence>',
+        Property.CAN_END,
+    ),
+}
+
+
+def test_a_sound_tree_is_followed_to_its_end() -> None:
+    report = proved(SOUND)
+    assert report.is_complete and report.holds, report.counterexamples
+    assert set(report.ends) == {'SUCCESS', 'FAILURE', 'stopped'}
+    assert report.uncovered == ()
+
+
+@pytest.mark.parametrize(('body', 'kind'), DEFECTS.values(), ids=DEFECTS.keys())
+def test_a_defect_is_found_and_replays(body: str, kind: Property) -> None:
+    report = proved(body)
+    assert {found.violation.property for found in report.counterexamples} == {kind}
+    found = report.counterexamples[0]
+    if kind not in (Property.NO_DEADLOCK, Property.CAN_END):  # those are about what does not follow
+        assert found.violation in replay(lambda: system(body), found.moves)
+        assert not replay(lambda: system(body), found.moves[:-1])
+
+
+def test_restored_configurations_are_what_the_steps_lead_to() -> None:
+    report = proved(f'<Repeat num_cycles="2">{SOUND}</Repeat>')
+    assert report.is_complete and report.holds
+    assert report.checked_restores > 0  # each would raise
+
+
+def test_counters_without_a_limit_are_one_situation() -> None:
+    report = proved(
+        '<RetryUntilSuccessful num_attempts="-1"><Delay delay_msec="10"><IsSafe/></Delay></RetryUntilSuccessful>'
+    )
+    assert report.is_complete and report.configurations < 10

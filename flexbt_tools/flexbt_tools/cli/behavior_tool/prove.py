@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool prove``: follows all that can happen to a behavior, and tells what is wrong with the shortest way to
+it."""
+
+from __future__ import annotations
+
+import argparse
+
+from flexbt_core.exploration import Bounds, Operator
+from flexbt_core.state_machine import AUTONOMY_NAMES, Autonomy
+from flexbt_tools.behaviors import used_trees
+from flexbt_tools.cli import arguments, proof_arguments
+from flexbt_tools.errors import ExitCode
+from flexbt_tools.proofs import ProgressLine, behavior_test, prove_behavior
+
+from .behavior_arguments import add_parameters, add_tree_files, built, parameters
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('name', metavar='NAME', help='installed behavior')
+    add_parameters(parser)
+    add_tree_files(parser)
+    arguments.add_node_types(parser, allow_unknown=False)
+    parser.add_argument(
+        '--operator',
+        choices=[one.value for one in Operator],
+        default=Operator.ANSWERS.value,
+        help='what the operator does: nothing, answers what is asked, or also pauses and forces (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--forces', metavar='N', type=int, choices=range(4), default=0, help='outcomes that are forced, 0 to 3'
+    )
+    parser.add_argument(
+        '--faults',
+        metavar='N',
+        type=int,
+        choices=range(4),
+        default=1,
+        help='cancels that are ignored, 0 to 3 (default: 1)',
+    )
+    parser.add_argument(
+        '--autonomy',
+        choices=list(AUTONOMY_NAMES.values()),
+        default=AUTONOMY_NAMES[Autonomy.Low],
+        help='level of autonomy (default: %(default)s)',
+    )
+    proof_arguments.add_limits(parser)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    behavior = built(options)
+    assert behavior.machine is not None
+    used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
+    operator = Operator.ALL if options.forces else Operator(options.operator)
+    bounds = Bounds(
+        operator,
+        options.forces,
+        options.faults,
+        next(level for level, name in AUTONOMY_NAMES.items() if name == options.autonomy),
+    )
+    progress = ProgressLine(not options.quiet)
+    try:
+        proof = prove_behavior(
+            behavior.name,
+            behavior.machine,
+            used,
+            bounds,
+            seconds=options.seconds,
+            configurations=options.situations,
+            on_progress=progress.tell,
+        )
+    finally:
+        progress.end()
+    code = proof_arguments.tell(options, proof.reports)
+    if options.save_test is not None and not proof.machine.holds:
+        text = behavior_test(behavior.name, parameters(options), bounds, proof.machine.counterexamples)
+        proof_arguments.save_test(options, text)
+    return code

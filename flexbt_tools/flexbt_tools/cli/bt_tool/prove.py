@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool prove``: follows all that can happen to a tree, and tells what is wrong with the shortest way to it."""
+
+from __future__ import annotations
+
+import argparse
+
+from flexbt_core.behavior_tree import TreeKey, TreeLoadError
+from flexbt_core.exploration import Limits
+from flexbt_tools.cli import arguments, proof_arguments
+from flexbt_tools.errors import ExitCode, RefusedError
+from flexbt_tools.proofs import ProgressLine, prove_tree, tree_test
+from flexbt_tools.trees import find_tree, read_library, roots
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_files(parser)
+    parser.add_argument('--tree', metavar='ID', help='only this tree (default: all that are no sub-trees)')
+    parser.add_argument(
+        '--given', metavar='KEY', action='append', default=[], help='a key that is on the blackboard before; repeatable'
+    )
+    arguments.add_node_types(parser, allow_unknown=False)
+    proof_arguments.add_limits(parser)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    library = read_library(options.files, arguments.registry(options, allow_unknown=True))
+    keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
+    progress = ProgressLine(not options.quiet)
+    reports = {}
+    for key in keys:
+        name = f'tree {key.id}'
+        limits = Limits(options.seconds / len(keys), options.situations)
+        try:
+            reports[key] = prove_tree(
+                library,
+                key,
+                given=options.given,
+                limits=limits,
+                on_progress=lambda now, name=name: progress.tell(name, now),  # type: ignore[misc]
+            )
+        except TreeLoadError as error:
+            raise RefusedError(error.errors) from error
+        finally:
+            progress.end()
+    code = proof_arguments.tell(options, list(reports.values()))
+    wrong = [key for key, report in reports.items() if not report.holds]
+    if options.save_test is not None and wrong:
+        key = wrong[0]
+        text = tree_test(options.files, key.id, reports[key].counterexamples, options.given)
+        proof_arguments.save_test(options, text)
+    return code

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Arguments of the commands that prove, and how they tell what they have found."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Report
+from flexbt_core.values import one_line
+from flexbt_tools.errors import ExitCode, UsageError
+from flexbt_tools.proofs import report_as_json, report_lines
+
+from . import arguments
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """``options.seconds``, ``options.situations``, ``options.save_test``, ``options.json``, ``options.quiet``."""
+    parser.add_argument(
+        '--seconds',
+        metavar='S',
+        type=_positive,
+        default=DEFAULT_SECONDS,
+        help='end after so many seconds, and tell what was followed (default: %(default)g)',
+    )
+    parser.add_argument(
+        '--situations',
+        metavar='N',
+        type=_count,
+        default=DEFAULT_CONFIGURATIONS,
+        help='end with so many situations (default: %(default)d)',
+    )
+    parser.add_argument('--save-test', metavar='FILE', help='write what is wrong as a test for pytest')
+    parser.add_argument('--quiet', action='store_true', help='no progress')
+    arguments.add_json(parser)
+
+
+def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:
+    """Print what was found; the exit code."""
+    if options.json:
+        print(json.dumps({'proofs': [report_as_json(report) for report in reports]}))
+    else:
+        for report in reports:
+            for line in report_lines(report):
+                print(one_line(line, 2000))
+    if any(not report.holds for report in reports):
+        return ExitCode.NEGATIVE
+    return ExitCode.OK if all(report.is_complete for report in reports) else ExitCode.UNFINISHED
+
+
+def save_test(options: argparse.Namespace, text: str) -> None:
+    """Write a test file. Raises UsageError."""
+    try:
+        Path(options.save_test).write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise UsageError(f'--save-test {options.save_test}: cannot be written: {error.strerror}') from error
+    print(f'the test is in {options.save_test}', file=sys.stderr)
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text!r} is no number above 0')
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 0 < len(text) < 10 or int(text) < 1:
+        raise argparse.ArgumentTypeError(f'{text!r} is no whole number above 0')
+    return int(text)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A behavior with its trees: each tree by itself first, and then the machine with what was found about the trees."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexbt_core.behavior_tree import NodeRegistry, TreeKey
+from flexbt_core.exploration import (
+    Bounds,
+    Limits,
+    MachineSystem,
+    Operator,
+    Progress,
+    Report,
+    StateModels,
+    Violation,
+    explore,
+    replay,
+)
+from flexbt_core.state_machine import MachineDefinition
+from flexbt_server.node_types import node_registry
+from flexbt_tools.behaviors import UsedTrees, build, installed, used_trees
+from flexbt_tools.errors import UsageError
+from flexbt_tools.trees import OpenRegistry
+
+from .environment import leaf_models, state_models
+from .moves import moves_of
+from .tree_proof import prove_tree
+
+
+@dataclass(frozen=True)
+class BehaviorProof:
+    """What was found about the trees of a behavior, and about its machine."""
+
+    name: str
+    trees: dict[TreeKey, Report]
+    machine: Report
+
+    @property
+    def reports(self) -> list[Report]:
+        """All of them, the machine last."""
+        return [*self.trees.values(), self.machine]
+
+
+def prove_behavior(
+    name: str,
+    machine: MachineDefinition,
+    used: UsedTrees,
+    bounds: Bounds,
+    *,
+    seconds: float,
+    configurations: int,
+    on_progress: Callable[[str, Progress], None] | None = None,
+) -> BehaviorProof:
+    """Explore a behavior within ``seconds`` in all. What a tree does not use of its time, those after it may."""
+    end = time.monotonic() + seconds
+    keys = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
+    trees: dict[TreeKey, Report] = {}
+    for number, key in enumerate(keys):
+        limits = Limits((end - time.monotonic()) / (len(keys) - number + 1), configurations)
+        trees[key] = prove_tree(used.library, key, limits=limits, on_progress=_named(f'tree {key.id}', on_progress))
+    models = _models(used, trees)
+    report = explore(
+        lambda: MachineSystem(machine, models, bounds),
+        f'machine of {name}',
+        str(bounds),
+        Limits(max(0.0, end - time.monotonic()), configurations),
+        _named('the machine', on_progress),
+    )
+    return BehaviorProof(name, trees, report)
+
+
+def replay_behavior(
+    name: str,
+    moves: Iterable[Sequence[Any]],
+    *,
+    parameters: Sequence[tuple[str, str]] = (),
+    operator: str = Operator.ANSWERS.value,
+    forces: int = 0,
+    faults: int = 1,
+    autonomy: int = 1,
+) -> list[Violation]:
+    """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
+
+    Raises UsageError when the behavior cannot be built.
+    """
+    (entry,) = installed([name])
+    built = build(entry, parameters)
+    if built.machine is None:
+        raise UsageError('\n'.join(built.problems))
+    machine = built.machine
+    registry: NodeRegistry = OpenRegistry(node_registry(lambda source, error: None))
+    models = _models(used_trees(machine, (), registry), {})
+    bounds = Bounds(Operator(operator), forces, faults, autonomy)
+    return replay(lambda: MachineSystem(machine, models, bounds), moves_of(moves))
+
+
+def _models(used: UsedTrees, reports: dict[TreeKey, Report]) -> StateModels:
+    return state_models({use.path: use for use in used.uses}, reports, used.library, leaf_models())
+
+
+def _named(name: str, tell: Callable[[str, Progress], None] | None) -> Callable[[Progress], None] | None:
+    return None if tell is None else lambda progress: tell(name, progress)

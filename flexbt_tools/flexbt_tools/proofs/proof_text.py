@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a proof has found, for a mission engineer and for programs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import Any, Final
+
+from flexbt_core.exploration import Counterexample, Progress, Property, Report
+
+from .moves import plain_moves
+
+_SHOWN: Final = 20
+_REMEDIES: Final = {
+    Property.NO_DEADLOCK: 'give it a time limit, or another outcome for that',
+    Property.CAN_END: 'add a transition that leads out of there',
+    Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
+    Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
+    Property.ONE_OWNER: 'let one of them end before the other begins, or pause one of them by a PriorityContainer',
+    Property.HALTED: 'have the node above it halt its children, as ControlNode.reset_children does',
+    Property.WOKEN: 'have the leaf call wake() or wake_at()',
+}
+
+
+class ProgressLine:
+    """One line of the standard error, written over and over; nothing where that is no terminal."""
+
+    def __init__(self, is_shown: bool) -> None:
+        self._is_shown = is_shown and sys.stderr.isatty()
+
+    def tell(self, name: str, progress: Progress) -> None:
+        """Show how far it has come."""
+        if self._is_shown:
+            text = f'{name}: {progress.configurations} configurations, {progress.waiting} to follow'
+            print(f'\r{text}, {progress.seconds:.0f} s'.ljust(79)[:79], end='', file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """Take the line away."""
+        if self._is_shown:
+            print('\r'.ljust(80) + '\r', end='', file=sys.stderr, flush=True)
+
+
+def report_lines(report: Report) -> Iterator[str]:
+    """A report: the verdict, of what it holds, what is wrong with the way to it, and what was never taken."""
+    size = f'{report.configurations} situations, {report.steps} steps, {report.seconds:.1f} s'
+    number = len(report.counterexamples)
+    wrong = f'{number} thing{"" if number == 1 else "s"} wrong' if number else 'nothing wrong'
+    if report.is_complete:
+        yield f'{report.name}: {wrong} ({size})'
+        yield f'  followed to the end: {report.bounds}'
+    else:
+        why = report.stopped_by or 'too many ways to answer in one step'
+        yield f'{report.name}: {wrong} as far as it was followed ({size})'
+        yield f'  NOT followed to the end ({why}): all ways of up to {max(report.depth - 1, 0)} steps: {report.bounds}'
+    ends = ', '.join(f'{name}' for name in sorted(report.ends)) or 'in no way'
+    yield f'  it can end: {ends}'
+    yield f'  taken: {report.covered} of {report.coverable}' + (
+        '' if not report.uncovered else f'; never: {_some(report.uncovered)}'
+    )
+    for note in report.notes:
+        yield f'  note: {note}'
+    for found in report.counterexamples:
+        yield from _counterexample_lines(found)
+
+
+def _some(names: tuple[str, ...]) -> str:
+    rest = len(names) - _SHOWN
+    return ', '.join(names[:_SHOWN]) + (f' and {rest} more' if rest > 0 else '')
+
+
+def _counterexample_lines(found: Counterexample) -> Iterator[str]:
+    kind = found.violation.property
+    yield f'  WRONG: {found.violation.text}'
+    yield f'    it should be: {kind.value}'
+    if kind in _REMEDIES:
+        yield f'    remedy: {_REMEDIES[kind]}'
+    yield f'    the shortest way to it ({len(found.moves)} steps):'
+    yield from (f'      {line}' for line in found.lines)
+
+
+def report_as_json(report: Report) -> dict[str, Any]:
+    """A report for programs."""
+    return {
+        'name': report.name,
+        'bounds': report.bounds,
+        'complete': report.is_complete,
+        'stopped_by': report.stopped_by,
+        'configurations': report.configurations,
+        'steps': report.steps,
+        'depth': report.depth,
+        'seconds': round(report.seconds, 3),
+        'ends': dict(report.ends),
+        'covered': report.covered,
+        'coverable': report.coverable,
+        'never': list(report.uncovered),
+        'notes': list(report.notes),
+        'wrong': [
+            {
+                'property': found.violation.property.name,
+                'where': found.violation.where,
+                'text': found.violation.text,
+                'moves': plain_moves(found.moves),
+                'way': list(found.lines),
+            }
+            for found in report.counterexamples
+        ],
+    }

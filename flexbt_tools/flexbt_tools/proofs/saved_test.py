@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A counterexample as a test of pytest, which fails until what is wrong has been put right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from flexbt_core.exploration import Bounds, Counterexample
+
+from .moves import plain_moves
+
+
+def tree_test(files: Sequence[str], tree: str, found: Iterable[Counterexample], given: Sequence[str] = ()) -> str:
+    """The text of a test file for what was found about a tree."""
+    call = f'replay_tree({list(files)!r}, {tree!r}, moves, given={list(given)!r})'
+    return _text('replay_tree', call, f'the tree {tree!r}', found)
+
+
+def behavior_test(
+    name: str, parameters: Sequence[tuple[str, str]], bounds: Bounds, found: Iterable[Counterexample]
+) -> str:
+    """The text of a test file for what was found about the machine of a behavior."""
+    settings = (
+        f'parameters={list(parameters)!r}, operator={bounds.operator.value!r}, forces={bounds.forces}, '
+        f'faults={bounds.faults}, autonomy={bounds.autonomy}'
+    )
+    return _text('replay_behavior', f'replay_behavior({name!r}, moves, {settings})', f'the behavior {name!r}', found)
+
+
+def _text(function: str, call: str, what: str, found: Iterable[Counterexample]) -> str:
+    lines = [f'"""What a proof has found wrong with {what}. Each test fails until that is put right."""', '']
+    lines += [f'from flexbt_tools.proofs import {function}', '']
+    for number, one in enumerate(found, start=1):
+        lines += ['', f'def test_{one.violation.property.name.lower()}_{number}() -> None:']
+        lines += ['    # ' + line for line in [one.violation.text, *one.lines]]
+        lines += ['    moves = [', *(f'        {_move(move)},' for move in plain_moves(one.moves)), '    ]']
+        lines += [f'    wrong = {call}', '    assert not wrong, wrong[0].text', '']
+    return '\n'.join(line.rstrip() for line in lines)
+
+
+def _move(move: list[Any]) -> str:
+    return repr(move)

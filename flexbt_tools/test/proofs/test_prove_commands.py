@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool prove`` and ``behavior_tool prove`` as a user calls them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from flexbt_testing.behavior_trees.bt_tool import document, tool
+from flexbt_tools.cli.behavior_tool import main as behavior_tool
+
+
+def behavior(*words: str) -> tuple[int, str, str]:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = behavior_tool(words)
+    return code, out.getvalue(), err.getvalue()
+
+
+def test_the_demonstration_holds_and_says_of_what() -> None:
+    code, out, _ = behavior('prove', 'Navigate Split', '--json')
+    assert code == 0
+    proofs = json.loads(out)['proofs']
+    assert [one['name'] for one in proofs][-1] == 'machine of Navigate Split' and len(proofs) == 4
+    assert all(one['complete'] and not one['wrong'] and not one['never'] for one in proofs)
+    assert 'at most 1 ignored cancel' in proofs[-1]['bounds'] and proofs[-1]['ends'].keys() >= {'finished', 'failed'}
+
+
+def test_what_is_wrong_in_a_tree_is_told_and_saved_as_a_test(tmp_path: Path) -> None:
+    tree = tmp_path / 'race.xml'
+    tree.write_text(
+        document('Main: <Parallel success_count="2"><Spin/><Sequence><Wait/><BackUp/></Sequence></Parallel>')
+    )
+    test = tmp_path / 'test_race.py'
+    done = tool('prove', str(tree), '--save-test', str(test))
+    assert done.code == 1
+    assert 'base has two owners at once' in done.out and 'the shortest way to it (2 steps)' in done.out
+    assert 'remedy: let one of them end before the other begins' in done.out
+    names: dict[str, object] = {}
+    exec(compile(test.read_text(), str(test), 'exec'), names)  # noqa: S102 - it was written by the program under test
+    saved = next(value for name, value in names.items() if name.startswith('test_'))
+    assert callable(saved)
+    with pytest.raises(AssertionError, match='two owners'):
+        saved()
+    tree.write_text(document('Main: <Sequence><Spin/><Wait/><BackUp/></Sequence>'))
+    saved()  # what was wrong has been put right
+
+
+def test_a_limit_is_told_and_never_called_a_proof(tmp_path: Path) -> None:
+    tree = tmp_path / 'long.xml'
+    tree.write_text(document('Main: <Repeat num_cycles="500"><Delay delay_msec="5"><Wait/></Delay></Repeat>'))
+    done = tool('prove', str(tree), '--situations', '50')
+    assert done.code == 5
+    assert 'NOT followed to the end (the limit of 50 configurations)' in done.out and 'proved' not in done.out
+
+
+@pytest.mark.parametrize(
+    'words', [['--seconds', '0'], ['--seconds', 'soon'], ['--situations', '-1'], ['--tree', 'Mian'], ['--given']]
+)
+def test_wrong_usage(tmp_path: Path, words: list[str]) -> None:
+    tree = tmp_path / 'main.xml'
+    tree.write_text(document('Main: <AlwaysSuccess/>'))
+    assert tool('prove', str(tree), *words).code == 2
