@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from .errors import SynthesisError
+from .explanation import Explanation, explained
 from .games import Game, Strategy, Watch, check_certificate, strategy_of
 from .inputs import Problem
 from .machines import SynthesizedMachine, machine_of
@@ -14,29 +15,37 @@ from .machines import SynthesizedMachine, machine_of
 
 @dataclass(frozen=True, slots=True)
 class Synthesis:
-    """The answer to a problem: a machine with its strategy, whose certificate holds; or None for both."""
+    """The answer to a problem: a machine with its strategy, whose certificate holds; or why there is none.
+
+    ``figures`` are about the work: rounds of the outer fixpoint, layers by guarantee, nodes of the strategy.
+    """
 
     problem: Problem
     machine: SynthesizedMachine | None = None
     strategy: Strategy | None = None
-    figures: dict[str, Any] | None = None
+    explanation: Explanation | None = None
+    figures: dict[str, Any] = field(default_factory=dict)
 
 
 def synthesize(problem: Problem, watch: Watch | None = None) -> Synthesis:
     """Solves a problem. ``watch`` is called between steps with what is being done, and may raise to end it.
 
     Raises:
-        SynthesisError: there is a strategy, but no machine carries it out; or the check of its certificate fails,
-            which is a fault of the solver.
+        SynthesisError: nothing is asked for, or not of a world that there can be; there is a strategy, but no machine
+            carries it out; or the check of its certificate fails, which is a fault of the solver.
     """
-    game = Game(problem.specification, watch=watch)
-    solution = game.solved()
+    specification = problem.specification
+    game = Game(specification, watch=watch)
+    solution = game.solved() if game.can_begin_in(game.hopeful) else None
+    if solution is None or not solution.is_realizable():
+        return Synthesis(problem, explanation=explained(problem, watch))
     figures = {'rounds': solution.rounds, 'layers': [len(layers) for layers in solution.layers]}
-    if not solution.is_realizable():
-        return Synthesis(problem, figures=figures)
     strategy = strategy_of(solution)
-    wrong = check_certificate(problem.specification, strategy.to_json())
+    if not strategy.start:
+        raise SynthesisError(['the world cannot begin in any way: the formulas of ENV_INIT contradict each other'])
+    wrong = check_certificate(specification, strategy.to_json())
     if wrong:
         raise SynthesisError(['the strategy does not fulfil the specification: a fault of the solver', *wrong[:5]])
-    machine = machine_of(problem, strategy)
-    return Synthesis(problem, machine, strategy, {**figures, 'nodes': len(strategy.nodes)})
+    return Synthesis(
+        problem, machine_of(problem, strategy), strategy, figures={**figures, 'nodes': len(strategy.nodes)}
+    )

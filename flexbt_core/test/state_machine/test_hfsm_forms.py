@@ -13,6 +13,7 @@ from flexbt_core.state_machine import (
     Autonomy,
     Child,
     ConcurrencyContainer,
+    EventState,
     MachineDefinition,
     MachineError,
     OperatableStateMachine,
@@ -20,6 +21,7 @@ from flexbt_core.state_machine import (
     StateDefinition,
     define,
     read_machine,
+    with_retry,
 )
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 from flexbt_testing.state_machines import Scripted
@@ -53,7 +55,11 @@ machine:
       priority:
         outcomes: [back]
         states:
-          Turn: {state: Find, parameters: {tries: 2}, transitions: {done: back, off: back}}
+          Turn:
+            state: Find
+            parameters: {tries: 2}
+            retry: {attempts: 3, on: [off], delay: 2}
+            transitions: {done: back, off: back}
       transitions: {back: Both}
 """
 
@@ -79,6 +85,10 @@ CONDITIONS = [
 DATA: Mapping[str, Any] = {'place': 'dock', 'limits': [1, 2.5, True], 'nothing': None}
 
 
+def turn() -> EventState:
+    return with_retry(Find(2), 3, ['off'], delay=2.0)
+
+
 def as_flexbe() -> OperatableStateMachine:
     both = ConcurrencyContainer(['done', 'failed'], ['place'], ['result'], conditions=CONDITIONS)
     with both:
@@ -86,7 +96,7 @@ def as_flexbe() -> OperatableStateMachine:
         ConcurrencyContainer.add('Watch', Find(1), autonomy={'done': Autonomy.Full})
     rescue = PriorityContainer(outcomes=['back'])
     with rescue:
-        PriorityContainer.add('Turn', Find(2), transitions={'done': 'back', 'off': 'back'})
+        PriorityContainer.add('Turn', turn(), transitions={'done': 'back', 'off': 'back'})
     made = OperatableStateMachine(outcomes=['finished', 'off'], output_keys=['result'])
     for key, value in DATA.items():
         made.userdata[key] = value
@@ -108,7 +118,10 @@ def at_once() -> OperatableStateMachine:
             Child('Watch', Find(1), autonomy={'done': Autonomy.Full}),
         ],
     )
-    rescue = PriorityContainer(outcomes=['back'], children=[Child('Turn', Find(2), {'done': 'back', 'off': 'back'})])
+    rescue = PriorityContainer(
+        outcomes=['back'],
+        children=[Child('Turn', turn(), {'done': 'back', 'off': 'back'})],
+    )
     return OperatableStateMachine(
         outcomes=['finished', 'off'],
         output_keys=['result'],
@@ -160,6 +173,13 @@ def test_a_definition_cannot_be_changed() -> None:
         ('state: Go,', 'state: Goo,', "m.yaml:22: /Both/Go: there is no state 'Goo'; did you mean 'Go'?"),
         ('tries: 3', 'trys: 3', 'm.yaml:8: /Find: Find cannot be made: TypeError: '),
         ('done: low', 'done: lo', "m.yaml:11: autonomy of /Find: 'lo' is none of the levels off, low, high, full"),
+        (
+            'on: [off], delay',
+            'on: [of], delay',
+            "/Rescue/Turn: Find: cannot be tried again: 'of' is none",
+        ),
+        ('attempts: 3', 'attempts: many', 'retry of /Rescue/Turn has to have attempts (a number) and on (outcomes)'),
+        ('delay: 2', 'dely: 2', "retry of /Rescue/Turn cannot have 'dely'; did you mean 'delay'?"),
         ('priority:', 'prioriti:', 'm.yaml:27: /Rescue has to have one of state, machine, concurrency, priority'),
         (
             'input_keys:',

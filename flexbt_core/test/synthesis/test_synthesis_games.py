@@ -35,7 +35,9 @@ IN, OUT = ('p', 'q'), ('a', 'b')
 
 
 def formulas(names: tuple[str, ...], primed: tuple[str, ...] = ()) -> st.SearchStrategy[Formula]:
-    atoms = st.sampled_from([*(Name(name) for name in names), *(Name(name, True) for name in primed), TRUE])
+    atoms: st.SearchStrategy[Formula] = st.sampled_from(
+        [*(Name(name) for name in names), *(Name(name, True) for name in primed), TRUE]
+    )
     return st.recursive(
         atoms,
         lambda inner: st.one_of(
@@ -209,7 +211,8 @@ def fairly_won(explicit: Explicit, goal: Formula, live: Formula) -> set[State]:
     """The states from which one of all positional strategies wins, if the world takes each live move at some time."""
     choices = [(state, inputs) for state in explicit.states for inputs in explicit.moves[state]]
     winning: set[State] = set()
-    for answers in product(*(explicit.moves[state][inputs] or [None] for state, inputs in choices)):
+    nothing: list[State | None] = [None]
+    for answers in product(*(explicit.moves[state][inputs] or nothing for state, inputs in choices)):
         graph: dict[State, list[tuple[State | None, bool, bool]]] = {state: [] for state in explicit.states}
         for (state, inputs), then in zip(choices, answers, strict=True):
             seen = then if then is not None else (*inputs, *(0 for _ in explicit.outputs))
@@ -326,7 +329,14 @@ def damages() -> Iterator[tuple[str, dict[str, Any]]]:
     for node in level['nodes']:
         node['rank'] = 0
     yield 'all of the same rank', level
-    for broken in ({}, {'nodes': []}, {**whole, 'start': []}, {**whole, 'start': [99]}, {**whole, 'nodes': [None]}):
+    shapes: list[dict[str, Any]] = [
+        {},
+        {'nodes': []},
+        {**whole, 'start': []},
+        {**whole, 'start': [99]},
+        {**whole, 'nodes': [None]},
+    ]
+    for broken in shapes:
         yield f'{len(broken)} parts', broken
 
 

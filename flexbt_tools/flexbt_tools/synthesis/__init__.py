@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Synthesis with the states that are installed, its files, and its answers as text."""
 
+from .answer_text import explanation_lines, step_through
 from .files import SynthesisFiles, read, read_problem
 from .state_interfaces import StateInterfaces
 
-__all__ = ['StateInterfaces', 'SynthesisFiles', 'read', 'read_problem']
+__all__ = ['StateInterfaces', 'SynthesisFiles', 'explanation_lines', 'read', 'read_problem', 'step_through']

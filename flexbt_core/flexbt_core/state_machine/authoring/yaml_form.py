@@ -2,7 +2,8 @@
 """State machines as YAML, of states that exist.
 
 The text names states, machines and data; it holds no code, and names no module. Which states there are is said by
-whoever reads it. Names are taken as they are written: ``off`` is a name, and no truth value. ::
+whoever reads it. Names are taken as they are written: ``off`` is a name, and no truth value. A state with ``retry`` is
+entered again, ``attempts`` times in all, when it would be left by an outcome of ``on`` (:func:`with_retry`). ::
 
     machine:
       outcomes: [finished, failed]
@@ -33,11 +34,12 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_core.state_machine.model import Autonomy, Child, EventState, MachineDefinition, MachineError
+from flexbt_core.state_machine.model import Autonomy, Child, EventState, MachineDefinition, MachineError, StateError
 from flexbt_core.values import YamlParts, hint, line_of
 
 from .checked_definition import define
 from .machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
+from .wrappers import with_retry
 
 States = Mapping[str, Callable[..., EventState]]
 """The states that a text may name: what makes one, from its parameters."""
@@ -117,7 +119,13 @@ class _Reader(YamlParts):
         self._lines[path] = line_of(node)
         entries = self.mapping(node, path)
         kinds = [kind for kind in ('state', *_CONTAINERS) if kind in entries]
-        known = [*kinds[:1], 'transitions', 'autonomy', 'remapping', *(['parameters'] if kinds == ['state'] else [])]
+        known = [
+            *kinds[:1],
+            'transitions',
+            'autonomy',
+            'remapping',
+            *(['parameters', 'retry'] if kinds == ['state'] else []),
+        ]
         if len(kinds) != 1:
             self.problem(node, f'{path} has to have one of state, {", ".join(_CONTAINERS)}')
             return None
@@ -142,9 +150,25 @@ class _Reader(YamlParts):
             self.problem(entries['state'], f"{path}: there is no state '{name}'{hint(name, self._states)}")
             return None
         try:
-            return make(**parameters)
+            made = make(**parameters)
         except Exception as error:  # code of the state
             self.problem(entries['state'], f'{path}: {name} cannot be made: {type(error).__name__}: {error}')
+            return None
+        return self._repeated(made, entries['retry'], path) if 'retry' in entries else made
+
+    def _repeated(self, state: EventState, node: yaml.Node, path: str) -> EventState | None:
+        what = f'retry of {path}'
+        entries = self.mapping(node, what)
+        self.refuse_others(entries, ('attempts', 'on', 'delay'), what)
+        values = {name: value for name, value in self.values(node, what).items() if name != 'on'}
+        attempts, delay = values.get('attempts'), values.get('delay', 0.0)
+        if type(attempts) is not int or type(delay) not in (int, float) or 'on' not in entries:
+            self.problem(node, f'{what} has to have attempts (a number) and on (outcomes); delay is in seconds')
+            return None
+        try:
+            return with_retry(state, attempts, self.names(entries['on'], f'on of {what}'), delay=delay)
+        except StateError as error:
+            self.problem(node, f'{path}: {error}')
             return None
 
     def _conditions(self, node: yaml.Node, what: str) -> list[tuple[str, list[tuple[str, str]]]]:

@@ -2,7 +2,7 @@
 """Games between the world and the system, of the form GR(1): specifications, who wins, how, and the proof of it."""
 
 from .certificate import check_certificate
-from .encoding import Encoding
+from .encoding import Diagram, Encoding
 from .enumeration import valuations
 from .formula import FALSE, TRUE, Compare, Formula, Join, Name, Not, Number, Sum, Truth, names_in, value_of
 from .formula_parser import FormulaError, parse_formula
@@ -15,6 +15,7 @@ __all__ = [
     'FALSE',
     'TRUE',
     'Compare',
+    'Diagram',
     'Encoding',
     'Formula',
     'FormulaError',

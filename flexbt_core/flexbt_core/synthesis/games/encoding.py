@@ -75,6 +75,10 @@ class Encoding:
         """A set of valuations of this step, said of the next one."""
         return self._bdd.let(self._prime, states)
 
+    def unprimed(self, states: Diagram) -> Diagram:
+        """A set of valuations of the next step, said of this one."""
+        return self._bdd.let({then: now for now, then in self._prime.items()}, states)
+
     def some(self, names: Iterable[Name], of: Diagram) -> Diagram:
         """The valuations for which values of ``names`` exist with which they are in the set."""
         return self._bdd.exist([bit for name in names for bit in self._bits[name]], of)

@@ -48,10 +48,18 @@ class Removal:
 
 
 class Game:
-    """The game of a specification: its moves as diagrams."""
+    """The game of a specification: its moves as diagrams.
+
+    ``hopeful`` are the states from which all guarantees can be met again and again if the world helps. ``restraint``
+    are the moves that do not give up too early; where it is given, it is not found out.
+    """
 
     def __init__(
-        self, specification: Specification, encoding: Encoding | None = None, watch: Watch | None = None
+        self,
+        specification: Specification,
+        encoding: Encoding | None = None,
+        watch: Watch | None = None,
+        restraint: Diagram | None = None,
     ) -> None:
         self.specification = specification
         self.encoding = encoding or Encoding(specification)
@@ -69,11 +77,18 @@ class Game:
         self.live = of.false
         for active, outcome in specification.live:
             self.live = self.live | (of.set_of(active) & of.set_of(outcome))
-        if specification.last_resort is not None:
-            goes_on = ~of.set_of(specification.last_resort)
-            hopeful = of.primed(self.hoped_for([of.set_of(one) for one in specification.hopes], goes_on))
-            way_out = of.some(self.outputs_next, self.system & goes_on & hopeful)
-            self.system = self.system & (goes_on | ~way_out)
+        self.hopeful, self.restraint = self._hopeful()
+        self.system = self.system & (self.restraint if restraint is None else restraint)
+
+    def _hopeful(self) -> tuple[Diagram, Diagram]:
+        """The states from which all can still be met, and the moves that are left when giving up is the last resort."""
+        of, specification = self.encoding, self.specification
+        if specification.last_resort is None:
+            return self.hoped_for(self.guarantees, of.true), of.true
+        goes_on = ~of.set_of(specification.last_resort)
+        hopeful = self.hoped_for([of.set_of(one) for one in specification.hopes], goes_on)
+        way_out = of.some(self.outputs_next, self.system & goes_on & of.primed(hopeful))
+        return hopeful, goes_on | ~way_out
 
     def _names(self, *, inputs: bool) -> list[Name]:
         return self.specification.names(inputs=inputs)
@@ -87,6 +102,12 @@ class Game:
             self.watch('reading the formulas')
             found = found & self.encoding.set_of(formula)
         return found
+
+    def can_begin_in(self, states: Diagram) -> bool:
+        """Whether for all inputs at the start there are outputs with which the state is one of these."""
+        of = self.encoding
+        answered = of.some(self.outputs, self.start_system & states)
+        return of.all(self.inputs, ~self.start_world | answered) == of.true
 
     # -- steps -------------------------------------------------------------------------------------------------------
 
@@ -203,7 +224,4 @@ class Solution:
 
     def is_realizable(self) -> bool:
         """Whether for all inputs at the start there are outputs that win."""
-        game = self.game
-        of = game.encoding
-        answered = of.some(game.outputs, game.start_system & self.winning)
-        return of.all(game.inputs, ~game.start_world | answered) == of.true
+        return self.game.can_begin_in(self.winning)

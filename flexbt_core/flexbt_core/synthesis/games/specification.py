@@ -45,12 +45,18 @@ class Variable:
 @dataclass(frozen=True, slots=True)
 class Line:
     """A formula of a section. ``origin`` is what its author wrote, in that author's words and with its place; None for
-    what follows from the form of a specification, such as that exactly one capability is active."""
+    what follows from the form of a specification, such as that exactly one capability is active: ``rule`` says it."""
 
     section: Section
     text: str
     formula: Formula
     origin: str | None = None
+    rule: str = ''
+
+    @property
+    def meaning(self) -> str:
+        """What it says, for people."""
+        return self.origin or self.rule or self.text
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,9 @@ from typing import Any, Final
 
 import yaml
 
-from .yaml_nodes import Entry, YamlFile, line_of
+from flexbt_core.values import line_of
+
+from .yaml_nodes import Entry, YamlFile
 
 DEFAULT_OUTCOMES: Final = ('completed', 'failure')
 """What outcomes of states are normalized to where nothing else is said; the first is the one that is hoped for."""
@@ -84,7 +86,7 @@ class CapabilityFile:
 def read_mappings(text: str, source: str) -> Mappings:
     """A file of mappings. Raises SynthesisError with every problem of it."""
     file = YamlFile(text, source)
-    mappings = _mappings(file, file.entries('a file of mappings', _MAPPING_KEYS))
+    mappings = _mappings(file, file.top('a file of mappings', _MAPPING_KEYS))
     file.end()
     return mappings
 
@@ -96,17 +98,17 @@ def read_capabilities(text: str, source: str, mappings: Mappings | None = None) 
         SynthesisError: with every problem of it, each as ``source:line: what``.
     """
     file = YamlFile(text, source)
-    entries = file.entries('a capability file', _FILE_KEYS)
+    entries = file.top('a capability file', _FILE_KEYS)
     own = (mappings or Mappings()).updated(_mappings(file, entries))
     own = replace(own, transition_outcomes=own.transition_outcomes or DEFAULT_OUTCOMES)
-    name = file.word(entries['name'], 'name').text if 'name' in entries else source.rpartition('/')[2].split('.')[0]
+    name = file.word(entries['name'], 'name') if 'name' in entries else source.rpartition('/')[2].split('.')[0]
     labels, world_integers = _labels(file, entries.get('variable_mappings'))
     memory, world_memory = _memory(file, entries.get('memory'))
     if 'capabilities' not in entries:
-        file.problem(1, 'there are no capabilities: write "capabilities:" with an entry for each')
+        file.note(1, 'there are no capabilities: write "capabilities:" with an entry for each')
     capabilities = {
         label: _capability(file, label, node, own.transition_outcomes)
-        for label, node in file.mapping(entries.get('capabilities'), 'capabilities').items()
+        for label, node in file.entries(entries.get('capabilities'), 'capabilities').items()
     }
     if 'capabilities' in entries and not capabilities:
         file.problem(entries['capabilities'], 'there are no capabilities')
@@ -116,12 +118,12 @@ def read_capabilities(text: str, source: str, mappings: Mappings | None = None) 
 
 def _mappings(file: YamlFile, entries: Mapping[str, yaml.Node]) -> Mappings:
     def pairs(key: str) -> dict[str, str]:
-        return {name: file.word(one, f'{key}.{name}').text for name, one in file.mapping(entries.get(key), key).items()}
+        return {name: file.word(one, f'{key}.{name}') for name, one in file.entries(entries.get(key), key).items()}
 
     outcomes = file.words(entries.get('transition_outcomes'), 'transition_outcomes')
     for outcome in outcomes:
         if not _NAME.fullmatch(outcome.text):
-            file.problem(outcome.line, f"'{outcome.text:.40}' is no name of an outcome")
+            file.note(outcome.line, f"'{outcome.text:.40}' is no name of an outcome")
     return Mappings(
         pairs('state_outcome_mappings'),
         pairs('sm_outcome_mappings'),
@@ -132,13 +134,13 @@ def _mappings(file: YamlFile, entries: Mapping[str, yaml.Node]) -> Mappings:
 def _labels(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, dict[int, str]], frozenset[str]]:
     labels: dict[str, dict[int, str]] = {}
     world: set[str] = set()
-    for owner, variables in file.mapping(node, 'variable_mappings', ('env_props', 'sys_props')).items():
-        for name, values in file.mapping(variables, f'variable_mappings.{owner}').items():
+    for owner, variables in file.entries(node, 'variable_mappings', ('env_props', 'sys_props')).items():
+        for name, values in file.entries(variables, f'variable_mappings.{owner}').items():
             what = f'variable_mappings.{owner}.{name}'
             _checked_name(file, name, values, what)
             labels[name] = {
-                file.number(Entry(key, line_of(one)), f'a value in {what}'): file.word(one, what).text
-                for key, one in file.mapping(values, what).items()
+                file.number(one, key, f'a value in {what}'): file.word(one, what)
+                for key, one in file.entries(values, what).items()
             }
             if not labels[name]:
                 file.problem(values, f"{what} has no values: write for example 0: 'None'")
@@ -149,8 +151,8 @@ def _labels(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, dict[int,
 def _memory(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, bool], frozenset[str]]:
     memory: dict[str, bool] = {}
     world: set[str] = set()
-    for owner, names in file.mapping(node, 'memory', ('env_props', 'sys_props')).items():
-        for name, value in file.mapping(names, f'memory.{owner}').items():
+    for owner, names in file.entries(node, 'memory', ('env_props', 'sys_props')).items():
+        for name, value in file.entries(names, f'memory.{owner}').items():
             _checked_name(file, name, value, f'memory.{owner}.{name}')
             memory[name] = file.flag(value, f'memory.{owner}.{name}')
             world |= {name} if owner == 'env_props' else set()
@@ -160,14 +162,14 @@ def _memory(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, bool], fr
 def _capability(file: YamlFile, name: str, node: yaml.Node, outcomes: tuple[str, ...]) -> Capability:
     what = f'capability {name:.80}'
     _checked_name(file, name, node, what)
-    entries = file.mapping(node, what, _CAPABILITY_KEYS)
+    entries = file.entries(node, what, _CAPABILITY_KEYS)
     if 'interface' not in entries:
         file.problem(node, f'{what} has no interface: name the state class that carries it out')
     autonomy, default = _autonomy(file, entries.get('autonomy'), f'autonomy of {what}')
-    parameters = file.mapping(entries.get('parameters'), f'parameters of {what}')
+    parameters = file.entries(entries.get('parameters'), f'parameters of {what}')
     return Capability(
         name,
-        file.word(entries['interface'], f'interface of {what}').text if 'interface' in entries else '',
+        file.word(entries['interface'], f'interface of {what}') if 'interface' in entries else '',
         line_of(node),
         {key: file.value(one, f'parameter {key} of {what}') for key, one in parameters.items()},
         file.words(entries.get('preconditions'), f'preconditions of {what}'),
@@ -187,7 +189,7 @@ def _by_outcome(
     if isinstance(node, yaml.MappingNode):
         return {
             outcome: file.words(one, f'{what} after {outcome}')
-            for outcome, one in file.mapping(node, what, outcomes).items()
+            for outcome, one in file.entries(node, what, outcomes).items()
         }
     words = file.words(node, what)
     return {outcomes[0]: words} if words else {}
@@ -198,11 +200,11 @@ def _autonomy(file: YamlFile, node: yaml.Node | None, what: str) -> tuple[dict[s
         return {}, DEFAULT_AUTONOMY
     if isinstance(node, yaml.ScalarNode):
         return {}, _level(file, node, what)
-    return {outcome: _level(file, one, what) for outcome, one in file.mapping(node, what).items()}, DEFAULT_AUTONOMY
+    return {outcome: _level(file, one, what) for outcome, one in file.entries(node, what).items()}, DEFAULT_AUTONOMY
 
 
 def _level(file: YamlFile, node: yaml.Node, what: str) -> int:
-    level = file.number(node, what)
+    level = file.number(node, file.word(node, what), what)
     if level not in range(4):
         file.problem(node, f'{what} is {level}; the levels are 0 (off), 1 (low), 2 (high), 3 (full)')
         return DEFAULT_AUTONOMY
@@ -211,9 +213,9 @@ def _level(file: YamlFile, node: yaml.Node, what: str) -> int:
 
 def _userdata(file: YamlFile, node: yaml.Node | None, what: str) -> dict[str, str]:
     found = {}
-    for key, one in file.mapping(node, what).items():
-        entries = file.mapping(one, f'{key} of {what}', ('remapping',))
-        found[key] = file.word(entries['remapping'], f'remapping of {key}').text if 'remapping' in entries else key
+    for key, one in file.entries(node, what).items():
+        entries = file.entries(one, f'{key} of {what}', ('remapping',))
+        found[key] = file.word(entries['remapping'], f'remapping of {key}') if 'remapping' in entries else key
     return found
 
 

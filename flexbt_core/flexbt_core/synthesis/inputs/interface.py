@@ -38,8 +38,8 @@ def read_interfaces(text: str, source: str) -> Interfaces:
     """
     file = YamlFile(text, source)
     known: dict[str, Interface] = {}
-    for name, node in file.entries('a file of interfaces').items():
-        entries = file.mapping(node, name, _KEYS)
+    for name, node in file.top('a file of interfaces').items():
+        entries = file.entries(node, name, _KEYS)
         if 'outcomes' not in entries:
             file.problem(node, f'{name} has no outcomes')
         words = {key: tuple(one.text for one in file.words(entries[key], f'{key} of {name}')) for key in entries}

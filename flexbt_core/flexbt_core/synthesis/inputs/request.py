@@ -49,13 +49,13 @@ def read_request(text: str, source: str) -> Request:
         SynthesisError: with every problem of it, each as ``source:line: what``.
     """
     file = YamlFile(text, source)
-    entries = file.entries('a request', _KEYS)
+    entries = file.top('a request', _KEYS)
 
     def texts(key: str) -> tuple[str, ...]:
         return tuple(one.text for one in file.words(entries.get(key), key))
 
     def text_of(key: str) -> str:
-        return file.word(entries[key], key).text if key in entries else ''
+        return file.word(entries[key], key) if key in entries else ''
 
     timeout = (
         file.value(entries['synthesis_timeout_s'], 'synthesis_timeout_s') if 'synthesis_timeout_s' in entries else 0

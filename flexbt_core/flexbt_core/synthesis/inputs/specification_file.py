@@ -44,20 +44,20 @@ def read_specification(text: str, source: str) -> SpecificationFile:
 
 def _read_yaml(text: str, source: str) -> SpecificationFile:
     file = YamlFile(text, source)
-    entries = file.entries('a specification', ('spec_name', 'name', 'specs'))
-    name = file.word(entries['spec_name'], 'spec_name').text if 'spec_name' in entries else ''
+    entries = file.top('a specification', ('spec_name', 'name', 'specs'))
+    name = file.word(entries['spec_name'], 'spec_name') if 'spec_name' in entries else ''
     if 'specs' not in entries:
-        file.problem(1, 'there are no "specs:"')
+        file.note(1, 'there are no "specs:"')
     found: dict[str, tuple[Entry, ...]] = {}
     more = []
-    for section, node in file.mapping(entries.get('specs'), 'specs').items():
+    for section, node in file.entries(entries.get('specs'), 'specs').items():
         if section in _SECTIONS:
             found[section] = file.words(node, section)
         elif section.upper() in _SECTIONS or hint(section[:40], _SECTIONS).startswith('; did'):
             file.problem(node, f"'{section:.40}' is no section{hint(section[:40], _SECTIONS)}")
         else:
             more.append(section)
-    return _specification(source, name, found, tuple(more), file.problem, file.problems)
+    return _specification(source, name, found, tuple(more), file.note, file.problems)
 
 
 def _read_sections(text: str, source: str) -> SpecificationFile:

@@ -80,6 +80,21 @@ class Problem:
         """What an outcome of a state counts as."""
         return self.mappings.state_outcomes[outcome]
 
+    def formula(self, text: str) -> Formula:
+        """A formula over the variables. Raises FormulaError."""
+        return parse_formula(text, self.specification.ranges)
+
+    def holding(self, values: Mapping[str, int]) -> list[str]:
+        """What is known in a valuation, beside what is active and what has ended: memory, and integers by labels."""
+        found = []
+        for name, value in values.items():
+            label = self.labels.get(name, {}).get(value)
+            if label is not None:
+                found.append(f'{name}={label}')
+            elif value and not self.vocabulary.is_own(name):
+                found.append(name.removesuffix('_m') if value == 1 else f'{name}={value}')
+        return found
+
 
 def translated(
     capabilities: CapabilityFile,
@@ -108,7 +123,8 @@ class _Translation:
         self._file, self._request, self._given, self._options = file, request, given, options
         self._problems: list[str] = []
         self._notes: list[str] = []
-        self._texts: list[tuple[Section, str, str | None, str]] = []  # text, origin, place
+        self._texts: list[tuple[Section, str, str | None, str, str]] = []  # text, origin, place, rule
+        self._rule = ''
         self._interfaces = self._found(interfaces)
         self._variables: dict[str, Variable] = {}
         self._setters: dict[str, list[str]] = {}
@@ -316,6 +332,7 @@ class _Translation:
         self._begin_otherwise(mentioned)
 
     def _begin_otherwise(self, mentioned: set[str]) -> None:
+        self._rule = 'what is not said otherwise is off at the start'
         words = self._vocabulary
         for name, variable in self._variables.items():
             if name in mentioned or name not in self._own:
@@ -331,6 +348,7 @@ class _Translation:
             self._add(Section.SYS_INIT, f'!({one} & {other})')
 
     def _capabilities(self) -> None:
+        self._rule = 'exactly one capability, or outcome of the machine, is active'
         words, add = self._vocabulary, self._add
         for name, outcomes in words.outcomes.items():
             active = words.active(name)
@@ -446,6 +464,7 @@ class _Translation:
 
     def _frames(self) -> None:
         """What nothing changes stays as it is."""
+        self._rule = 'what nothing changes stays as it is'
         own = {f'{name}_m' for name in self._memory} | self._file.labels.keys()
         for name, variable in self._variables.items():
             if name not in own and name not in self._setters:
@@ -461,6 +480,7 @@ class _Translation:
     # -- what is to be reached ---------------------------------------------------------------------------------------
 
     def _objective(self) -> None:
+        self._rule = 'the outcome of the machine stands for the goal'
         words, add = self._vocabulary, self._add
         goals = [(self._expanded(text, False), f"goal '{text}' (request)") for text in self._request.goals]
         success = next((end for name, end in words.ends.items() if name not in FAILURE_OUTCOMES), None)
@@ -511,6 +531,7 @@ class _Translation:
 
     def _limits(self) -> None:
         """A capability that has failed is not tried again: its state has tried as often as it may."""
+        self._rule = 'a capability that was given up is not tried again'
         hoped = self._file.mappings.transition_outcomes[0]
         for name in self._failing():
             words = self._vocabulary
@@ -521,6 +542,7 @@ class _Translation:
 
     def _owed(self) -> None:
         """What was started and did not complete: upstream's assumptions, with or without pending flags."""
+        self._rule = 'what was started is owed until it completes'
         words = self._vocabulary
         hoped = self._file.mappings.transition_outcomes[0]
         for name in self._failing():
@@ -595,13 +617,13 @@ class _Translation:
         return {name for name, _ in _WORD.findall(formula) if name not in _WORDS_OF_FORMULAS}
 
     def _add(self, section: Section, text: str, origin: str | None = None, place: str = '') -> None:
-        self._texts.append((section, text, origin, place))
+        self._texts.append((section, text, origin, place, self._rule))
 
     def _parsed_lines(self) -> list[Line]:
         lines = []
-        for section, text, origin, place in self._texts:
+        for section, text, origin, place, rule in self._texts:
             try:
-                lines.append(Line(section, text, parse_formula(text, self._ranges()), origin))
+                lines.append(Line(section, text, parse_formula(text, self._ranges()), origin, rule))
             except FormulaError as error:
                 self._problems.append(f'{place}: {origin or section.value}: {error}' if place else f'{error}')
         return lines

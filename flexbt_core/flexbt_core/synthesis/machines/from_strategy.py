@@ -208,7 +208,7 @@ class _Building:
             if self._places[of_block[block][0]].end is None:
                 states[names[block]] = self._state(names, of_block[block], edges[block], names[block])
         if not states:
-            raise SynthesisError(['the goal is reached at the start: there is nothing to do'])
+            raise SynthesisError([f"the machine would end by '{names[begins[0]]}' at once: there is nothing to do"])
         used = {target for state in states.values() for target in state.transitions.values()}
         for end in self._words.ends:
             if end not in used:
@@ -226,7 +226,7 @@ class _Building:
 
     def _state(self, names: Mapping[int, str], nodes: list[int], edges: Mapping[str, int], name: str) -> State:
         parts = self._places[nodes[0]].parts
-        held = [self._holds(self._nodes[node]) for node in nodes]
+        held = [self._problem.holding(self._nodes[node].values) for node in nodes]
         holds = tuple(one for one in held[0] if all(one in other for other in held))
         transitions: dict[str, str] = {}
         combinations: dict[str, tuple[tuple[str, str], ...]] = {}
@@ -272,16 +272,6 @@ class _Building:
     def _autonomy(self, capability: str, outcome: str) -> int:
         one = self._problem.capabilities[capability]
         return one.autonomy.get(outcome, one.default_autonomy)
-
-    def _holds(self, node: Node) -> list[str]:
-        found = []
-        for name, value in node.values.items():
-            label = self._problem.labels.get(name, {}).get(value)
-            if label is not None:
-                found.append(f'{name}={label}')
-            elif value and not self._words.is_own(name):
-                found.append(name.removesuffix('_m') if value == 1 else f'{name}={value}')
-        return found
 
     def _asking(self, begins: list[int], of_block: Mapping[int, list[int]], names: Mapping[int, str]) -> State:
         """A state before all others in which the operator says how the world is."""

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flexbt_core.synthesis import Synthesis, SynthesisError, SynthesisTimeout, synthesize
+from flexbt_core.synthesis.explanation import Explanation
 from flexbt_core.synthesis.inputs import (
     Liveness,
     Options,
@@ -23,7 +24,14 @@ from flexbt_core.synthesis.inputs import (
 from flexbt_core.synthesis.machines import machine_as_yaml
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
-from flexbt_tools.synthesis import StateInterfaces, SynthesisFiles, read, read_problem
+from flexbt_tools.synthesis import (
+    StateInterfaces,
+    SynthesisFiles,
+    explanation_lines,
+    read,
+    read_problem,
+    step_through,
+)
 
 _DEFAULT_LIMIT = 60.0
 
@@ -64,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     result.add_argument('-o', '--output', metavar='FILE', help='write the machine there (default: standard output)')
     result.add_argument('--certificate', metavar='FILE', help='write the strategy there, as JSON, with what proves it')
     result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and end')
+    result.add_argument('--step', action='store_true', help='where there is none: be the machine, step by step')
     result.add_argument('--time-limit', metavar='S', type=float, help=f'seconds (default: {_DEFAULT_LIMIT:g})')
     arguments.add_json(result)
 
@@ -126,9 +135,9 @@ def _watch(began: float, limit: float) -> Callable[[str], None]:
 def _told(options: argparse.Namespace, answer: Synthesis, seconds: float) -> ExitCode:
     if sys.stderr.isatty():
         print('\r\x1b[K', end='', file=sys.stderr)
-    if answer.machine is None or answer.strategy is None:
-        print('unrealizable', file=sys.stderr)
-        return ExitCode.NEGATIVE
+    if answer.explanation is not None:
+        return _refused(options, answer, answer.explanation, seconds)
+    assert answer.machine is not None and answer.strategy is not None
     text = machine_as_yaml(answer.machine)
     if options.certificate:
         Path(options.certificate).write_text(json.dumps(answer.strategy.to_json()) + '\n', encoding='utf-8')
@@ -143,3 +152,15 @@ def _told(options: argparse.Namespace, answer: Synthesis, seconds: float) -> Exi
     for note in answer.machine.notes:
         print(f'note: {note}', file=sys.stderr)
     return ExitCode.OK
+
+
+def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explanation, seconds: float) -> ExitCode:
+    if options.json:
+        print(json.dumps({'realizable': False, 'seconds': round(seconds, 3), 'explanation': explanation.to_json()}))
+        return ExitCode.NEGATIVE
+    for line in explanation_lines(explanation):
+        print(line)
+    if options.step and explanation.play is not None:
+        print()
+        step_through(explanation.play, answer.problem, input, print)
+    return ExitCode.NEGATIVE

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Machines that were synthesized: limits, several beginnings, userdata, and their text, run by the engine."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import pytest
+from synthesis_support import coffee
+
+from flexbt_core.clock import ManualClock
+from flexbt_core.state_machine import Autonomy, EventState, LoggingObserver, MachineRun, UserData, read_machine
+from flexbt_core.synthesis import SynthesisError, synthesize
+from flexbt_core.synthesis.inputs import Liveness, Problem
+from flexbt_core.synthesis.machines import SynthesizedMachine, machine_as_yaml
+
+
+def made(problem: Problem) -> SynthesizedMachine:
+    machine = synthesize(problem).machine
+    assert machine is not None
+    return machine
+
+
+def edges(machine: SynthesizedMachine) -> dict[str, dict[str, str]]:
+    return {name: dict(state.transitions) for name, state in machine.states.items()}
+
+
+def test_autonomy_is_kept_by_outcome() -> None:
+    machine = made(coffee())
+    assert machine.states['grind'].autonomy == {'done': 0, 'failed': 3}
+    assert machine.states['brew'].autonomy == {'done': 1, 'failed': 1}
+
+
+def test_failing_for_ever_is_success_only_where_that_was_asked_for() -> None:
+    """A brew that loses what was ground, while grinding is never possible again, cannot be relied on."""
+    changes = (
+        ('failure: [grind]}', "failure: ['!grind', lost]}"),
+        (
+            "preconditions: ['!press']",
+            "preconditions: ['!press', '!lost']",
+        ),
+        ('capabilities:', 'memory: {sys_props: {lost: false}}\ncapabilities:'),
+    )
+    assert synthesize(coffee(*changes)).machine is None
+    assert 'finished' in made(coffee(*changes, retries=0)).outcomes
+
+
+def test_with_a_limit_on_retries_the_machine_gives_up_only_where_nothing_is_left() -> None:
+    machine = made(coffee(retries=2))
+    assert edges(machine) == {
+        'press': {'done': 'grind', 'failed': 'failed'},
+        'grind': {'done': 'brew', 'failed': 'failed'},
+        'brew': {'done': 'finished', 'failed': 'failed'},
+    }
+    assert (machine.outcomes, machine.attempts) == (('finished', 'failed'), 3)
+    tea = '  tea:\n    interface: Try\n    preconditions: [press]\n    postconditions: [brew]\n'
+    other = made(coffee(('capabilities:\n', f'capabilities:\n{tea}'), retries=2))
+    assert {other.states[one].transitions['failed'] for one in ('tea',)} != {'failed'}
+
+
+class Try(EventState):
+    """Fails as often as ``failures`` says for its place in the machine."""
+
+    failures: ClassVar[dict[str, int]] = {}
+
+    def __init__(self) -> None:
+        super().__init__(['done', 'failed'], desired_rate=None)
+
+    def on_enter(self, userdata: UserData) -> None:
+        self.wake()
+
+    def execute(self, userdata: UserData) -> str:
+        left = self.failures.get(self.path, 0)
+        self.failures[self.path] = left - 1
+        return 'failed' if left > 0 else 'done'
+
+
+@pytest.mark.parametrize(('failures', 'outcome'), [(2, 'finished'), (3, 'failed')])
+def test_the_machine_runs_as_the_strategy_has_it(failures: int, outcome: str) -> None:
+    """Its YAML on the engine: grinding fails some times, and may fail twice."""
+    Try.failures = {'/grind': failures}
+    machine = made(coffee(('failed: 3', 'failed: 0'), retries=2))
+    definition = read_machine(machine_as_yaml(machine), {'Try': Try})
+    run = MachineRun(definition, ManualClock(), LoggingObserver(), autonomy=Autonomy.Full)
+    run.start()
+    for _ in range(100):
+        if not run.step():
+            break
+    assert run.outcome == outcome
+
+
+def test_the_world_that_may_begin_in_several_ways_is_asked_about() -> None:
+    changes = (
+        ('capabilities:', 'memory: {env_props: {warm: false}}\ncapabilities:'),
+        ("preconditions: ['!press']", "preconditions: ['!press', warm]"),
+        ('  brew:', "  heat:\n    interface: Try\n    preconditions: ['!warm']\n    postconditions: [warm]\n  brew:"),
+    )
+    machine = made(coffee(*changes, initial=('warm_m | !warm_m',)))
+    assert machine.initial == 'start'
+    assert edges(machine)['start'] == {'warm_m': 'press', 'not_warm_m': 'heat'}
+    assert any('the operator' in note for note in machine.notes)
+
+
+def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> None:
+    read = ("preconditions: ['!press']", "preconditions: ['!press']\n    userdata_in: {beans: {remapping: ground}}")
+    later = ('preconditions: [grind]', 'preconditions: [grind]\n    userdata_in: {beans: {remapping: ground}}')
+    written = ('autonomy: {done: 0', 'userdata_out: {out: {remapping: ground}}\n    autonomy: {done: 0')
+    assert made(coffee(later, written)).keys == ()
+    assert made(coffee(read)).keys == ('ground',)
+    with pytest.raises(SynthesisError, match="press reads userdata 'ground', which is not written on the way press"):
+        synthesize(coffee(read, written))
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'problem'),
+    [
+        ('done: completed, ', '', "coffee.yaml:6: capability press: its outcome 'done' counts as nothing; add"),
+        ('failed: failure', 'failed: failur', "is mapped to 'failur', which is none of transition_outcomes"),
+        ('interface: Try', 'interfac: Try', "coffee.yaml:6: capability press cannot have 'interfac'; did you mean"),
+        ("['!press']", '[pres]', "coffee.yaml:7: precondition 'pres' of press (coffee.yaml:7): '!(pres') -> !press_a'"),
+        ("['!press']", "['press &']", 'coffee.yaml:7'),
+        ('[press, ', '[press | brew, ', "coffee.yaml:8: postcondition 'press | brew' of press: write NAME"),
+        (
+            'failure: [press]',
+            'failur: [press]',
+            'postconditions of capability grind cannot have',
+        ),
+        ('failed: 3', 'failed: 4', 'is 4; the levels are 0 (off), 1 (low), 2 (high), 3 (full)'),
+        ('failed: 3', 'faild: 3', "autonomy for 'faild'; did you mean 'failed'?"),
+        ('name: coffee', 'nam: coffee', "coffee.yaml:1: a capability file cannot have 'nam'; did you mean 'name'?"),
+        ('capabilities:', 'capabilitys:', 'coffee.yaml:1: there are no capabilities'),
+        ('  press:\n', '  pr-ess:\n', "'pr-ess' is no name"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named_with_its_place(before: str, after: str, problem: str) -> None:
+    with pytest.raises(SynthesisError) as caught:
+        coffee((before, after))
+    assert any(problem in one for one in caught.value.problems), caught.value.problems
+
+
+def test_liveness_of_upstream_accepts_what_ours_does_not() -> None:
+    """Failing again and again counts as success there."""
+    never = ('failure: [grind]}', "failure: ['!grind']}")
+    assert synthesize(coffee(never, liveness=Liveness.ADVERSARIAL)).machine is not None
+    assert synthesize(coffee(never, liveness=Liveness.FAIR_OUTCOMES)).machine is None

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Explanations as lines for an engineer, and a play that is stepped through."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from flexbt_core.synthesis.explanation import CounterPlay, Explanation, said_answers, said_state, said_world
+from flexbt_core.synthesis.inputs import Problem
+
+
+def explanation_lines(explanation: Explanation) -> Iterator[str]:
+    """What there is to say about a request that no machine fulfils."""
+    yield f'No machine can do that: {explanation.kind.value}.'
+    yield ''
+    if explanation.conflict:
+        size = 'the smallest set' if explanation.is_smallest else 'none can be left out; a smaller set may exist'
+        yield f'These demands conflict ({size}):'
+        yield from (f'  - {demand}' for demand in explanation.conflict)
+    else:
+        yield 'No demand by itself is to blame: what the capabilities are allows nothing.'
+    if explanation.never:
+        yield ''
+        yield 'From the start:'
+        yield from (f'  - {one}' for one in explanation.never)
+    if explanation.steps:
+        yield ''
+        yield 'One course of events:'
+        for number, step in enumerate(explanation.steps, 1):
+            others = len(step.choices) - 1
+            more = f' (or {others} other answer{"s" if others > 1 else ""})' if others > 0 else ''
+            then = f'; then {step.chosen}{more}' if step.chosen else '; then nothing is allowed:'
+            yield f'  {number:2}. {step.doing}: {step.world}{then}'
+        if explanation.stuck:
+            yield from (f'        {one}' for one in explanation.stuck)
+        else:
+            yield '      … and so on; what the machine answers does not matter'
+    yield ''
+    yield 'What may help:'
+    yield from (f'  - {remedy}' for remedy in explanation.remedies)
+
+
+def step_through(play: CounterPlay, problem: Problem, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
+    """Lets somebody be the machine, against a world that prevents the goal. ``ask`` raises EOFError at the end."""
+    tell('You are the machine; the world prevents the goal. Type the number of an answer, or q.')
+    while True:
+        tell(f'\n{said_state(play.state, problem)}: {said_world(play, problem)}')
+        if not play.answers:
+            tell('Nothing is allowed now:')
+            for one in play.why_none():
+                tell(f'  - {one}')
+            return
+        for number, choice in enumerate(said_answers(play, problem), 1):
+            tell(f'  {number}. {choice}')
+        while True:
+            try:
+                word = ask(f'1-{len(play.answers)}, q> ').strip().lower()
+            except EOFError:
+                return
+            if word in ('q', 'quit', 'exit'):
+                return
+            if word.isascii() and word.isdigit() and len(word) < 5 and 1 <= int(word) <= len(play.answers):
+                play.answer(int(word) - 1)
+                break
+            tell(f'  there is no answer {word[:40]!r}')
