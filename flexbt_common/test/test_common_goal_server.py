@@ -62,8 +62,9 @@ class Served:
         self.faults: list[BaseException] = []
         self.on_goal: Callable[[ServedGoal], None] = lambda goal: None
         runtime.on_fault(self.faults.append)
-        on_cancel = self._cancel if cancelable else None
-        self.server = runtime.call(lambda: GoalServer(runtime, Wait, 'wait', self._serve, on_cancel))
+        self.server = runtime.call(
+            lambda: GoalServer(runtime, Wait, 'wait', self._serve, self._cancel, cancelable=cancelable)
+        )
 
     def _serve(self, goal: ServedGoal) -> None:
         self.goals.append(goal)
@@ -312,7 +313,7 @@ def test_canceled_by_nobody_is_aborted(served: Served, client: Client) -> None:
     assert client.answer(client.send().get_result_async).status == RosGoalStatus.STATUS_ABORTED
 
 
-def test_a_server_without_on_cancel_refuses() -> None:
+def test_a_server_that_is_not_cancelable_refuses() -> None:
     with NodeRuntime.open('server') as runtime, NodeRuntime.open('client') as client_runtime:
         served = Served(runtime, cancelable=False)
         client = Client(client_runtime)

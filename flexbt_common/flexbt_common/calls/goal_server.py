@@ -151,9 +151,9 @@ class GoalServer:
     """Serves one action. Made and used on the executor thread.
 
     ``on_goal(goal)`` is called with each goal, which is accepted and shown as executing; it, or what it sets going, has
-    to end the goal. When it raises, the fault is reported and the goal aborted. ``on_cancel(goal)`` is called when the
-    client wants the goal canceled, which then shows in ``cancel_requested``; it may end at once, later, or otherwise.
-    Without it goals cannot be canceled.
+    to end the goal. When it raises, the fault is reported and the goal aborted. That the client wants the goal canceled
+    shows in ``cancel_requested``, and is told to :meth:`ServedGoal.on_cancel` and to ``on_cancel(goal)``; the goal may
+    end at once, later, or otherwise. Of a server that is not ``cancelable`` cancels are rejected.
 
     Goals with more in them than :mod:`flexbt_common.values.limits` allows, and more than ``most`` at a time, never get
     there: they are aborted with ``refused(why)``, the result for a reason. Those that ``admission`` does not admit are
@@ -170,6 +170,7 @@ class GoalServer:
         refused: Callable[[str], Any] | None = None,
         most: int = MOST_GOALS,
         admission: GoalAdmission | None = None,
+        cancelable: bool = True,
     ) -> None:
         """``refused`` is by default for results as those of Nav2, with ``error_code`` and ``error_msg``."""
         self._runtime = runtime
@@ -180,6 +181,7 @@ class GoalServer:
         self._admission = admission or GoalAdmission(name)
         self._on_goal = on_goal
         self._on_cancel = on_cancel
+        self._cancelable = cancelable
         self._goals: dict[bytes, ServedGoal] = {}
         server_class = _Server if is_usable(ACTION_SERVER) else _StockServer
         self._server = server_class(
@@ -277,7 +279,7 @@ class GoalServer:
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         goal = self._goals.get(bytes(handle.goal_id.uuid))
-        if self._on_cancel is None or goal is None:
+        if not self._cancelable or goal is None:
             return CancelResponse.REJECT
         # rclpy makes the goal CANCELING only after this callback.
         self._runtime.post(lambda: self._tell_cancel(goal) if goal.active else None)

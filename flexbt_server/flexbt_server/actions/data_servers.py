@@ -39,7 +39,15 @@ class DataServers:
         self._reader = reader
         self._on_write = on_write
         servers = [
-            GoalServer(runtime, action, name, self._serve(action, answer), refused=refused, admission=admission)
+            GoalServer(
+                runtime,
+                action,
+                name,
+                self._serve(action, answer),
+                refused=refused,
+                admission=admission,
+                cancelable=False,
+            )
             for action, name, answer, refused in (
                 (BtGetData, names.BT_GET_DATA, self._get, functools.partial(_refused, BtGetData)),
                 (BtSetData, names.BT_SET_DATA, self._set, functools.partial(_refused, BtSetData)),

@@ -38,7 +38,6 @@ class LoadServer:
             BtLoad,
             names.BT_LOADER,
             self._serve,
-            on_cancel=lambda goal: None,
             refused=_refused,
             most=MOST_LOADS,
             admission=admission,

@@ -67,7 +67,7 @@ class PlannerServer:
 
             self._robot.when_known(goal, lambda: self._plan(goal, goals_of(goal.request), on_end))
 
-        server = GoalServer(self._runtime, action_type, name, serve, on_cancel=lambda goal: None)
+        server = GoalServer(self._runtime, action_type, name, serve)
         self._runtime.on_close(lambda: self._runtime.call(server.close))
 
     def _plan(self, goal: ServedGoal, goals: Sequence[Any], on_end: OnPathEnd) -> None:

@@ -89,7 +89,7 @@ class RouteServer:
         if parameters.routes.graph_file:
             self._take_graph(load_graph(FilePath(parameters.routes.graph_file)), self._report_graph)
         actions = (
-            (ComputeRoute, names.COMPUTE_ROUTE, self._serve, lambda goal: None),
+            (ComputeRoute, names.COMPUTE_ROUTE, self._serve, None),
             (ComputeAndTrackRoute, names.COMPUTE_AND_TRACK_ROUTE, self._track, self._cancel_tracking),
         )
         for action_type, name, serve, cancel in actions:
