@@ -187,6 +187,11 @@ def _check_note(line: CommandLine) -> None:
         raise UsageError('the note is empty')
 
 
+def _check_screen(line: CommandLine) -> None:
+    if line.has('--port') and not line.has('--web'):
+        raise UsageError('--port is of the screen in a browser: give --web, too')
+
+
 def _names_decision(line: CommandLine, view: View) -> bool:
     return bool(line.words)
 
@@ -252,6 +257,7 @@ _DECISION = Option(
     DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=_decisions
 )
 _LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
+_IN_BROWSER = Option('--web', 'serve it to browsers on this computer (with --port), instead of this terminal')
 _PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 'NUMBER', read=port_number)
 _ADDRESS = Option(
     '--address', 'address to listen at (default 127.0.0.1: this computer only; beyond it a token is needed)', 'IP'
@@ -556,7 +562,12 @@ COMMANDS: Final = (
         'screen',
         'the whole screen, also without any command: machine, trees, map, decisions and log, one key for each command',
         Mode.SCREEN,
-        options=(_LEAVING,),
+        options=(_IN_BROWSER, _PORT, _LEAVING),
+        details=(
+            'With --web the same screen is in a browser: the address is printed, and each tab is an operator of its '
+            'own, on this computer alone (from another: ssh -L 8465:localhost:8465 STATION).',
+        ),
+        check=_check_screen,
         link=LinkNeed.NONE,
     ),
     CommandSpec(

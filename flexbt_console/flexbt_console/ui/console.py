@@ -10,8 +10,10 @@ import contextlib
 import faulthandler
 import importlib.util
 import os
+import select
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -112,6 +114,8 @@ def _flush() -> None:
 def _run(line: CommandLine) -> ExitCode:
     if line.spec is not None and line.spec.action is Mode.WEB:
         return _run_web(line)
+    if line.spec is not None and line.spec.action is Mode.SCREEN and line.has('--web'):
+        return _run_screen_in_browser(line)
     if line.spec is not None and line.spec.action is Mode.REPLAY:
         return _run_replay(line)
     if line.spec is not None and line.spec.action in _INTERACTIVE:
@@ -129,7 +133,7 @@ def _run(line: CommandLine) -> ExitCode:
 
 def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
     assert line.spec is not None
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+    if not (_is_served() or (sys.stdin.isatty() and sys.stdout.isatty())):
         raise UsageError(f'the interactive {line.spec.name} needs a terminal; use a command, see console --help')
     try:
         run = _interactive(line.spec.action)
@@ -140,6 +144,8 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
             f'the interactive {line.spec.name} needs {needs}: install it, or use a command (console --help)'
         ) from None
     with _open_runtime(line) as runtime:
+        if _is_served():
+            _end_with_stdin()
         run(line, runtime)
         return ExitCode.OK
 
@@ -163,7 +169,7 @@ def _run_replay(line: CommandLine) -> ExitCode:
 
 def _run_web(line: CommandLine) -> ExitCode:
     try:
-        from .web import Access, Station, print_address, run_web
+        from .web import Access, Station, WebServer, print_address, run_web
     except ModuleNotFoundError as error:
         if error.name != 'aiohttp':
             raise
@@ -182,8 +188,40 @@ def _run_web(line: CommandLine) -> ExitCode:
             SurroundingsLink(runtime, mirror, namespace)
             station = Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
             stations[namespace.strip('/') or namespace] = station
-        run_web(stations, access, port, print_address)
+        run_web(WebServer(stations, access).application(), access, port, print_address)
         return ExitCode.OK
+
+
+def _run_screen_in_browser(line: CommandLine) -> ExitCode:
+    try:
+        from .web import Access, print_address, run_web
+        from .web.screen_server import ScreenServer
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f'screen --web needs {error.name}: pip install textual-serve; or use the page, console web'
+        ) from None
+    access = Access()
+    command = [sys.executable, '-m', 'flexbt_console', *line.written('--web', '--port')]
+    server = ScreenServer(command, f'FlexBT {line.value("--namespace")}'.strip(), access)
+    run_web(server.application(), access, port_number(line.value('--port') or str(DEFAULT_PORT)), print_address)
+    return ExitCode.OK
+
+
+def _is_served() -> bool:
+    """Whether this process shows its screen in a browser: textual-serve has started it."""
+    return os.environ.get('TEXTUAL_DRIVER', '').endswith('WebDriver')
+
+
+def _end_with_stdin() -> None:
+    """Leave when the server of the browser is gone; Textual would go on, and keep its operator present."""
+    stdin = select.poll()
+    stdin.register(0, 0)  # the end is told all the same
+
+    def wait() -> None:
+        stdin.poll()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name='end_with_stdin', daemon=True).start()
 
 
 def _interactive(mode: object) -> Callable[[CommandLine, NodeRuntime], None]:

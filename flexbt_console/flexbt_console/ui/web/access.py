@@ -11,6 +11,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from aiohttp import web
+from aiohttp.typedefs import Handler, Middleware
+
 from flexbt_console.errors import UsageError
 
 
@@ -65,6 +68,20 @@ class Access:
         host = {'0.0.0.0': socket.gethostname(), '::': socket.gethostname()}.get(self.address, self.address)  # noqa: S104
         shown = f'[{host}]' if ':' in host else host
         return f'http://{shown}:{port}/' + (f'#token={self.token}' if self.token else '')
+
+
+def guard(access: Access) -> Middleware:
+    """A middleware of aiohttp that refuses what does not come from a page of this server."""
+
+    @web.middleware
+    async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
+        if not access.knows_host(request.host):
+            raise web.HTTPMisdirectedRequest(text=f'this server is not called {request.host[:100]!r}')
+        if not access.knows_origin(request.headers.get('Origin'), request.host):
+            raise web.HTTPForbidden(text='a page of another site may not use this server')
+        return await handler(request)
+
+    return check
 
 
 def _is_address(name: str) -> bool:

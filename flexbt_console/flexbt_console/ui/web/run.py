@@ -5,18 +5,16 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from aiohttp import web
 
 from flexbt_console.errors import UsageError
 
 from .access import Access
-from .server import WebServer
-from .station import Station
 
 
-def run_web(stations: Mapping[str, Station], access: Access, port: int, told: Callable[[str], None]) -> None:
+def run_web(application: web.Application, access: Access, port: int, told: Callable[[str], None]) -> None:
     """Serve at a port, 0 for one that is free, until SIGINT or SIGTERM; on the main thread.
 
     ``told`` gets the address of the page.
@@ -24,11 +22,11 @@ def run_web(stations: Mapping[str, Station], access: Access, port: int, told: Ca
     Raises:
         UsageError: nothing can be served there.
     """
-    asyncio.run(_serve(WebServer(stations, access), access, port, told))
+    asyncio.run(_serve(application, access, port, told))
 
 
-async def _serve(server: WebServer, access: Access, port: int, told: Callable[[str], None]) -> None:
-    runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=1.0)
+async def _serve(application: web.Application, access: Access, port: int, told: Callable[[str], None]) -> None:
+    runner = web.AppRunner(application, access_log=None, shutdown_timeout=1.0)
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, ended.set)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Final
 
@@ -13,7 +13,7 @@ from aiohttp import WSCloseCode, web
 from flexbt_common.pictures import STYLE
 from flexbt_console.mirror import Fleet
 
-from .access import Access
+from .access import Access, guard
 from .drawings import Drawings
 from .page_link import PageLink
 from .requests import MESSAGE_BYTES
@@ -28,8 +28,6 @@ MOST_GREETING: Final = 32
 PING_SECONDS: Final = 10.0
 
 _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
-
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class WebServer:
@@ -55,7 +53,7 @@ class WebServer:
 
     def application(self) -> web.Application:
         """The application of aiohttp."""
-        application = web.Application(middlewares=[self._guard], client_max_size=0)
+        application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
         application.on_startup.append(self._start)
         application.router.add_get('/link', self._open)
         application.router.add_get('/{name:[a-z_.]*}', self._file)
@@ -81,14 +79,6 @@ class WebServer:
         self._is_told = False
         for page in self._pages:
             page.wake()
-
-    @web.middleware
-    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        if not self._access.knows_host(request.host):
-            raise web.HTTPMisdirectedRequest(text=f'this server is not called {request.host[:100]!r}')
-        if not self._access.knows_origin(request.headers.get('Origin'), request.host):
-            raise web.HTTPForbidden(text='a page of another site may not use this server')
-        return await handler(request)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         known = self._files.get(request.match_info['name'])
