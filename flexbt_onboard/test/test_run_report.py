@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_core.skills import Outcome, Skill
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.event_log.run_metrics import RunMetrics, metrics_of
@@ -229,3 +230,52 @@ def test_waits_are_told_by_their_causes() -> None:
     causes = run.wait_causes()
     assert causes == {'queue': 3.0, 'unnoticed': 5.0 + 14.0, 'interaction': 5.0, 'not measured': 4.0}
     assert sum(causes.values()) == sum(wait.end - wait.begin for wait in run.waits)
+
+
+class Grab(EventState):
+    skill = Skill.of(preconditions=['not holding'], outcomes={'done': ['holding']})
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+
+    def execute(self, userdata: Any) -> str:
+        return 'done'
+
+
+class Look(EventState):
+    """Measures that the hand is empty."""
+
+    is_instant = True
+    skill = Skill.of(outcomes={'false': Outcome.of('answered', 'not holding')})
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['false'], desired_rate=None)
+
+    def execute(self, userdata: Any) -> str:
+        return 'false'
+
+
+def grabbing() -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['finished'])
+    with machine:
+        OperatableStateMachine.add('Grab', Grab(), {'done': 'Look'})
+        OperatableStateMachine.add('Look', Look(), {'false': 'Again'})
+        OperatableStateMachine.add('Again', Grab(), {'done': 'finished'})
+    return machine
+
+
+def test_an_effect_that_did_not_happen_is_in_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bench = ExecutiveBench(
+        behavior_of(grabbing, 'Grab'), parameters=ExecutiveParameters(peers=(), event_log_directory=str(tmp_path))
+    )
+    try:
+        bench.start('Grab')
+        bench.wait_idle()
+    finally:
+        bench.close()
+    assert main([str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert 'not as the skills of the states say:' in shown
+    assert "/Look: /Grab ended by 'done', after which holding was to hold; it does not" in shown
+    assert main([str(tmp_path), '--json']) == 0
+    assert [one['path'] for one in json.loads(capsys.readouterr().out)['contradictions']] == ['/Look']

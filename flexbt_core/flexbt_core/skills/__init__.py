@@ -25,6 +25,7 @@ from .literals import (
     literals,
     parse_literal,
 )
+from .observation import SkillMonitor, claims
 from .skill import LEVELS, Outcome, OutcomeClass, Skill, class_of
 
 if TYPE_CHECKING:
@@ -48,9 +49,11 @@ __all__ = [
     'Skill',
     'SkillError',
     'SkillLibrary',
+    'SkillMonitor',
     'TopicSensor',
     'argument_texts',
     'capability_file',
+    'claims',
     'class_of',
     'ground',
     'literals',

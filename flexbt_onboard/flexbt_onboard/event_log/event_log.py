@@ -15,6 +15,8 @@ executive       ``state`` 'started' or 'ended', ``executive``
 started         a run: ``run``, ``behavior``, ``arguments``, ``inputs`` (keys), ``autonomy``, ``by``
 resumed         a run goes on after the executive was restarted: ``run``, ``behavior``, ``by``
 refused         it could not be built: ``run``, ``behavior``, ``why``
+skills          what the skills of the states say that the run may contradict: ``run``, ``skills`` by path (see
+                :func:`flexbt_core.skills.claims`)
 entered         a state: ``run``, ``path``
 left            a state or machine: ``run``, ``path``, ``outcome``, ``target``, ``reason``
 waiting         for the operator: ``run``, ``decision``, ``path``, ``kind``, ``outcome``, ``outcomes``, ``required``,

@@ -14,6 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from flexbt_core.skills import SkillError, SkillMonitor
+
 Event = Mapping[str, Any]
 
 ROOT: Final = '/'
@@ -63,6 +65,15 @@ class Intervention:
     text: str
 
 
+@dataclass(frozen=True)
+class Contradiction:
+    """Something that a run showed and the skill of a state says otherwise."""
+
+    time: float
+    path: str
+    text: str
+
+
 @dataclass
 class PathMetrics:
     """Figures of a state or machine; times in seconds."""
@@ -90,6 +101,7 @@ class RunMetrics:
     waits: list[Wait] = field(default_factory=list)
     interventions: list[Intervention] = field(default_factory=list)
     faults: int = 0
+    contradictions: list[Contradiction] = field(default_factory=list)
 
     @property
     def duration(self) -> float:
@@ -191,6 +203,7 @@ class _Reader:
         self._wall = 0.0
         self._now: float | None = None
         self._is_over = False
+        self._monitor = SkillMonitor({})
 
     def take(self, kind: str, event: Event) -> None:
         """Take in an event. A clock that was set back stands still until it is there again.
@@ -212,11 +225,16 @@ class _Reader:
         path = str(event.get('path', ''))
         if kind == 'started':
             metrics.behavior, metrics.by = str(event.get('behavior', '')), str(event.get('by', ''))
+        elif kind == 'skills':
+            self._hear(event.get('skills'))
         elif kind == 'entered':
+            self._note(path, now, self._monitor.began(path))
             for around in _levels(path):
                 self._active.setdefault(around, now)
         elif kind == 'left':
-            self._leave(path, now, str(event.get('outcome', '')), str(event.get('reason', '')))
+            outcome, reason = str(event.get('outcome', '')), str(event.get('reason', ''))
+            self._leave(path, now, outcome, reason)
+            self._note(path, now, self._monitor.ended(path, outcome, by_itself=reason == 'outcome'))
         elif kind == 'waiting':
             self._waiting[str(event.get('decision'))] = now, event
         elif kind == 'decided':
@@ -259,6 +277,15 @@ class _Reader:
                 queue, interaction = self._causes[wait.decision]
                 self._metrics.waits[place] = replace(wait, queue=queue, interaction=interaction)
         return self._metrics
+
+    def _hear(self, skills: object) -> None:
+        try:
+            self._monitor = SkillMonitor(skills if isinstance(skills, dict) else {})
+        except SkillError:
+            self._monitor = SkillMonitor({})  # a line of somebody else's, or damaged
+
+    def _note(self, path: str, now: float, texts: Iterable[str]) -> None:
+        self._metrics.contradictions += [Contradiction(now, path, text) for text in texts]
 
     def _leave(self, path: str, now: float, outcome: str, reason: str) -> None:
         inside = [active for active in self._active if active.startswith(f'{path.rstrip("/")}/') and active != path]

@@ -63,6 +63,7 @@ def as_json(run: RunMetrics) -> dict[str, object]:
         'states': [dataclasses.asdict(one) for one in run.paths()],
         'visits': [dataclasses.asdict(one) for one in sorted(run.visits, key=lambda visit: visit.begin)],
         'waits': [dataclasses.asdict(one) for one in run.waits],
+        'contradictions': [dataclasses.asdict(one) for one in run.contradictions],
         'interventions': [dataclasses.asdict(one) for one in run.interventions],
     }
 
@@ -89,6 +90,11 @@ def as_text(run: RunMetrics) -> list[str]:
     for given in run.interventions:
         what = ' '.join(filter(None, [given.command, one_line(given.text)]))
         shown.append(f'  {given.time - run.begin:9.2f} s  {one_line(given.operator)}: {what} ({given.effect})')
+    if run.contradictions:
+        shown += ['', 'not as the skills of the states say:']
+    shown += [
+        f'  {told.time - run.begin:9.2f} s  {one_line(told.path)}: {one_line(told.text)}' for told in run.contradictions
+    ]
     return shown
 
 

@@ -17,6 +17,7 @@ from typing import Any, Final, Protocol
 
 from flexbt_core.clock import WakeEvent
 from flexbt_core.errors import FlexbtError
+from flexbt_core.skills import claims
 from flexbt_core.state_machine import (
     ERROR,
     EXIT_TIMEOUT,
@@ -30,9 +31,11 @@ from flexbt_core.state_machine import (
     MachineRun,
     Position,
     Severity,
+    StateDefinition,
     position_of,
     reasons_against,
     start_at,
+    state_skill,
     switch_machine,
 )
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
@@ -314,6 +317,7 @@ class BehaviorRun:
         self._observer.built(
             self._request, structure_message(machine.definition, self.run_id, self._request.entry.name)
         )
+        self._tell_skills(machine.definition)
         self._await_nodes()
         with self._loop:
             outcome, message = self._drive(machine)
@@ -404,9 +408,17 @@ class BehaviorRun:
                 self._request = request
                 self._publish(**_when_gone(behavior))
                 self._observer.switched(request, structure)
+                self._tell_skills(definition)
             self._decide(answer, reason)
 
         switch_machine(machine, definition, switched)
+
+    def _tell_skills(self, definition: MachineDefinition) -> None:
+        """What the skills of the states say that the run may contradict, for its report."""
+        leaves = (node for node in definition.nodes() if isinstance(node, StateDefinition))
+        told = {leaf.path: said for leaf in leaves if (said := claims(state_skill(leaf.state)))}
+        if told:
+            self._observer.event('skills', {'skills': told})
 
     def _reason_of(self, error: BaseException) -> str:
         """Why a behavior could not be built, for the operator."""

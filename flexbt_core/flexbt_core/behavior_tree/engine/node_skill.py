@@ -24,7 +24,8 @@ def node_skill(manifest: NodeManifest) -> Skill | None:
         classes = {SUCCESS: OutcomeClass.ANSWERED, FAILURE: OutcomeClass.ANSWERED}
     else:
         classes = {SUCCESS: OutcomeClass.COMPLETED, FAILURE: OutcomeClass.FAILED}
-    skill: Skill = node_class.skill.completed_by(
+    declared: object = node_class.skill
+    skill = (declared if isinstance(declared, Skill) else Skill()).completed_by(
         manifest.id,
         {status.name: Outcome(kind) for status, kind in classes.items() if status in possible},
         reads=[name for name, port in manifest.ports.items() if port.readable],

@@ -21,6 +21,7 @@ from flexbt_core.behavior_tree.model import (
     similar_names,
 )
 from flexbt_core.behavior_tree.script import ScriptLibrary
+from flexbt_core.skills import Skill
 
 from .control import ControlNode
 from .decorator import DecoratorNode
@@ -161,8 +162,8 @@ def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
 
 def _skill_problem(node_class: type[TreeNode]) -> str:
     """What is wrong with the skill that a leaf declares, taken by itself."""
-    if not issubclass(node_class, LeafNode):
-        return ''
+    if not issubclass(node_class, LeafNode) or not isinstance(node_class.skill, Skill):
+        return ''  # the attribute of somebody's class may be something else
     for name in node_class.skill.outcomes:
         if name not in ('SUCCESS', 'FAILURE'):
             return f"'{name:.80}' is no outcome of a leaf; it ends by SUCCESS or FAILURE"

@@ -14,7 +14,9 @@ def state_skill(state: EventState) -> Skill:
     It reads and writes its keys, and ends by its outcomes, which mean what is declared, or what their names say.
     """
     inner = state.unwrapped
-    skill = inner.skill.completed_by(
+    # The attribute of somebody's state may be something else.
+    declared = inner.skill if isinstance(inner.skill, Skill) else Skill()
+    skill = declared.completed_by(
         type(inner).__name__, {name: Outcome() for name in state.outcomes}, state.input_keys, state.output_keys
     )
     return skill.lasting(0.0, 0.0) if inner.is_instant else skill

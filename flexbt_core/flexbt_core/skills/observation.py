@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run shows of its skills: an effect that did not come, a precondition that did not hold, too many attempts.
+
+What a skill brought about is believed until one that measures (whose outcome is an answer) says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .errors import SkillError
+from .literals import Literal
+from .skill import Outcome, OutcomeClass, Skill
+
+_UNSUCCESSFUL = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT)
+
+
+def claims(skill: Skill) -> dict[str, Any]:
+    """What a skill says that a run may contradict, as plain data; empty when there is nothing. Of parameters that are
+    not bound nothing is known."""
+    unbound = set(skill.parameters)
+    needs = [str(one) for one in skill.preconditions if unbound.isdisjoint(one.arguments)]
+    outcomes = {
+        name: {
+            'class': one.kind.value if one.kind is not None else None,
+            'effects': [str(effect) for effect in one.effects if unbound.isdisjoint(effect.arguments)],
+        }
+        for name, one in skill.outcomes.items()
+    }
+    exclusive = {
+        one.name: list(one.parameters).index(one.exclusive) for one in skill.predicates if one.exclusive is not None
+    }
+    if not needs and skill.retries is None and not any(one['effects'] for one in outcomes.values()):
+        return {}
+    return {'needs': needs, 'outcomes': outcomes, 'retries': skill.retries, 'exclusive': exclusive}
+
+
+@dataclass(frozen=True, slots=True)
+class _Fact:
+    """What is known of an atom, and from whom."""
+
+    holds: bool
+    path: str
+    outcome: str
+    is_measured: bool
+
+    @property
+    def source(self) -> str:
+        return f'as {self.path} {"measured" if self.is_measured else f"brought about by {self.outcome!r:.80}"}'
+
+
+class SkillMonitor:
+    """Follows a run: ``claims_of`` are the :func:`claims` of its states by their paths.
+
+    Raises:
+        SkillError: they are none.
+    """
+
+    def __init__(self, claims_of: Mapping[str, Any]) -> None:
+        self._skills: dict[str, Skill] = {}
+        self._exclusive: dict[str, int] = {}
+        try:
+            for path, told in claims_of.items():
+                outcomes = {
+                    str(name): Outcome.of(one['class'], *one['effects']) for name, one in told['outcomes'].items()
+                }
+                self._skills[path] = Skill.of(
+                    preconditions=told['needs'], outcomes=outcomes, retries=told.get('retries')
+                )
+                self._exclusive |= {str(name): int(place) for name, place in told.get('exclusive', {}).items()}
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise SkillError([f'these are no claims of skills: {type(error).__name__}: {error}']) from error
+        self._facts: dict[Literal, _Fact] = {}
+        self._failures: dict[str, int] = {}
+        self._active: set[str] = set()
+
+    def began(self, path: str) -> list[str]:
+        """A state is entered: what contradicts its skill, as lines for people."""
+        skill = self._skills.get(path)
+        if skill is None:
+            return []
+        self._active.add(path)
+        found = []
+        for literal in skill.preconditions:
+            fact = self._facts.get(literal.atom)
+            if fact is not None and fact.holds is not literal.positive:
+                found.append(f'it began though {literal} does not hold, {fact.source}')
+        return found
+
+    def ended(self, path: str, outcome: str, *, by_itself: bool = True) -> list[str]:
+        """A state was left: what contradicts skills. What an operator has forced shows nothing, and is not believed."""
+        skill = self._skills.get(path)
+        if skill is None:
+            return []
+        # One that is done within a step was not seen to be entered.
+        found = self.began(path) if path not in self._active else []
+        self._active.discard(path)
+        told = skill.outcomes.get(outcome)
+        if not by_itself:
+            for effect in told.effects if told is not None else ():
+                self._facts.pop(effect.atom, None)
+            return found
+        if told is None:
+            return [*found, f'it ended by {outcome!r:.80}, of which its skill knows nothing']
+        is_measured = told.kind is OutcomeClass.ANSWERED
+        for effect in told.effects:
+            fact = self._facts.get(effect.atom)
+            if is_measured and fact is not None and not fact.is_measured and fact.holds is not effect.positive:
+                claim = f'{fact.path} ended by {fact.outcome!r:.80}, after which {~effect} was to hold'
+                found.append(f'{claim}; it does not')
+            for atom in self._ended_by(effect):
+                self._facts[atom] = _Fact(False, path, outcome, is_measured)
+            self._facts[effect.atom] = _Fact(effect.positive, path, outcome, is_measured)
+        return [*found, *self._attempts(path, skill, told)]
+
+    def _ended_by(self, effect: Literal) -> Iterator[Literal]:
+        """What was known to hold, and cannot hold together with an effect."""
+        place = self._exclusive.get(effect.predicate)
+        if effect.positive and place is not None:
+            for atom in list(self._facts):
+                if atom.predicate == effect.predicate and len(atom.arguments) == len(effect.arguments):
+                    rest = zip(atom.arguments, effect.arguments, strict=True)
+                    if all(one == other for index, (one, other) in enumerate(rest) if index != place):
+                        yield atom
+
+    def _attempts(self, path: str, skill: Skill, outcome: Outcome) -> Iterator[str]:
+        failures = self._failures.get(path, 0) + 1 if outcome.kind in _UNSUCCESSFUL else 0
+        self._failures[path] = failures
+        if skill.retries is not None and failures == skill.retries + 2:
+            yield f'it has failed {failures} times in a row; its skill allows for {skill.retries} after the first'
