@@ -27,7 +27,8 @@ from typing import Any, Final
 from .virtual_time import Instant
 
 _DIGEST: Final = 16
-_PLAIN: Final = (type(None), bool, int, str, bytes)
+_PLAIN: Final = frozenset((type(None), bool, int, str, bytes, float))
+_CONTAINERS: Final = frozenset((dict, list, deque, set))
 _FIXED: Final = (
     type,
     types.FunctionType,
@@ -298,7 +299,7 @@ class _Walk:
 
     def _is_lasting(self, value: Any) -> bool:
         """Whether what stands for a value is the same in all configurations."""
-        if type(value) in _PLAIN or type(value) is float or isinstance(value, Enum):
+        if type(value) in _PLAIN or isinstance(value, Enum):
             return True
         number = self._numbers.get(id(value))
         return self._kind(type(value)).is_fixed if number is None else number < self._roots
@@ -323,17 +324,17 @@ class _Walk:
     def _encode(self, value: Any) -> None:
         kind = type(value)
         text = self._text
-        if kind is Instant:
+        if kind in _PLAIN:
+            text.append(value)
+        elif kind is Instant:
             self._instants.append((len(text), value))
             text.append(0)
-        elif kind in _PLAIN or kind is float:
-            text.append(value)
+        elif kind in _CONTAINERS:
+            text.append(self._reach(value))
         elif isinstance(value, tuple):
             text.append(len(value))
             for inner in value:
                 self._encode(inner)
-        elif kind in (dict, list, deque, set):
-            text.append(self._reach(value))
         elif kind in _ITERATORS:
             text.append(length_hint(value))
         elif isinstance(value, Enum):

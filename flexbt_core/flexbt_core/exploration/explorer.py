@@ -7,6 +7,7 @@ with one that was reached by the steps from the beginning: a configuration that 
 
 from __future__ import annotations
 
+import gc
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -173,7 +174,13 @@ class _Exploration:
 
     def report(self, name: str, bounds: str) -> Report:
         """Search, and say what was found."""
-        self._search()
+        is_collecting = gc.isenabled()
+        gc.disable()  # what is kept is needed, and all of it would be looked through over and over
+        try:
+            self._search()
+        finally:
+            if is_collecting:
+                gc.enable()
         graph, system = self._graph, self._system
         notes: list[str] = []
         if self._cut:

@@ -25,6 +25,7 @@ from flexbt_core.behavior_tree import (
     SyncAction,
     TreeNode,
     UnfinishedWork,
+    node_skill,
 )
 from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import EMPTY, FAILURE, NO_DEFAULT, RUNNING, SUCCESS, PortType
@@ -79,8 +80,8 @@ _GATES: Final = {
 }
 
 
-def leaf_model(definition: NodeDefinition, resources: Mapping[str, frozenset[str]] | None = None) -> LeafModel:
-    """What stands for a node of which no more is known than its class. ``resources`` are by the IDs of node types."""
+def leaf_model(definition: NodeDefinition) -> LeafModel:
+    """What stands for a node of which no more is known than its class and its skill."""
     manifest = definition.manifest
     module = manifest.node_class.__module__
     if definition.tree_id is not None:
@@ -91,7 +92,8 @@ def leaf_model(definition: NodeDefinition, resources: Mapping[str, frozenset[str
         return REAL
     if module.startswith(_ENGINE) and not module.startswith(_NAV2):
         return REAL
-    own = (resources or {}).get(manifest.id, frozenset())
+    skill = node_skill(manifest)
+    own = frozenset(skill.resources) if skill is not None else frozenset[str]()
     is_instant = manifest.kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction)
     results = (SUCCESS,) if manifest.id in _NEVER_FAIL else _RESULTS
     return LeafModel(LeafKind.INSTANT if is_instant else LeafKind.ACTION, results, own)

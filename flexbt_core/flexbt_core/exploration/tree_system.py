@@ -129,6 +129,7 @@ class TreeSystem:
                 self._tree,
                 *self._tree.nodes,
                 *(subtree.blackboard for subtree in self._tree.subtrees),
+                *(entry for subtree in self._tree.subtrees for entry in subtree.blackboard._entries.values()),
                 self._tree.context,
                 self.clock,
                 self._environment,

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import pytest
 
 from flexbt_core.behavior_tree import (
@@ -22,9 +20,8 @@ from flexbt_core.behavior_tree import (
     output_port,
 )
 from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.exploration import LeafModels, Limits, Property, Report, TreeSystem, explore, leaf_model, replay
-
-DRIVES: Mapping[str, frozenset[str]] = {name: frozenset(('cmd_vel',)) for name in ('Drive', 'Turn')}
+from flexbt_core.exploration import Limits, Property, Report, TreeSystem, explore, replay
+from flexbt_core.skills import Skill
 
 
 class _Work(StatefulAction):
@@ -40,11 +37,12 @@ class _Work(StatefulAction):
 
 
 class Drive(_Work):
+    skill = Skill.of(resources=['base'])
     ports = {'path': input_port(STRING, optional=True)}
 
 
 class Turn(_Work):
-    pass
+    skill = Skill.of(resources=['base'])
 
 
 class Plan(_Work):
@@ -87,14 +85,10 @@ def registry() -> NodeRegistry:
     return found
 
 
-def models() -> LeafModels:
-    return lambda definition: leaf_model(definition, DRIVES)
-
-
 def system(body: str) -> TreeSystem:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'main.xml', registry())])
-    return TreeSystem(library, TreeKey('main.xml', 'Main'), models())
+    return TreeSystem(library, TreeKey('main.xml', 'Main'))
 
 
 def proved(body: str) -> Report:

@@ -2,7 +2,7 @@
 """Proofs about trees and behaviors: what may happen to them is followed with the real engines, and told to people."""
 
 from .behavior_proof import BehaviorProof, prove_behavior, replay_behavior
-from .environment import leaf_models, state_models
+from .environment import state_models
 from .proof_text import ProgressLine, report_as_json, report_lines
 from .saved_test import behavior_test, tree_test
 from .tree_proof import prove_tree, replay_tree
@@ -11,7 +11,6 @@ __all__ = [
     'BehaviorProof',
     'ProgressLine',
     'behavior_test',
-    'leaf_models',
     'prove_behavior',
     'prove_tree',
     'replay_behavior',

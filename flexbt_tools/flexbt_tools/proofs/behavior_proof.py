@@ -27,7 +27,7 @@ from flexbt_tools.behaviors import UsedTrees, build, installed, used_trees
 from flexbt_tools.errors import UsageError
 from flexbt_tools.trees import OpenRegistry
 
-from .environment import leaf_models, state_models
+from .environment import state_models
 from .moves import moves_of
 from .tree_proof import prove_tree
 
@@ -100,7 +100,7 @@ def replay_behavior(
 
 
 def _models(used: UsedTrees, reports: dict[TreeKey, Report]) -> StateModels:
-    return state_models({use.path: use for use in used.uses}, reports, used.library, leaf_models())
+    return state_models({use.path: use for use in used.uses}, reports, used.library)
 
 
 def _named(name: str, tell: Callable[[str, Progress], None] | None) -> Callable[[Progress], None] | None:

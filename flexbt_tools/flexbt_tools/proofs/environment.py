@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the leaves of Nav2 and our own states may do in a proof, beyond what their classes declare."""
+"""What our own states may do in a proof, beyond what their classes declare."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
 
-from flexbt_core.behavior_tree import NodeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree import TreeKey, TreeLibrary
 from flexbt_core.exploration import (
-    LeafModel,
-    LeafModels,
     Report,
     StateKind,
     StateModel,
@@ -22,27 +19,8 @@ from flexbt_core.state_machine import StateDefinition
 from flexbt_states import OperatorDecisionState
 from flexbt_tools.behaviors import TreeUse
 
-_BASE: Final = frozenset(('base',))
-_MOVES_THE_BASE: Final = dict.fromkeys(
-    (
-        *('FollowPath', 'Spin', 'BackUp', 'DriveOnHeading', 'AssistedTeleop', 'FollowObject'),
-        *('DockRobot', 'UndockRobot', 'NavigateToPose', 'NavigateThroughPoses', 'ComputeAndTrackRoute'),
-    ),
-    _BASE,
-)
 
-
-def leaf_models(resources: Mapping[str, frozenset[str]] | None = None) -> LeafModels:
-    """What stands for the nodes of trees; ``resources``: actuators by the IDs of node types, beside those of Nav2."""
-    known = {**_MOVES_THE_BASE, **(resources or {})}
-
-    def model(definition: NodeDefinition) -> LeafModel:
-        return leaf_model(definition, known)
-
-    return model
-
-
-def resources_of(library: TreeLibrary, key: TreeKey, models: LeafModels) -> frozenset[str]:
+def resources_of(library: TreeLibrary, key: TreeKey) -> frozenset[str]:
     """The actuators that leaves of a tree use, those of its sub-trees included."""
     found: set[str] = set()
     seen: set[TreeKey] = set()
@@ -53,16 +31,14 @@ def resources_of(library: TreeLibrary, key: TreeKey, models: LeafModels) -> froz
             continue
         seen.add(one)
         for node in library.definition(one).nodes():
-            found |= models(node).resources
+            found |= leaf_model(node).resources
             inner = library.find(node.tree_id, one.file) if node.tree_id is not None else None
             if inner is not None:
                 ahead.append(inner)
     return frozenset(found)
 
 
-def state_models(
-    uses: Mapping[str, TreeUse], reports: Mapping[TreeKey, Report], library: TreeLibrary, leaves: LeafModels
-) -> StateModels:
+def state_models(uses: Mapping[str, TreeUse], reports: Mapping[TreeKey, Report], library: TreeLibrary) -> StateModels:
     """What stands for the states of a behavior. Of one that runs a tree, what was found about the tree holds."""
 
     def model(definition: StateDefinition) -> StateModel:
@@ -78,6 +54,6 @@ def state_models(
         outcomes = state.outcomes
         if report is not None and report.is_complete and 'SUCCESS' not in report.ends:
             outcomes = tuple(one for one in outcomes if one != 'done')
-        return replace(found, outcomes=outcomes, resources=resources_of(library, key, leaves))
+        return replace(found, outcomes=outcomes, resources=resources_of(library, key))
 
     return model

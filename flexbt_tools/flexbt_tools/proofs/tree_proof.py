@@ -11,7 +11,6 @@ from flexbt_core.exploration import Limits, Move, Progress, Report, TreeSystem, 
 from flexbt_server.node_types import node_registry
 from flexbt_tools.trees import OpenRegistry, read_library
 
-from .environment import leaf_models
 from .moves import moves_of
 
 GOALS: Final = ('goal', 'goals')
@@ -29,10 +28,9 @@ def prove_tree(
 ) -> Report:
     """Explore a tree. ``given`` are keys that are on the blackboard before it begins. Raises TreeLoadError."""
     keys = (*GOALS, *given)
-    models = leaf_models()
 
     def make() -> TreeSystem:
-        return TreeSystem(library, key, models, given=keys)
+        return TreeSystem(library, key, given=keys)
 
     taken = make().given
     bounds = TREE_BOUNDS + (f'; given before it begins: {", ".join(taken)}' if taken else '')
@@ -51,6 +49,6 @@ def replay_tree(
     key = library.find(tree)
     if key is None:
         raise LookupError(f'there is no tree {tree!r} in {", ".join(files)}')
-    keys, models = (*GOALS, *given), leaf_models()
+    keys = (*GOALS, *given)
     way: tuple[Move, ...] = moves_of(moves)
-    return replay(lambda: TreeSystem(library, key, models, given=keys), way)
+    return replay(lambda: TreeSystem(library, key, given=keys), way)
