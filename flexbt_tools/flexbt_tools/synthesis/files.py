@@ -14,6 +14,8 @@ from flexbt_core.synthesis.inputs import (
     Options,
     Problem,
     Request,
+    hand_written,
+    is_whole,
     read_capabilities,
     read_mappings,
     read_specification,
@@ -30,28 +32,37 @@ T = TypeVar('T')
 class SynthesisFiles:
     """Names of files: capabilities, mappings (later ones count where several have an entry), specification."""
 
-    capabilities: str
+    capabilities: str | None
     mappings: Sequence[str] = ()
     specification: str | None = None
 
 
 def read_problem(files: SynthesisFiles, request: Request, interfaces: Interfaces, options: Options) -> Problem:
-    """What files and request ask for.
+    """What files and request ask for. A specification that is whole needs no capabilities.
 
     Raises:
         SynthesisError: with everything that is wrong in them, each with file and line.
-        UsageError: a file cannot be read.
+        UsageError: a file cannot be read, or there is none.
     """
-    mappings = Mappings(machine_outcomes={'finished': 'finished'}, state_outcomes=_USUAL)
-    for name in files.mappings:
-        mappings = (
-            read(name, read_mappings)
-            if mappings.state_outcomes is _USUAL
-            else mappings.updated(read(name, read_mappings))
-        )
-    capabilities = read(files.capabilities, lambda text, source: read_capabilities(text, source, mappings))
     given = None if files.specification is None else read(files.specification, read_specification)
+    if files.capabilities is None:
+        if given is None:
+            raise UsageError('name a capability file, or a whole specification by --spec')
+        return hand_written(given, request)
+    mappings = _mappings(files.mappings)
+    capabilities = read(files.capabilities, lambda text, source: read_capabilities(text, source, mappings))
+    if given is not None and is_whole(given, capabilities):
+        return hand_written(given, request, capabilities, interfaces)
     return translated(capabilities, interfaces, request, given, options)
+
+
+def _mappings(names: Sequence[str]) -> Mappings:
+    if not names:
+        return Mappings(_USUAL, {'finished': 'finished'})
+    mappings = Mappings()
+    for name in names:
+        mappings = mappings.updated(read(name, read_mappings))
+    return mappings
 
 
 _USUAL = {

@@ -2,6 +2,7 @@
 """What is asked for: capabilities, specifications and requests as files, and their translation to formulas."""
 
 from .capability_file import Capability, CapabilityFile, Mappings, read_capabilities, read_mappings
+from .hand_written import hand_written, is_whole
 from .interface import Interface, Interfaces, read_interfaces
 from .request import FAILURE_OUTCOMES, Request, read_request
 from .specification_file import SpecificationFile, as_structured_slugs, read_specification
@@ -22,6 +23,8 @@ __all__ = [
     'SpecificationFile',
     'Vocabulary',
     'as_structured_slugs',
+    'hand_written',
+    'is_whole',
     'read_capabilities',
     'read_interfaces',
     'read_mappings',

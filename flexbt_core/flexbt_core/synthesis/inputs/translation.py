@@ -108,10 +108,12 @@ def translated(
     Raises:
         SynthesisError: with everything that does not fit together, each with its place.
     """
-    return _Translation(capabilities, interfaces, request, given or SpecificationFile(''), options or Options()).made()
+    return Translation(capabilities, interfaces, request, given or SpecificationFile(''), options or Options()).made()
 
 
-class _Translation:
+class Translation:
+    """Puts formulas together, section by section; what is wrong is collected."""
+
     def __init__(
         self,
         file: CapabilityFile,
@@ -132,11 +134,10 @@ class _Translation:
         self._memory = self._remembered()
 
     def made(self) -> Problem:
+        """The problem. Raises SynthesisError."""
         self._declare()
         self._begin()
-        self._capabilities()
-        self._conditions()
-        self._frames()
+        self._rules()
         self._objective()
         for section, entries in self._given.formulas.items():
             if not section.value.endswith('_INIT'):
@@ -226,6 +227,16 @@ class _Translation:
         for name in sorted(self._file.capabilities):
             own = {mappings.state_outcomes[outcome] for outcome in self._interfaces[name].outcomes}
             outcomes[name] = tuple(one for one in mappings.transition_outcomes if one in own)
+        ends = self._ends()
+        if self._options.retries is not None and not FAILURE_OUTCOMES & ends.keys():
+            ends[GAVE_UP] = GAVE_UP
+            self._notes.append(f"the machine has the outcome '{GAVE_UP}', for when retries are used up")
+        numbers = {name: number for number, name in enumerate(outcomes, 1)} if self._options.parsed else None
+        return Vocabulary(outcomes, suffixes(mappings.transition_outcomes), ends, numbers)
+
+    def _ends(self) -> dict[str, str]:
+        """The outcomes of the machine, with the propositions for them."""
+        mappings = self._file.mappings
         asked = self._request.outcomes
         if not asked and self._request.goals and 'finished' in mappings.machine_outcomes:
             asked = ('finished',)
@@ -241,11 +252,7 @@ class _Translation:
                     f"the machine is to have the outcome '{outcome}', for which sm_outcome_mappings has no "
                     f"proposition; add '{outcome}: {outcome}' to it",
                 )
-        if self._options.retries is not None and not FAILURE_OUTCOMES & ends.keys():
-            ends[GAVE_UP] = GAVE_UP
-            self._notes.append(f"the machine has the outcome '{GAVE_UP}', for when retries are used up")
-        numbers = {name: number for number, name in enumerate(outcomes, 1)} if self._options.parsed else None
-        return Vocabulary(outcomes, suffixes(mappings.transition_outcomes), ends, numbers)
+        return ends
 
     def _remembered(self) -> dict[str, bool]:
         """Which memory there is, by the name without suffix, with its value at the start."""
@@ -346,6 +353,11 @@ class _Translation:
         chosen = sorted(mentioned & {f'{one}_a' for one in words.outcomes})
         for one, other in combinations(chosen, 2):
             self._add(Section.SYS_INIT, f'!({one} & {other})')
+
+    def _rules(self) -> None:
+        self._capabilities()
+        self._conditions()
+        self._frames()
 
     def _capabilities(self) -> None:
         self._rule = 'exactly one capability, or outcome of the machine, is active'
@@ -484,7 +496,6 @@ class _Translation:
         words, add = self._vocabulary, self._add
         goals = [(self._expanded(text, False), f"goal '{text}' (request)") for text in self._request.goals]
         success = next((end for name, end in words.ends.items() if name not in FAILURE_OUTCOMES), None)
-        ends = list(words.ends.values())
         self._hopes: list[str] = [success] if success else [goal for goal, _ in goals]
         if success and goals:
             final = 'log_finished' if success == 'finished' and 'log_finished' in words.outcomes else None
@@ -499,7 +510,12 @@ class _Translation:
             if final:
                 hoped = self._file.mappings.transition_outcomes[0]
                 add(Section.SYS_TRANS, f"(!{words.arrives(final, hoped)} & !{success}) -> !{success}'")
-        excused = ''.join(f' | {end}' for end in ends if end != success)
+        self._strive(goals, success)
+
+    def _strive(self, goals: list[tuple[str, str]], success: str | None) -> None:
+        """Liveness: what is to be reached again and again."""
+        words, add = self._vocabulary, self._add
+        excused = ''.join(f' | {end}' for end in words.ends.values() if end != success)
         if self._options.liveness is Liveness.ADVERSARIAL and self._options.retries is None:
             hoped = self._file.mappings.transition_outcomes[0]
             for name in self._failing():

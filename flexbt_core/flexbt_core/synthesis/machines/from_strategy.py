@@ -248,7 +248,8 @@ class _Building:
             self._impossible(parts[0], transitions, autonomy)
             transitions = {one: transitions[one] for one in parts[0].outcomes}
             combinations = {}
-        return State(name, parts, transitions, autonomy, tuple(nodes), holds, combinations)
+        levels = {outcome: autonomy[outcome] for outcome in transitions}
+        return State(name, parts, transitions, levels, tuple(nodes), holds, combinations)
 
     def _impossible(self, part: Part, transitions: dict[str, str], autonomy: dict[str, int]) -> None:
         """Outcomes of the class that cannot come, as the specification has it, lead to the failure of the machine."""

@@ -37,7 +37,7 @@ _DEFAULT_LIMIT = 60.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('file', metavar='FILE', help='capability file (YAML)')
+    parser.add_argument('file', metavar='FILE', nargs='?', help='capability file (YAML); none where --spec says all')
     asked = parser.add_argument_group('what is asked for')
     asked.add_argument(
         '--goal', metavar='FORMULA', action='append', default=[], help='what is to hold; repeatable (all)'
@@ -93,7 +93,7 @@ def _answered(options: argparse.Namespace) -> ExitCode:
         goals=(*request.goals, *options.goal),
         initial_conditions=(*request.initial_conditions, *options.initial),
         outcomes=(*request.outcomes, *options.outcome),
-        name=request.name or Path(options.file).stem,
+        name=request.name or Path(options.file or options.spec or '').stem,
     )
     how = Options(Liveness(options.liveness), _retries(options.retries), options.pending, options.parsed)
     files = SynthesisFiles(options.file, options.mappings, options.spec)
