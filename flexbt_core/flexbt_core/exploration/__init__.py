@@ -13,13 +13,12 @@ from .explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Limits, Progress,
 from .leaf_models import LeafKind, LeafModel, LeafModels, leaf_model
 from .machine_system import Bounds, MachineSystem, Operator
 from .model import Counterexample, Label, Move, Property, Report, System, Violation
-from .state_models import FAILURES, StateKind, StateModel, StateModels, state_model
+from .state_models import StateKind, StateModel, StateModels, state_model
 from .tree_system import TreeSystem
 
 __all__ = [
     'DEFAULT_CONFIGURATIONS',
     'DEFAULT_SECONDS',
-    'FAILURES',
     'Bounds',
     'Choice',
     'Choices',

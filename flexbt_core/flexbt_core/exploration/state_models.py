@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
+from flexbt_core.skills import OutcomeClass
 from flexbt_core.state_machine import (
     EventState,
     ExitReason,
@@ -21,6 +22,7 @@ from flexbt_core.state_machine import (
     StateDefinition,
     StateWrapper,
     UserData,
+    state_skill,
 )
 
 from .choices import Choices
@@ -55,21 +57,18 @@ class StateModel:
 StateModels = Callable[[StateDefinition], StateModel]
 """Says what stands for a state."""
 
-FAILURES: Final = frozenset(
-    (
-        *('failed', 'failure', 'fail', 'canceled', 'cancelled', 'aborted', 'timeout', 'timed_out', 'error'),
-        *('unavailable', 'rejected', 'declined', 'no_connection', 'not_found', 'jammed'),
-    )
-)
-"""Names of outcomes that are no success; a state that ends so has not written its outputs."""
+_UNSUCCESSFUL: Final = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT, OutcomeClass.CANCELED)
+"""A state that ends so has not written its outputs."""
 
 
 def state_model(definition: StateDefinition) -> StateModel:
-    """What stands for a state of which no more is known than its class."""
+    """What stands for a state of which no more is known than its class and its skill."""
     state = definition.state.unwrapped
     kind = StateKind.INSTANT if state.is_instant else StateKind.WORK
     ends_later = type(state).halting is not EventState.halting
-    return StateModel(kind, ends_later=ends_later, not_written=FAILURES.intersection(state.outcomes))
+    skill = state_skill(state)
+    not_written = frozenset(name for name, one in skill.outcomes.items() if one.kind in _UNSUCCESSFUL)
+    return StateModel(kind, resources=frozenset(skill.resources), ends_later=ends_later, not_written=not_written)
 
 
 class MachineEnvironment:

@@ -34,17 +34,15 @@ class OutcomeClass(Enum):
     """Somebody has ended it."""
 
 
-_CLASSES: Final = {
-    name: kind
-    for kind, names in {
-        OutcomeClass.COMPLETED: 'SUCCESS done finished completed succeeded success received ready',
-        OutcomeClass.ANSWERED: 'true false yes no declined',
-        OutcomeClass.FAILED: 'FAILURE failed failure error aborted unavailable rejected no_connection data_error',
-        OutcomeClass.TIMED_OUT: 'timeout timed_out',
-        OutcomeClass.CANCELED: 'canceled cancelled preempted',
-    }.items()
-    for name in names.split()
+_NAMES: Final = {
+    OutcomeClass.COMPLETED: 'SUCCESS done finished completed succeeded success received ready',
+    OutcomeClass.ANSWERED: 'true false yes no',
+    OutcomeClass.FAILED: 'FAILURE failed failure fail error aborted not_found unavailable rejected no_connection '
+    'data_error',
+    OutcomeClass.TIMED_OUT: 'timeout timed_out',
+    OutcomeClass.CANCELED: 'canceled cancelled preempted declined',
 }
+_CLASSES: Final = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 
 
 def class_of(outcome: str) -> OutcomeClass | None:

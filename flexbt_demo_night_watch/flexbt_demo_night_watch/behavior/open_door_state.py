@@ -6,6 +6,7 @@ from __future__ import annotations
 from std_srvs.srv import SetBool
 
 from flexbt_common.calls import ServiceCall
+from flexbt_core.skills import Outcome, Predicate, Skill
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_onboard.behaviors import state_services
 
@@ -26,6 +27,12 @@ class OpenDoorState(EventState):
     <= open                     The door is open.
     <= jammed                   It does not move, or nobody answers for it; the operator is told why.
     """
+
+    skill = Skill.of(
+        parameters={'room': 'room'},
+        outcomes={'open': Outcome.of('completed', 'door_open(room)'), 'jammed': 'failed'},
+        predicates=[Predicate('door_open', {'room': 'room'})],
+    )
 
     def __init__(self, services: str = '/simulator/doors', seconds: float = 2.5) -> None:
         super().__init__(outcomes=['open', 'jammed'], input_keys=['room'], desired_rate=None)
