@@ -131,7 +131,7 @@ def test_what_comes_next_has_to_be_told_by_an_outcome() -> None:
     either = "press_c' & press_a & sweet' -> brew_a'\npress_c' & press_a & !sweet' -> grind_a'"
     text = COFFEE.replace('[INPUT]', '[INPUT]\nsweet').replace('[SYS_TRANS]', f'[SYS_TRANS]\n{either}')
     with pytest.raises(SynthesisError) as caught:
-        made(text.replace("!grind_m' -> !brew_a'", ''))
+        made(text.replace("!grind_m' -> !brew_a'", "!press_m' -> !brew_a'"))
     assert "after 'press:completed' in press what comes next depends on sweet" in str(caught.value)
 
 
