@@ -16,11 +16,11 @@ from .workspace import Workspace
 
 
 def run(workspace: Workspace) -> int:
-    """Runs `benchmarks/NAME.py --output FILE.json` for each; gives the exit code, 1 when one of them fails."""
+    """Runs `python3 benchmarks NAME --output FILE.json` for each; gives the exit code, 1 when one of them fails."""
     layout = workspace.layout
     directory = layout.out / 'bench'
     directory.mkdir(parents=True, exist_ok=True)
-    scripts = sorted(layout.benchmarks.glob('[!_]*.py'))
+    scripts = sorted(layout.benchmarks.glob('*/[!_]*.py'))
     if not scripts:
         raise WorkspaceError(f'there is no benchmark in {layout.benchmarks}')
     results: dict[str, Any] = {}
@@ -29,7 +29,7 @@ def run(workspace: Workspace) -> int:
         output = directory / f'{script.stem}.json'
         output.unlink(missing_ok=True)
         print(f'--- {script.stem}', flush=True)
-        command = workspace.inside(['python3', script, '--output', output])
+        command = workspace.inside(['python3', layout.benchmarks, script.stem, '--output', output])
         ended = subprocess.run([str(word) for word in command], env=workspace.environment, cwd=layout.root)
         if ended.returncode == 0 and output.exists():
             results[script.stem] = json.loads(output.read_text(encoding='utf-8'))

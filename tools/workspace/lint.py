@@ -84,7 +84,7 @@ def _typed_files(workspace: Workspace) -> list[Path]:
     files = [
         layout.tools / 'workspace',
         *sorted(layout.interface_tools.glob('*.py')),
-        *sorted(layout.benchmarks.glob('*.py')),
+        *sorted(layout.benchmarks.rglob('*.py')),
     ]
     for package in layout.packages():
         if package.is_python:
@@ -97,7 +97,12 @@ def _mypy_roots(workspace: Workspace) -> list[Path]:
     layout = workspace.layout
     packages = [package for package in layout.packages() if package.is_python]
     tests = {file.parent for package in packages for file in (package.path / 'test').rglob('*.py')}
-    return [layout.tools, layout.benchmarks, *(package.path for package in packages), *sorted(tests)]
+    return [
+        layout.tools,
+        *sorted({file.parent for file in layout.benchmarks.glob('*/*.py')}),
+        *(package.path for package in packages),
+        *sorted(tests),
+    ]
 
 
 def _first_on_path(directory: Path, workspace: Workspace) -> str:

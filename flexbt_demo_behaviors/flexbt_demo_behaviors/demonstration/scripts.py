@@ -18,7 +18,7 @@ from .scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperat
 from .simulation import Box, Simulation
 
 # From a stop to rest, in seconds of wall time. It takes 0.1 to 0.5 s; that of a busy machine, which runs the world at
-# several times real time, is no promise of the robot's (benchmarks/latency.py has that), so there is much room.
+# several times real time, is no promise of the robot's (benchmarks/robot/latency.py has that), so there is much room.
 STOP_S = 5.0
 
 

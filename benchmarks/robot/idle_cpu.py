@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Processor time of each process of a robot at rest, in per cent of a core, under simulated time.
 
-Usage: idle_cpu.py [--seconds S] [--output FILE.json]
+Usage: python3 benchmarks idle_cpu [--seconds S] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import _figures
+from _figures import write_figures
 from domain_coordinator import domain_id
 
 from flexbt_common.runtime import NodeRuntime
@@ -43,7 +43,7 @@ def main() -> int:
     for name, percent in figures.items():
         print(f'{name:18} {percent:5.2f} %')
     if options.output is not None:
-        _figures.write(options.output, {'idle_cpu_percent': figures})
+        write_figures(options.output, {'idle_cpu_percent': figures})
     return 0
 
 

@@ -4,7 +4,7 @@
 Of each ten trips one has a goal that cannot be reached: in an obstacle, beside the map, or in a closed room. Times are
 those of the processor; the longest wait is how long another thread did not get the interpreter while plans were made.
 
-Usage: navigation.py [--pairs N] [--reach M] [--seed N] [--output FILE.json]
+Usage: python3 benchmarks navigation [--pairs N] [--reach M] [--seed N] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import _figures
 import numpy
+from _figures import write_figures
 from numpy.typing import NDArray
 
 from flexbt_sim.errors import NavigationError, SimulationError
@@ -309,7 +309,7 @@ def main() -> int:
     print(f'{total["reached"]} of {total["trips"]} goals reached, {total["contacts"]} contacts;', end=' ')
     print(f'{total["refused"]} of {total["impossible"]} others refused with the right code')
     if options.output is not None:
-        _figures.write(options.output, {'navigation': figures})
+        write_figures(options.output, {'navigation': figures})
     good = total['reached'] >= 0.99 * total['trips'] and total['refused'] == total['impossible']
     return 0 if good and not total['contacts'] else 1
 

@@ -9,7 +9,7 @@
 Both ends are stamped on the system clock. FlexBE 2.3.3 at its default rate of 10 Hz needs 54 ms on average and
 99 ms at the 95th percentile for the second (engine alone, measured on the same kind of machine).
 
-Usage: latency.py [--samples N] [--output FILE.json]
+Usage: python3 benchmarks latency [--samples N] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-import _figures
+from _figures import write_figures
 from _processes import executable, install_behavior
 from domain_coordinator import domain_id
 from nav2_msgs.action import Wait
@@ -40,6 +40,7 @@ from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.waiting import wait_until
 
+HERE: Final = Path(__file__).resolve().parent
 DEADLINE = 20.0
 FLEXBE_MEAN_MS = 54.0
 LEAF_SECONDS = 0.15  # long enough for the status, which comes at 20 Hz at most, to show the state of the tree
@@ -135,7 +136,7 @@ def main() -> int:
     parser.add_argument('--output', type=Path, default=Path('out/latency.json'))
     arguments = parser.parse_args()
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
-        install_behavior(Path(directory), '_latency_probe', 'LatencyProbe')
+        install_behavior(Path(directory), HERE / '_latency_probe.py', 'LatencyProbe')
         os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_LOG_DIR=directory)
         only_this_computer()
         processes = [
@@ -153,7 +154,7 @@ def main() -> int:
     print(f'{"ms":28}{"median":>9}{"p90":>9}{"p99":>9}{"max":>9}')
     for what, row in figures.items():
         print(f'{what:28}' + ''.join(f'{row[column]:9.2f}' for column in ('median', 'p90', 'p99', 'max')))
-    _figures.write(arguments.output, {'samples': arguments.samples, 'ms': figures})
+    write_figures(arguments.output, {'samples': arguments.samples, 'ms': figures})
     return 0
 
 

@@ -14,14 +14,15 @@ def executable(package: str, name: str) -> str:
     return str(Path(get_package_prefix(package)) / 'lib' / package / name)
 
 
-def install_behavior(directory: Path, module: str, behavior: str) -> None:
-    """Make a behavior of this directory known to the processes that are started from now on.
+def install_behavior(directory: Path, file: Path, behavior: str) -> None:
+    """Make the behavior that is in a module known to the processes that are started from now on.
 
     ``directory`` gets what an installation would leave, and is put on the Python path.
     """
+    module = file.stem
     metadata = directory / f'{module}-0.dist-info'
     metadata.mkdir()
     (metadata / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {module}\nVersion: 0\n')
     (metadata / 'entry_points.txt').write_text(f'[flexbt.behaviors]\n{module} = {module}:{behavior}\n')
-    (directory / f'{module}.py').symlink_to(Path(__file__).parent / f'{module}.py')
+    (directory / f'{module}.py').symlink_to(file)
     os.environ['PYTHONPATH'] = f'{directory}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'

@@ -15,7 +15,7 @@ of the medians of one round; given are its median over the rounds and its range,
 of all rounds. A result that never comes, because the library has lost the server's answer to the goal, is counted; the
 operator forces the transition then.
 
-Usage: flexbe.py [--flexbe DIRECTORY] [--rounds N] [--samples N] [--output FILE.json]
+Usage: python3 benchmarks flexbe [--flexbe DIRECTORY] [--rounds N] [--samples N] [--output FILE.json]
 
 DIRECTORY is where FlexBE 2.3.3 is installed, with a setup.bash; benchmarks/README.md says what it needs. Without it,
 FlexBT is measured alone.
@@ -37,7 +37,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-import _figures
+from _figures import write_figures
 from _flexbe_engine import SUBJECTS
 from _flexbe_native import TREE_XML
 from _flexbe_stamp import ADDRESS
@@ -46,7 +46,7 @@ from domain_coordinator import domain_id
 
 from flexbt_common.discovery import only_this_computer
 
-HERE: Final = Path(__file__).parent
+HERE: Final = Path(__file__).resolve().parent
 PACKAGE: Final = 'flexbe_probe_behaviors'
 ENGINE_ROUNDS: Final = 10
 QUIET: Final = ('--ros-args', '--log-level', 'warn')
@@ -91,7 +91,7 @@ def variants(onboard: int, flexbe: int | None) -> list[dict[str, Any]]:
 
 def install_behaviors(directory: Path) -> None:
     """Make the behaviors known to the processes that are started from now on: both engines', and the tree."""
-    install_behavior(directory, '_flexbe_native', 'FlexbeNative')
+    install_behavior(directory, HERE / '_flexbe_native.py', 'FlexbeNative')
     source = directory / PACKAGE / 'probe_sm.py'
     for file, text in {
         directory / f'share/{PACKAGE}/package.xml': PACKAGE_XML,
@@ -146,12 +146,13 @@ def running(command: Sequence[str], environment: Mapping[str, str]) -> Iterator[
 def engines(environments: Mapping[str, Mapping[str, str]]) -> dict[str, list[float]]:
     """Microseconds of a transition, a sample for each round."""
     samples: dict[str, list[float]] = {}
+    support = str(HERE.parent / 'support')
     with ExitStack() as stack:
         workers = {
             engine: stack.enter_context(
                 subprocess.Popen(
                     [sys.executable, str(HERE / '_flexbe_engine.py'), engine],
-                    env=environment,
+                    env={**environment, 'PYTHONPATH': f'{support}{os.pathsep}{environment.get("PYTHONPATH", "")}'},
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
@@ -270,7 +271,7 @@ def main() -> int:
     show(results)
     lost = {name: sum(one['lost'] for one in rounds) for name, rounds in blocks.items()}
     print('\nresults that never came: ' + ', '.join(f'{name}: {count}' for name, count in lost.items()))
-    _figures.write(arguments.output, {**results, 'results that never came': lost})
+    write_figures(arguments.output, {**results, 'results that never came': lost})
     return 0
 
 

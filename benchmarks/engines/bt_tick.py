@@ -11,7 +11,8 @@ A second table has other nodes, each of them many times below one ParallelAll, w
 A third table has the loading of a file through the store of the BT server, for the first time and again, and the memory
 of a node.
 
-Usage: bt_tick.py [--rounds N] [--sizes 100,1000] [--shapes a,b,...] [--others loop,switch,...] [--output FILE.json]
+Usage: python3 benchmarks bt_tick [--rounds N] [--sizes 100,1000] [--shapes a,b,...] [--others loop,switch,...]
+                                  [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import _figures
+from _figures import write_figures
 
 from flexbt_core.behavior_tree import (
     Condition,
@@ -432,7 +433,7 @@ def main() -> int:
     loaded = loading(10_000, arguments.rounds, wheel)
     for what, value in loaded.items():
         print(f'{what:36}{value:12.4g}')
-    _figures.write(arguments.output, {'tick': rows, 'other nodes': others, 'loading': loaded})
+    write_figures(arguments.output, {'tick': rows, 'other nodes': others, 'loading': loaded})
     return 0
 
 

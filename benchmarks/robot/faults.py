@@ -7,7 +7,7 @@ and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3
 seconds of the robot's clock until rest after the fault, and the state of the executive's run two seconds after the
 process is back (a killed one is started again, as a launched system does).
 
-Usage: faults.py [--kills N] [--stops N] [--hangs N] [--seed N] [--output FILE.json]
+Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--seed N] [--output FILE.json]
        (so many of each process, hangs of each thread)
 """
 
@@ -26,7 +26,7 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-import _figures
+from _figures import write_figures
 from domain_coordinator import domain_id
 
 from flexbt_common.runtime import NodeRuntime
@@ -81,7 +81,7 @@ def main() -> int:
                 rows.append(trial(stack, probe, how, name, thread, chance))
             print(line(rows[-1]), flush=True)
     if options.output is not None:
-        _figures.write(options.output, {'faults': rows})
+        write_figures(options.output, {'faults': rows})
     return 0 if all(row['seconds'] < REST_SECONDS for row in rows) else 1
 
 

@@ -8,7 +8,7 @@ with a scan of each robot, while this world makes five steps of 0.02 s. IR-SIM i
 
     python3 -m venv VENV; VENV/bin/pip install ir-sim; simulator.py --irsim VENV/bin/python
 
-Usage: simulator.py [--seconds S] [--robots 1,10,50] [--irsim PYTHON] [--output FILE.json]
+Usage: python3 benchmarks simulator [--seconds S] [--robots 1,10,50] [--irsim PYTHON] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-import _figures
 import numpy
 import yaml
+from _figures import write_figures
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator import built_in_map
@@ -43,7 +43,7 @@ from flexbt_sim.world import (
     outlines,
 )
 
-HERE: Final = Path(__file__).parent
+HERE: Final = Path(__file__).resolve().parent
 TARGETS: Final = {1: 1000.0, 50: 20.0}
 """Least factor, by the number of robots."""
 
@@ -77,7 +77,7 @@ def main() -> int:
             figures['irsim'][count] = {'step_us': ours, 'irsim_step_us': theirs, 'times': theirs / ours}
             print(f'{count:6d}  {ours:18.1f}  {theirs:6.0f}  {theirs / ours:5.0f}')
     if options.output is not None:
-        _figures.write(options.output, figures)
+        write_figures(options.output, figures)
     return 0
 
 

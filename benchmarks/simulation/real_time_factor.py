@@ -4,7 +4,7 @@
 Simulator (as fast as possible), navigation, BT server and executive are processes of their own; a client plans ways
 through the rooms and has them followed.
 
-Usage: real_time_factor.py [--seconds S] [--factor F] [--odom-rate HZ] [--output FILE.json]
+Usage: python3 benchmarks real_time_factor [--seconds S] [--factor F] [--odom-rate HZ] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-import _figures
+from _figures import write_figures
 from domain_coordinator import domain_id
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath
@@ -114,7 +114,7 @@ def main() -> int:
     for name in processes:
         print(f'  {name:18} {100.0 * used[name] / wall:5.1f} % of a core')
     if options.output is not None:
-        _figures.write(options.output, figures)
+        write_figures(options.output, figures)
     return 0
 
 

@@ -14,7 +14,7 @@ sequences of conditions over actions that go on. The leaves of both are written 
 
 The peer is BehaviorTree.CPP, through the wheel behaviortreepy, with its FileLogger and without.
 
-Usage: bt_monitoring.py [--rounds N] [--sizes 100,1000] [--shapes a,b,...] [--output FILE.json]
+Usage: python3 benchmarks bt_monitoring [--rounds N] [--sizes 100,1000] [--shapes a,b,...] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
-import _figures
 import bt_tick
+from _figures import write_figures
 from domain_coordinator import domain_id
 
 TARGET: Final = 1.15
@@ -259,7 +259,7 @@ def main() -> int:
                     )
     kept = [row for row in rows if row['ratio of the tick'] <= TARGET]
     print(f'target: at most {TARGET} for the tick itself; kept by {len(kept)} of {len(rows)}')
-    _figures.write(arguments.output, rows)
+    write_figures(arguments.output, rows)
     return 0
 
 

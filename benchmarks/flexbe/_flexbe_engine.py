@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from hfsm_transitions import DEPTH, PER_SAMPLE
+from _hfsm_subjects import DEPTH, PER_SAMPLE
 
 SUBJECTS: Final = {'FlexBT': ('chained', 'woken'), 'FlexBE': ('unsupervised', 'supervised')}
 """FlexBE publishes a transition when the run is supervised, and not otherwise."""
@@ -22,7 +22,7 @@ UNSUPERVISED: Final = 255
 
 def flexbt() -> Mapping[str, Callable[[], float]]:
     """Samples of FlexBT's engine."""
-    from hfsm_transitions import Subject
+    from _hfsm_subjects import Subject
 
     return {way: Subject('4 levels deep', way).sample for way in SUBJECTS['FlexBT']}
 

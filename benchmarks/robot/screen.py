@@ -19,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import _figures
+from _figures import write_figures
 
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.mirror import (
@@ -145,7 +145,7 @@ def main() -> int:
         for columns, rows in ((80, 24), (200, 60))
     }
     print(json.dumps(figures, indent=2))
-    _figures.write(arguments.output, figures)
+    write_figures(arguments.output, figures)
     return 0
 
 

@@ -20,7 +20,7 @@ the time until all are live grows with the cube of their number (20 robots: 37 s
 localhost alone Fast DDS shows no more than 32 participants of a domain to each other. So there is a discovery server of
 Fast DDS, as a fleet would have, through which each hears of what it shares topics with; --simple does without it.
 
-Usage: fleet.py [--robots N] [--rounds N] [--trees] [--simple] [--output FILE.json]
+Usage: python3 benchmarks fleet [--robots N] [--rounds N] [--trees] [--simple] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-import _figures
+from _figures import write_figures
 from _processes import executable, install_behavior
 from domain_coordinator import domain_id
 
+HERE: Final = Path(__file__).resolve().parent
 DEADLINE = 400.0
 REST_SECONDS = 10.0
 AT_A_TIME = 5
@@ -232,7 +233,7 @@ def main() -> int:
     parser.add_argument('--output', type=Path, default=Path('out/fleet.json'))
     arguments = parser.parse_args()
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory, ExitStack() as stack:
-        install_behavior(Path(directory), '_fleet_probe', 'FleetProbe')
+        install_behavior(Path(directory), HERE / '_fleet_probe.py', 'FleetProbe')
         os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET', ROS_LOG_DIR=directory)
         # Its announcements come 15 times as often as the middleware's default.
         os.environ.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
@@ -271,7 +272,7 @@ def main() -> int:
         if arguments.trees:
             figures |= measure_trees(stations, [process.pid for process in (*processes, *servers)])
     print(json.dumps(figures, indent=2))
-    _figures.write(arguments.output, figures)
+    write_figures(arguments.output, figures)
     return 0
 
 

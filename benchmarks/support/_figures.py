@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 
-def write(file: Path, figures: Any) -> None:
+def write_figures(file: Path, figures: Any) -> None:
     """Write figures as JSON; directories that are missing are made."""
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(figures, indent=2) + '\n')

@@ -12,7 +12,7 @@ In bytes a second, at rest and while the robot drives, with one console and with
 For several settings: the profile of the middleware (for radio links; of a workspace; none), and the executive's
 heartbeat period. Needs network namespaces (Linux, root).
 
-Usage: link.py [--seconds S] [--output FILE.json]
+Usage: python3 benchmarks link [--seconds S] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import _figures
+from _figures import write_figures
 from domain_coordinator import domain_id
 
 from flexbt_common.discovery import only_this_computer, profile
@@ -172,7 +172,7 @@ def main() -> int:
             only_this_computer()
             figures = {name: measure(*setting, arguments.seconds) for name, setting in SETTINGS.items()}
     print(json.dumps(figures, indent=2))
-    _figures.write(arguments.output, figures)
+    write_figures(arguments.output, figures)
     return 0
 
 
