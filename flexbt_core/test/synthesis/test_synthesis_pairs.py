@@ -26,6 +26,7 @@ from flexbt_core.synthesis.inputs import (
     read_specification,
     translated,
 )
+from flexbt_core.synthesis.machines import read_sm_loader, state_instantiations
 
 DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[4] / 'shared/data')) / 'synthesis'
 PAIRS = [
@@ -96,3 +97,38 @@ def test_a_specification_that_is_written_is_read_as_the_same() -> None:
     assert again.variables == ours.variables
     for section, entries in again.formulas.items():
         assert [parse_formula(text, ours.ranges) for text, _ in entries] == ours.of(section)
+
+
+def test_a_machine_that_is_written_is_loaded_and_said_as_upstream_says_it() -> None:
+    files = expected('hello_world')
+    machine = read_sm_loader((DATA / files['state_machine']).read_text(encoding='utf-8'), files['state_machine'])
+    ours = state_instantiations(machine)
+    assert len(ours) == files['tested_upstream']['state_count']
+    for one, theirs in zip(ours, files['observed']['states'], strict=True):
+        parameters = dict(zip(one['parameter_names'], one['parameter_values'], strict=True))
+        assert {**one, 'parameters': parameters} == {**one, **theirs}
+
+
+@pytest.mark.parametrize('pair', PAIRS)
+def test_what_follows_what_is_as_upstream_has_it(pair: str) -> None:
+    """State by state from the initial one, whatever the states are called."""
+    machine = synthesize(problem(pair, Liveness.ADVERSARIAL)).machine
+    assert machine is not None
+    theirs = {one['state_path'].lstrip('/'): one for one in expected(pair)['observed']['states']}
+    same = {machine.initial: expected(pair)['observed']['initial_state']}
+    waiting = [machine.initial]
+    while waiting:
+        name = waiting.pop()
+        state, other = machine.states[name], theirs[same[name]]
+        assert state.parts[0].state_class == other['state_class']
+        assert {key: repr(value) for key, value in state.parts[0].parameters.items()} == other['parameters']
+        targets = dict(zip(other['outcomes'], other['transitions'], strict=True))
+        assert state.transitions.keys() == targets.keys()
+        for outcome, target in state.transitions.items():
+            if target in machine.outcomes:
+                assert targets[outcome] == target
+            elif target not in same:
+                same[target] = targets[outcome]
+                waiting.append(target)
+            else:
+                assert same[target] == targets[outcome]

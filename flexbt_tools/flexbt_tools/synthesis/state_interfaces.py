@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from flexbt_core.state_machine import EventState
@@ -22,6 +22,7 @@ class StateInterfaces:
     def __init__(self, modules: Sequence[str], others: Interfaces | None = None) -> None:
         self._others = others
         self._classes: dict[str, type[EventState]] = {}
+        self._modules: dict[str, str] = {}
         for module in modules:
             try:
                 found = importlib.import_module(module)
@@ -29,12 +30,13 @@ class StateInterfaces:
                 raise UsageError(f'--states {module}: {type(error).__name__}: {error}') from error
             for name, value in vars(found).items():
                 if isinstance(value, type) and issubclass(value, EventState) and value is not EventState:
-                    self._classes[name] = self._classes[f'{module.partition(".")[0]}/{name}'] = value
+                    for known in (name, f'{module.partition(".")[0]}/{name}'):
+                        self._classes[known] = value
+                        self._modules[known] = module
 
-    @property
-    def classes(self) -> Mapping[str, Callable[..., EventState]]:
-        """The states as a text of a machine names them."""
-        return self._classes
+    def module_of(self, name: str) -> str:
+        """From where a state is imported."""
+        return self._modules.get(name, 'my_states')
 
     def __call__(self, name: str, parameters: Mapping[str, Any]) -> Interface:
         """What a state declares that is made with these parameters."""

@@ -29,13 +29,18 @@ _COMPARISONS: Final = ('=', '!=', '<', '>', '<=', '>=')
 
 
 class FormulaError(ValueError):
-    """A text is no formula over the variables that there are; the text says what is wrong, and with what."""
+    """A text is no formula over the variables that there are; the text says what is wrong, and with what. ``reason``
+    is that without the formula."""
+
+    def __init__(self, formula: str, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"'{formula.strip():.100}': {reason}")
 
 
 def parse_formula(text: str, variables: Ranges) -> Formula:
     """The formula in a text. Raises FormulaError."""
     if len(text) > MAX_LENGTH:
-        raise FormulaError(f"'{text:.40}…' has {len(text)} characters; a formula may have {MAX_LENGTH}")
+        raise FormulaError(text, f'it has {len(text)} characters; a formula may have {MAX_LENGTH}')
     return _Parser(text, variables).whole()
 
 
@@ -57,7 +62,7 @@ class _Parser:
 
     def whole(self) -> Formula:
         if not self._tokens:
-            raise FormulaError('the formula is empty')
+            raise self._error('the formula is empty')
         formula = self._joined(0)
         if self._at < len(self._tokens):
             raise self._error(f"'{self._tokens[self._at]}' is not expected there")
@@ -169,4 +174,4 @@ class _Parser:
             raise self._error(f'it is nested more than {MAX_DEPTH} levels deep')
 
     def _error(self, reason: str) -> FormulaError:
-        return FormulaError(f"'{self._text.strip():.100}': {reason}")
+        return FormulaError(self._text, reason)

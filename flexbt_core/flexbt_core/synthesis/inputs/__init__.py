@@ -8,6 +8,7 @@ from .request import FAILURE_OUTCOMES, Request, read_request
 from .specification_file import SpecificationFile, as_structured_slugs, read_specification
 from .translation import Liveness, Options, Problem, translated
 from .vocabulary import Vocabulary
+from .yaml_nodes import YamlFile
 
 __all__ = [
     'FAILURE_OUTCOMES',
@@ -22,6 +23,7 @@ __all__ = [
     'Request',
     'SpecificationFile',
     'Vocabulary',
+    'YamlFile',
     'as_structured_slugs',
     'hand_written',
     'is_whole',

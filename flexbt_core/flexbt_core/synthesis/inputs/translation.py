@@ -504,9 +504,9 @@ class Translation:
             now = ' & '.join(f'({goal})' for goal, _ in goals)
             then = ' & '.join(self._later(goal) for goal, _ in goals)
             reached = then if any(map(self._is_about_steps, (goal for goal, _ in goals))) else f'!({now}) & {then}'
-            add(Section.SYS_TRANS, f'({reached}) -> {target_next}')
             for goal, origin in goals:
                 add(Section.SYS_TRANS, f'(!{self._later(goal)} & !{target}) -> !{target_next}', origin, 'request')
+            add(Section.SYS_TRANS, f'({reached}) -> {target_next}')
             if final:
                 hoped = self._file.mappings.transition_outcomes[0]
                 add(Section.SYS_TRANS, f"(!{words.arrives(final, hoped)} & !{success}) -> !{success}'")
@@ -637,11 +637,16 @@ class Translation:
 
     def _parsed_lines(self) -> list[Line]:
         lines = []
+        wrong: set[str | None] = set()  # what a user wrote may be in several formulas
         for section, text, origin, place, rule in self._texts:
             try:
                 lines.append(Line(section, text, parse_formula(text, self._ranges()), origin, rule))
             except FormulaError as error:
-                self._problems.append(f'{place}: {origin or section.value}: {error}' if place else f'{error}')
+                if origin is not None and origin not in wrong:
+                    self._problems.append(f'{place}: {origin.removesuffix(f" ({place})")}: {error.reason}')
+                elif origin is None and not wrong:
+                    self._problems.append(str(error))
+                wrong.add(origin)
         return lines
 
     def _formula(self, text: str) -> Formula:

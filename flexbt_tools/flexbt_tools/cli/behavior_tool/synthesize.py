@@ -21,7 +21,12 @@ from flexbt_core.synthesis.inputs import (
     read_interfaces,
     read_request,
 )
-from flexbt_core.synthesis.machines import machine_as_yaml
+from flexbt_core.synthesis.machines import (
+    SynthesizedMachine,
+    machine_as_python,
+    machine_as_yaml,
+    state_instantiations,
+)
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 from flexbt_tools.synthesis import (
@@ -34,6 +39,7 @@ from flexbt_tools.synthesis import (
 )
 
 _DEFAULT_LIMIT = 60.0
+_FORMS = ('yaml', 'python', 'flexbe')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,6 +76,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     world.add_argument('--parsed', action='store_true', help='one integer for all activations')
     result = parser.add_argument_group('the answer')
     result.add_argument('-o', '--output', metavar='FILE', help='write the machine there (default: standard output)')
+    result.add_argument(
+        '--form',
+        choices=_FORMS,
+        default=_FORMS[0],
+        help='yaml; python: a behavior; flexbe: the fields of StateInstantiation[] as JSON (default: %(default)s)',
+    )
     result.add_argument('--certificate', metavar='FILE', help='write the strategy there, as JSON, with what proves it')
     result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and end')
     result.add_argument('--step', action='store_true', help='where there is none: be the machine, step by step')
@@ -108,7 +120,7 @@ def _answered(options: argparse.Namespace) -> ExitCode:
     except SynthesisTimeout as error:
         print(str(error), file=sys.stderr)
         return ExitCode.UNFINISHED
-    return _told(options, answer, time.monotonic() - began)
+    return _told(options, answer, interfaces, time.monotonic() - began)
 
 
 def _retries(number: int | None) -> int | None:
@@ -132,17 +144,17 @@ def _watch(began: float, limit: float) -> Callable[[str], None]:
     return watch
 
 
-def _told(options: argparse.Namespace, answer: Synthesis, seconds: float) -> ExitCode:
+def _told(options: argparse.Namespace, answer: Synthesis, interfaces: StateInterfaces, seconds: float) -> ExitCode:
     if sys.stderr.isatty():
         print('\r\x1b[K', end='', file=sys.stderr)
     if answer.explanation is not None:
         return _refused(options, answer, answer.explanation, seconds)
     assert answer.machine is not None and answer.strategy is not None
-    text = machine_as_yaml(answer.machine)
+    text = _text(options.form, answer.machine, interfaces)
     if options.certificate:
-        Path(options.certificate).write_text(json.dumps(answer.strategy.to_json()) + '\n', encoding='utf-8')
+        _write(options.certificate, json.dumps(answer.strategy.to_json()) + '\n')
     if options.output:
-        Path(options.output).write_text(text, encoding='utf-8')
+        _write(options.output, text)
     if options.json:
         print(
             json.dumps({'realizable': True, 'machine': text, 'seconds': round(seconds, 3), 'figures': answer.figures})
@@ -152,6 +164,14 @@ def _told(options: argparse.Namespace, answer: Synthesis, seconds: float) -> Exi
     for note in answer.machine.notes:
         print(f'note: {note}', file=sys.stderr)
     return ExitCode.OK
+
+
+def _text(form: str, machine: SynthesizedMachine, interfaces: StateInterfaces) -> str:
+    if form == 'python':
+        return machine_as_python(machine, interfaces.module_of)
+    if form == 'flexbe':
+        return json.dumps(state_instantiations(machine), indent=1) + '\n'
+    return machine_as_yaml(machine)
 
 
 def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explanation, seconds: float) -> ExitCode:
@@ -164,3 +184,10 @@ def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explan
         print()
         step_through(explanation.play, answer.problem, input, print)
     return ExitCode.NEGATIVE
+
+
+def _write(name: str, text: str) -> None:
+    try:
+        Path(name).write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise UsageError(f'{name} cannot be written: {error}') from error

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool synthesize``: what it prints, writes and returns."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from behavior_tool_support import tool
+
+import flexbt_states
+from flexbt_core.state_machine import define, read_machine
+
+COFFEE = """\
+state_outcome_mappings: {grind: completed, brew: completed, fail: failure}
+sm_outcome_mappings: {finished: finished}
+capabilities:
+  grind:
+    interface: OperatorDecisionState
+    parameters: {outcomes: [grind, fail]}
+    postconditions: [grind]
+    autonomy: {grind: 2, fail: 3}
+  brew:
+    interface: OperatorDecisionState
+    parameters: {outcomes: [brew, fail]}
+    preconditions: [grind]
+    postconditions: [brew]
+"""
+STATES = {'OperatorDecisionState': flexbt_states.OperatorDecisionState}
+
+
+@pytest.fixture
+def coffee(tmp_path: Path) -> str:
+    file = tmp_path / 'coffee.yaml'
+    file.write_text(COFFEE, encoding='utf-8')
+    return str(file)
+
+
+def test_the_machine_is_printed_so_that_the_executive_reads_it(coffee: str) -> None:
+    done = tool('synthesize', coffee, '--goal', 'brew')
+    assert (done.code, done.err) == (0, '')
+    structure = read_machine(done.out, STATES).structure()
+    assert [(one.path, one.targets) for one in structure[1:]] == [
+        ('/grind', ('/brew', '/grind')),
+        ('/brew', ('=finished', '/brew')),
+    ]
+    assert structure[1].autonomy == (2, 3)
+
+
+def test_as_python_it_is_the_same_behavior(coffee: str, tmp_path: Path) -> None:
+    words = ('synthesize', coffee, '--goal', 'brew', '--retries', '2')
+    python = tmp_path / 'made.py'
+    assert tool(*words, '--form', 'python', '-o', str(python)).code == 0
+    made: dict[str, type] = {}
+    exec(python.read_text(encoding='utf-8'), made)  # noqa: S102
+    assert define(made['Coffee']().create()).structure() == read_machine(tool(*words).out, STATES).structure()
+
+
+def test_for_programs_everything_is_in_one_document(coffee: str, tmp_path: Path) -> None:
+    certificate = tmp_path / 'certificate.json'
+    done = tool('synthesize', coffee, '--goal', 'brew', '--json', '--certificate', str(certificate))
+    answer = json.loads(done.out)
+    assert answer['realizable']
+    assert answer['figures']['nodes'] == len(json.loads(certificate.read_text(encoding='utf-8'))['nodes'])
+    refused = tool('synthesize', coffee, '--goal', 'brew & !grind', '--json')
+    assert refused.code == 1
+    assert json.loads(refused.out)['explanation']['conflict'] == [
+        f"postcondition 'grind' of grind after completed ({coffee}:7)",
+        f"precondition 'grind' of brew ({coffee}:12)",
+        "goal 'brew & !grind' (request)",
+    ]
+
+
+def test_why_there_is_none_is_told_in_the_words_of_the_files(
+    coffee: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends = tmp_path / 'ends.yaml'
+    ends.write_text('specs: {SYS_TRANS: ["brew_f\' -> finished\'"]}', encoding='utf-8')
+    answers = iter(['1', 'x', '1', '1', 'q'])
+    monkeypatch.setattr('builtins.input', lambda prompt: next(answers))
+    done = tool('synthesize', coffee, '--goal', 'brew', '--liveness', 'fair-outcomes', '--spec', str(ends), '--step')
+    assert done.code == 1
+    assert done.out.startswith('No machine can do that: ')
+    assert f"  - SYS_TRANS 'brew_f' -> finished'' ({ends}:1)" in done.out
+    assert 'You are the machine' in done.out
+
+
+@pytest.mark.parametrize(
+    ('words', 'code', 'text'),
+    [
+        (('--goal', 'brewn'), 3, "request: goal 'brewn': there is no variable 'brewn'; did you mean"),
+        (('--goal', 'brew', '--mappings', '/nowhere'), 2, '/nowhere: '),
+        (('--goal', 'brew', '--states', 'nowhere'), 2, '--states nowhere: ModuleNotFoundError'),
+        (('--goal', 'brew', '--retries', '-1'), 2, '--retries -1: write a number from 0 to 1000'),
+        (('--goal', 'brew', '--time-limit', '1e-9'), 5, 'no answer within 1e-09 s'),
+        (('--goal', 'brew', '-o', '/nowhere/x'), 2, '/nowhere/x cannot be written'),
+    ],
+)
+def test_what_is_wrong_is_told_with_the_exit_code_for_it(coffee: str, words: list[str], code: int, text: str) -> None:
+    done = tool('synthesize', coffee, *words)
+    assert (done.code, text in done.err) == (code, True), done.err
+
+
+def test_formulas_are_printed_as_slugs_reads_them_and_read_again(coffee: str, tmp_path: Path) -> None:
+    """A specification that is whole needs no capabilities, and has the same machine, with states of its own."""
+    printed = tool('synthesize', coffee, '--goal', 'brew', '--liveness', 'adversarial', '--specification').out
+    whole = tmp_path / 'coffee.structuredslugs'
+    whole.write_text(printed, encoding='utf-8')
+    done = tool('synthesize', '--spec', str(whole))
+    assert done.code == 0
+    assert 'transitions: {completed: finished, failure: brew}' in done.out
