@@ -11,11 +11,15 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from string import Template
+from typing import Final
 
 from .errors import SkillError
 from .library import SkillLibrary
 from .literals import EQUAL, Literal
 from .skill import Outcome, OutcomeClass, Skill
+
+MAX_TRIED: Final = 200_000
+"""Bindings of one skill that are tried at most, those that are left half-way included: some seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,7 @@ def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Liter
     which preconditions that nothing changes hold, and for each of its outcomes that is completed and has an effect.
 
     Raises:
-        SkillError: start or goal speak of what the library does not know.
+        SkillError: start or goal speak of what the library does not know, or a skill has more than MAX_TRIED bindings.
     """
     start, goal = tuple(start), tuple(goal)
     _check(library, start, goal)
@@ -177,17 +181,35 @@ class Grounding:
                 one
             )
 
-        def bind(binding: dict[str, str]) -> Iterator[dict[str, str]]:
-            if not all(self._holds(one.bound(binding)) for one in due[len(binding)]):
-                return
-            if len(binding) == len(names):
-                yield binding
-                return
-            name = names[len(binding)]
-            for one in self._library.objects_of(skill.parameters[name]):
-                yield from bind({**binding, name: one})
+        tried = 0
+        binding: dict[str, str] = {}
 
-        return bind({})
+        def bind(bound: int) -> Iterator[dict[str, str]]:
+            """The ways to go on when the first ``bound`` parameters have objects."""
+            nonlocal tried
+            tried += 1
+            if tried > MAX_TRIED:
+                raise SkillError([_too_many(skill)])
+            if due[bound] and not all(self._holds(one.bound(binding)) for one in due[bound]):
+                return
+            if bound == len(names):
+                yield dict(binding)
+                return
+            for one in objects[bound]:
+                binding[names[bound]] = one
+                yield from bind(bound + 1)
+            del binding[names[bound]]
+
+        objects = [self._library.objects_of(kind) for kind in skill.parameters.values()]
+        return bind(0)
+
+
+def _too_many(skill: Skill) -> str:
+    return (
+        f'skill {skill.name}: more than {MAX_TRIED:,} ways to bind {", ".join(skill.parameters)} to objects; give the '
+        'parameters narrower types, or a precondition that nothing changes (such as which places are next to each '
+        'other) of the first of them'
+    )
 
 
 def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] | None = None) -> dict[str, str]:

@@ -7,12 +7,13 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from string import Template
 from types import MappingProxyType
 from typing import Final
 
 from flexbt_core.values import hint
 
-from .errors import SkillError
+from .errors import SkillError, shown
 from .literals import Literal, Predicate, literals
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
@@ -215,7 +216,15 @@ class Skill:
         return replace(self, duration=(least, most))
 
     def bound(self, **binding: str) -> Skill:
-        """The skill of which some parameters are known: a state calls it with what it was made with."""
+        """The skill of which some parameters are known: a state calls it with what it was made with.
+
+        Raises:
+            SkillError: it has no such parameter.
+        """
+        for name in binding:
+            if name not in self.parameters:
+                known = hint(name, self.parameters)
+                raise SkillError([f'{self.name or "the skill"} has no parameter {shown(name)}{known}'])
         return replace(
             self,
             parameters={name: kind for name, kind in self.parameters.items() if name not in binding},
@@ -224,6 +233,7 @@ class Skill:
                 name: replace(one, effects=tuple(effect.bound(binding) for effect in one.effects))
                 for name, one in self.outcomes.items()
             },
+            arguments={name: Template(text).safe_substitute(binding) for name, text in self.arguments.items()},
         )
 
     def problems(self) -> list[tuple[tuple[str, ...], str]]:

@@ -4,7 +4,7 @@
 types: {cup: thing}
 objects: {kitchen: place, office: place, mug: cup}
 predicates:
-  at: {parameters: {where: place}, exclusive: where, sensor: {condition: IsAt, ports: {place: $where}}}
+  at: {parameters: {where: place}, exclusive: where, sensor: {condition: GoalReached, ports: {goal: '{$where}'}}}
   holding:
     parameters: {what: thing}
     sensor: {topic: gripper, type: std_msgs/msg/String, test: data == '$what'}
@@ -26,7 +26,7 @@ skills:
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -36,7 +36,7 @@ import yaml
 from flexbt_core.values import YamlParts, hint, line_of
 
 from .errors import SkillError, shown
-from .library import At, SkillLibrary
+from .library import ANYTHING, At, SkillLibrary
 from .literals import BlackboardSensor, ConditionSensor, Literal, Predicate, Sensor, TopicSensor, parse_literal
 from .skill import Outcome, OutcomeClass, Skill, class_of, level, outcome_class
 
@@ -47,7 +47,8 @@ def read_skills(text: str, source: str = '<text>', base: SkillLibrary | None = N
     """The library that a text describes, with all that ``base`` has.
 
     Of a skill that ``base`` has, the text replaces what it names, and cannot speak of outcomes that the class does not
-    have.
+    have. A predicate that the text declares otherwise than ``base`` is another one: skills of ``base`` of which the
+    text does not speak say nothing by it.
 
     Raises:
         SkillError: with everything that is wrong, each as ``source:line: what; what to do``.
@@ -78,11 +79,12 @@ class _Reader(YamlParts):
         skills = [self._skill(name, node) for name, node in self.mapping(entries.get('skills'), 'skills').items()]
         if self.problems:  # what is wrong as a whole would follow from that
             return base
-        merged = {**base.skills, **{one.name: one for one in skills}}
+        others = {one.name for one in predicates if base.predicates.get(one.name, one) != one}
+        merged = {**_without(base, others), **{one.name: one for one in skills}}
         library, problems = SkillLibrary.joined(
             (replace(one, predicates=()) for one in merged.values()),
             {**base.predicates, **{one.name: one for one in predicates}}.values(),
-            types={**base.types, **own['types']},
+            types={**_types(base, others), **base.types, **own['types']},
             objects={**base.objects, **own['objects']},
         )
         self.problems += [f'{self.source}:{self._line(at)}: {_shown_place(at)}: {text}' for at, text in problems]
@@ -245,6 +247,27 @@ _FIELDS: Final[dict[str, Any]] = {
     'arguments': _Reader.pairs,
 }
 """How each entry of a skill but its outcomes is read."""
+
+
+def _without(base: SkillLibrary, names: Collection[str]) -> dict[str, Skill]:
+    """The skills of a library, without what they say by predicates of these names: the text means others by them."""
+
+    def kept(literals: Iterable[Literal]) -> tuple[Literal, ...]:
+        return tuple(one for one in literals if one.predicate not in names)
+
+    return {
+        name: replace(
+            skill,
+            preconditions=kept(skill.preconditions),
+            outcomes={key: replace(one, effects=kept(one.effects)) for key, one in skill.outcomes.items()},
+        )
+        for name, skill in base.skills.items()
+    }
+
+
+def _types(base: SkillLibrary, predicates: Collection[str]) -> dict[str, str]:
+    """The types that a library knows by these predicates."""
+    return {kind: ANYTHING for name in predicates for kind in base.predicates[name].parameters.values()}
 
 
 def _shown_place(at: Iterable[str]) -> str:

@@ -169,3 +169,27 @@ def test_a_goal_of_which_nothing_is_known_is_refused() -> None:
         ground(library, [], [parse_literal('open(frnt)')])
     with pytest.raises(SkillError, match=r"start: opn\(front\): there is no predicate 'opn'; did you mean 'open'"):
         ground(library, [parse_literal('opn(front)')], [])
+
+
+def test_too_many_ways_are_told_and_not_tried_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_core.skills.grounding.MAX_TRIED', 5000)
+    names = [f'v{number}' for number in range(8)]
+    wide = Skill.of('Wide', parameters=dict.fromkeys(names, 'thing'), outcomes={'done': ['seen(v0)']})
+    objects = {f'o{number}': 'thing' for number in range(50)}
+    library = SkillLibrary.of([wide], [Predicate('seen', {'x': 'thing'})], objects=objects)
+    with pytest.raises(SkillError, match='skill Wide: more than 5,000 ways to bind v0, v1, v2'):
+        ground(library, [], [])
+
+
+def test_a_skill_that_is_bound_speaks_of_its_object() -> None:
+    skill = Skill.of(
+        'Open',
+        parameters={'door': 'door', 'hand': 'hand'},
+        preconditions=['not open(door)'],
+        outcomes={'done': ['open(door)']},
+        arguments={'which': '{$door}', 'by': '$hand'},
+    ).bound(door='front')
+    assert (list(skill.parameters), str(skill.preconditions[0])) == (['hand'], 'not open(front)')
+    assert dict(skill.arguments) == {'which': '{front}', 'by': '$hand'}
+    with pytest.raises(SkillError, match="Open has no parameter 'dor'"):
+        skill.bound(dor='front')

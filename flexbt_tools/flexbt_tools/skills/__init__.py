@@ -3,6 +3,7 @@
 
 from .files import read_skill_files
 from .installed import node_skills
+from .sensors import unknown_names
 from .skill_text import skill_lines
 
-__all__ = ['node_skills', 'read_skill_files', 'skill_lines']
+__all__ = ['node_skills', 'read_skill_files', 'skill_lines', 'unknown_names']

@@ -59,3 +59,35 @@ def test_what_derives_from_a_leaf_has_its_skill() -> None:
             'FAILURE': OutcomeClass.FAILED,
         }
     assert node_skill(next(one for one in registry if one.id == 'Sequence')) is None
+
+
+def test_what_a_file_names_and_is_not_there_is_told(tmp_path: Path) -> None:
+    file = tmp_path / 'mission.yaml'
+    file.write_text("""\
+predicates:
+  close: {parameters: {goal: pose}, sensor: {condition: GoalReachd, ports: {goal: $goal}}}
+  free: {parameters: {pose: pose}, sensor: {condition: CheckPoseOccupancy, ports: {pos: $pose}}}
+  open: {}
+  mine: {sensor: {condition: Mine}}
+skills:
+  NavigateToPose: {arguments: {gaol: '{$goal}'}}
+  Mine: {cost: 1}
+""")
+    found = tool('skills', str(file))
+    assert found.code == 1
+    assert found.err.splitlines() == [
+        "warning: sensor of predicate close: there is no leaf 'GoalReachd'; did you mean 'GoalReached'?",
+        "warning: sensor of predicate free: CheckPoseOccupancy has no port 'pos'; did you mean 'pose'?",
+        'warning: predicate open has no sensor: it is only remembered, so no tree can test it',
+        "warning: arguments of skill NavigateToPose: NavigateToPose has no port 'gaol'; did you mean 'goal'?",
+    ]
+    assert tool('skills').err == ''
+
+
+def test_the_example_of_the_page_is_right(tmp_path: Path) -> None:
+    page = Path(__file__).parents[3] / 'docs' / 'reference' / 'skills.md'
+    file = tmp_path / 'mission.yaml'
+    file.write_text(page.read_text(encoding='utf-8').partition('```yaml\n')[2].partition('```')[0])
+    told = tool('skills', str(file), '--skill', 'NavigateToPose')
+    assert (told.code, told.err) == (0, '')
+    assert 'needs: at(from), from != to, charged' in told.out

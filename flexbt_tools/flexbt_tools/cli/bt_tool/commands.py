@@ -12,7 +12,7 @@ from . import check, draw, log, model, prove, run, show, skills
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong; the tree succeeded'),
-    ('1', 'check, prove: something is wrong; run: the tree did not succeed'),
+    ('1', 'check, prove, skills: something is wrong; run: the tree did not succeed'),
     ('2', 'wrong usage, or something is missing on this computer'),
     ('3', 'a file cannot be used; the reasons are printed'),
     ('4', 'run: a node raised an exception, or broke the rules'),

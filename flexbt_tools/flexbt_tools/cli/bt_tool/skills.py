@@ -4,9 +4,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
+from flexbt_core.values import one_line
 from flexbt_tools.cli import arguments, skill_output
 from flexbt_tools.errors import ExitCode
+from flexbt_tools.skills import read_skill_files, unknown_names
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,5 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> ExitCode:
     known = arguments.registry(options, allow_unknown=False)
-    skill_output.show(skill_output.chosen(arguments.skill_library(options.files, known), options), options)
-    return ExitCode.OK
+    base = arguments.skill_library([], known)
+    library = read_skill_files(options.files, base)
+    skill_output.show(skill_output.chosen(library, options), options)
+    doubtful = list(unknown_names(library, base, known))
+    for line in doubtful:
+        print(one_line(f'warning: {line}'), file=sys.stderr)
+    return ExitCode.NEGATIVE if doubtful else ExitCode.OK

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether what skills name is there: the condition leaves of sensors, and the ports that are given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from flexbt_core.behavior_tree import NodeRegistry
+from flexbt_core.skills import ConditionSensor, SkillLibrary
+from flexbt_core.values import hint
+
+
+def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
+    """What a library names beyond those of ``base`` and is not there, as lines for people.
+
+    A class that is no leaf of this computer is known when the library has a skill of it.
+    """
+    conditions = {manifest.id for manifest in registry if manifest.kind.value == 'Condition'}
+    for predicate in library.predicates.values():
+        sensor = predicate.sensor
+        if predicate == base.predicates.get(predicate.name):
+            continue
+        if sensor is None:
+            yield f'predicate {predicate.name} has no sensor: it is only remembered, so no tree can test it'
+        elif isinstance(sensor, ConditionSensor):
+            yield from _unknown_ports(sensor.id, sensor.ports, registry, f'sensor of predicate {predicate.name}')
+            if sensor.id not in registry and sensor.id not in library.skills:
+                near = hint(sensor.id, conditions)
+                yield f'sensor of predicate {predicate.name}: there is no leaf {sensor.id!r:.80}{near}'
+    for skill in library.skills.values():
+        if skill != base.skills.get(skill.name):
+            yield from _unknown_ports(skill.name, skill.arguments, registry, f'arguments of skill {skill.name}')
+
+
+def _unknown_ports(id: str, ports: Iterable[str], registry: NodeRegistry, what: str) -> Iterator[str]:
+    manifest = registry.get(id)
+    if manifest is not None:
+        for name in ports:
+            if name not in manifest.ports:
+                yield f'{what}: {id} has no port {name!r:.80}{hint(name, manifest.ports)}'
