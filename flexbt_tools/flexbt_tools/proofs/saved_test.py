@@ -14,7 +14,7 @@ from .moves import plain_moves
 def tree_test(files: Sequence[str], tree: str, found: Iterable[Counterexample], given: Sequence[str] = ()) -> str:
     """The text of a test file for what was found about a tree."""
     call = f'replay_tree({list(files)!r}, {tree!r}, moves, given={list(given)!r})'
-    return _text('replay_tree', call, f'the tree {tree!r}', found)
+    return _text('proofs', 'replay_tree', call, f'the tree {tree!r}', found)
 
 
 def behavior_test(
@@ -25,12 +25,13 @@ def behavior_test(
         f'parameters={list(parameters)!r}, operator={bounds.operator.value!r}, forces={bounds.forces}, '
         f'faults={bounds.faults}, autonomy={bounds.autonomy}'
     )
-    return _text('replay_behavior', f'replay_behavior({name!r}, moves, {settings})', f'the behavior {name!r}', found)
+    call = f'replay_behavior({name!r}, moves, {settings})'
+    return _text('behavior_proofs', 'replay_behavior', call, f'the behavior {name!r}', found)
 
 
-def _text(function: str, call: str, what: str, found: Iterable[Counterexample]) -> str:
+def _text(room: str, function: str, call: str, what: str, found: Iterable[Counterexample]) -> str:
     lines = [f'"""What a proof has found wrong with {what}. Each test fails until that is put right."""', '']
-    lines += [f'from flexbt_tools.proofs import {function}', '']
+    lines += [f'from flexbt_tools.{room} import {function}', '']
     for number, one in enumerate(found, start=1):
         lines += ['', f'def test_{one.violation.property.name.lower()}_{number}() -> None:']
         lines += ['    # ' + line for line in [one.violation.text, *one.lines]]

@@ -8,10 +8,11 @@ import argparse
 
 from flexbt_core.exploration import Bounds, Operator
 from flexbt_core.state_machine import AUTONOMY_NAMES, Autonomy
+from flexbt_tools.behavior_proofs import prove_behavior
 from flexbt_tools.behaviors import used_trees
 from flexbt_tools.cli import arguments, proof_arguments
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.proofs import ProgressLine, behavior_test, prove_behavior
+from flexbt_tools.proofs import ProgressLine, behavior_test
 
 from .behavior_arguments import add_parameters, add_tree_files, built, parameters
 

@@ -25,11 +25,10 @@ from flexbt_core.state_machine import MachineDefinition
 from flexbt_server.node_types import node_registry
 from flexbt_tools.behaviors import UsedTrees, build, installed, used_trees
 from flexbt_tools.errors import UsageError
+from flexbt_tools.proofs import moves_of, prove_tree
 from flexbt_tools.trees import OpenRegistry
 
 from .environment import state_models
-from .moves import moves_of
-from .tree_proof import prove_tree
 
 
 @dataclass(frozen=True)
