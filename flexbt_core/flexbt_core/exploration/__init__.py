@@ -13,12 +13,15 @@ from .explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Limits, Progress,
 from .leaf_models import LeafKind, LeafModel, LeafModels, leaf_model
 from .machine_system import Bounds, MachineSystem, Operator
 from .model import Counterexample, Label, Move, Property, Report, System, Violation
+from .requirements import After, Before, Requirement, While
 from .state_models import StateKind, StateModel, StateModels, state_model
 from .tree_system import TreeSystem
 
 __all__ = [
     'DEFAULT_CONFIGURATIONS',
     'DEFAULT_SECONDS',
+    'After',
+    'Before',
     'Bounds',
     'Choice',
     'Choices',
@@ -34,6 +37,7 @@ __all__ = [
     'Progress',
     'Property',
     'Report',
+    'Requirement',
     'RestoreError',
     'StateKind',
     'StateModel',
@@ -41,6 +45,7 @@ __all__ = [
     'System',
     'TreeSystem',
     'Violation',
+    'While',
     'explore',
     'leaf_model',
     'narrate',

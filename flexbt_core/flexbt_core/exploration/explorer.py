@@ -187,6 +187,10 @@ class _Exploration:
             notes.append(f'in a step, more than {_ANSWERS_OF_A_STEP} ways to answer; the rest was not tried')
         for violation, moves in graph.problems(self._position):
             self._note(violation, moves)
+        # After what is wrong nothing was followed.
+        for missing in sorted(system.promised() - system.covered()) if self._is_complete and not graph.broken else ():
+            text = f'"{missing}" can never happen: nothing that can be reached leads to it'
+            self._note(Violation(Property.REACHABLE, missing, text), ())
         for found, count in self._found.counts.items():
             if count > _ALIKE:
                 notes.append(f'{count - _ALIKE} more of "{found.value}"')
@@ -196,7 +200,7 @@ class _Exploration:
         return Report(
             name=name,
             bounds=bounds,
-            is_complete=not self._stopped_by and not self._cut,
+            is_complete=self._is_complete,
             stopped_by=self._stopped_by,
             configurations=len(graph),
             steps=self._steps,
@@ -213,6 +217,10 @@ class _Exploration:
             uncovered=uncovered,
             checked_restores=self._checked,
         )
+
+    @property
+    def _is_complete(self) -> bool:
+        return not self._stopped_by and not self._cut
 
     def tell(self, moves: tuple[Move, ...]) -> list[str]:
         """The way in words, replayed on a new system."""

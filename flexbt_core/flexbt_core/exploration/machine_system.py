@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import marshal
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from hashlib import blake2b
@@ -29,6 +29,7 @@ from flexbt_core.state_machine.engine import ContainerRun
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
 from .model import STOP, Label, Property, Violation
+from .requirements import Monitor, Requirement
 from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
 from .virtual_time import VirtualClock
 
@@ -85,6 +86,7 @@ _WIRED: Final = {
         )
     ),
     MachineEnvironment: frozenset(('choices', 'answers', 'unbalanced')),
+    Monitor: frozenset(('requirements',)),
     ModelState: frozenset(('model', 'environment', 'own_path', '_type_name')),
     EventState: frozenset(('outcomes', 'input_keys', 'output_keys', 'desired_rate')),
 }
@@ -108,10 +110,14 @@ class _Counted:
 
 
 class MachineSystem:
-    """A machine on a clock of its own. ``models`` says what stands for a state."""
+    """A machine on a clock of its own. ``models`` says what stands for a state; ``requirements`` are checked, too."""
 
     def __init__(
-        self, definition: MachineDefinition, models: StateModels = state_model, bounds: Bounds | None = None
+        self,
+        definition: MachineDefinition,
+        models: StateModels = state_model,
+        bounds: Bounds | None = None,
+        requirements: Iterable[Requirement] = (),
     ) -> None:
         self.clock = VirtualClock()
         self._bounds = bounds or Bounds()
@@ -120,6 +126,7 @@ class MachineSystem:
         self._observer = _Observer(self)
         self._woken = False
         self._counted = _Counted()
+        self._monitor = Monitor(requirements)
         self._taken: set[str] = set()
         self._found: list[Violation] = []
         self._events: list[str] = []
@@ -141,7 +148,9 @@ class MachineSystem:
             views=_VIEWS,
             idle={LeafRun: self._idle_leaf, ContainerRun: self._idle_container},
         )
-        self._memory = Memory((self._counted, self._run, self.clock, self._environment), self.clock, layout)
+        self._memory = Memory(
+            (self._counted, self._run, self.clock, self._environment, self._monitor), self.clock, layout
+        )
 
     # -- what an exploration needs -----------------------------------------------------------------------------------
 
@@ -286,6 +295,12 @@ class MachineSystem:
     def coverable(self) -> frozenset[str]:
         return frozenset(f'{node.path} > {outcome}' for node in self._definition.nodes() for outcome in node.outcomes)
 
+    def promised(self) -> frozenset[str]:
+        """The outcomes of the machine, but where nobody answers what is asked."""
+        if self._bounds.operator is Operator.NONE:
+            return frozenset()
+        return frozenset(f'/ > {outcome}' for outcome in self._definition.outcomes)
+
     # -- what is at rest ---------------------------------------------------------------------------------------------
 
     def _idle_leaf(self, leaf: LeafRun) -> list[Any] | None:
@@ -348,6 +363,7 @@ class MachineSystem:
                 text = f'{path} was left by {outcome!r}, which needs the operator, and nobody was asked'
                 self._found.append(Violation(Property.APPROVAL, path, text))
         approved.discard(path)
+        self._found += self._monitor.transition(f'{path} > {outcome}', target)
 
     def raised(self, path: str, text: str) -> None:
         """A state raised, or did not halt."""

@@ -102,6 +102,9 @@ class System(Protocol):
     def coverable(self) -> frozenset[str]:
         """Transitions and nodes that there are."""
 
+    def promised(self) -> frozenset[str]:
+        """What of these is wrong when it can never be taken."""
+
 
 @dataclass(frozen=True)
 class Counterexample:

@@ -29,6 +29,7 @@ from .choices import Choices
 from .configuration import Configuration, Layout, Memory
 from .leaf_models import Environment, LeafModels, leaf_model, some_value, substitute, tested_values
 from .model import STOP, Label, Property, Violation
+from .requirements import Requirement, unguarded
 from .virtual_time import VirtualClock
 
 START: Final = 'start'
@@ -92,6 +93,7 @@ class TreeSystem:
 
     ``models`` says what stands for a node. ``given`` are keys that are on the blackboard from the beginning; so are
     those that something reads and nothing in the tree writes. ``stops``: whether it may be canceled at any time.
+    ``requirements`` are checked after each tick.
     """
 
     def __init__(
@@ -102,10 +104,12 @@ class TreeSystem:
         *,
         given: Iterable[str] = (),
         stops: bool = True,
+        requirements: Iterable[Requirement] = (),
     ) -> None:
         """Raises TreeLoadError or LookupError, as Tree does."""
         self.clock = VirtualClock()
         self._stops = stops
+        self._requirements = tuple(requirements)
         board = Blackboard()
         scripts = list(_scripts(library))
         self._environment = Environment(tested_values(scripts))
@@ -250,6 +254,10 @@ class TreeSystem:
     def coverable(self) -> frozenset[str]:
         return frozenset(node.path for node in self._tree.nodes)
 
+    def promised(self) -> frozenset[str]:
+        """Nothing: a tree need not be able to fail, or to succeed."""
+        return frozenset()
+
     # -- the host ----------------------------------------------------------------------------------------------------
 
     def _next_alarm(self) -> float | None:
@@ -273,6 +281,9 @@ class TreeSystem:
             if path not in environment.ticked:
                 text = f'{path} goes on, but nothing ticks it any more: it was not halted'
                 found.append(Violation(Property.HALTED, path, text))
+        if self._requirements:
+            held = [path for path, taken in environment.answers.items() if taken == 0]
+            found += unguarded(self._requirements, environment.open, held)
         if status is not RUNNING:
             for path in environment.open:
                 text = f'{path} still works although the tree has ended with {status.name}: it was not halted'
