@@ -12,34 +12,18 @@ from flexbt_core.exploration import (
     StateKind,
     StateModel,
     StateModels,
-    leaf_model,
     state_model,
 )
 from flexbt_core.state_machine import StateDefinition
 from flexbt_states import OperatorDecisionState
 from flexbt_tools.behaviors import TreeUse
-
-
-def resources_of(library: TreeLibrary, key: TreeKey) -> frozenset[str]:
-    """The actuators that leaves of a tree use, those of its sub-trees included."""
-    found: set[str] = set()
-    seen: set[TreeKey] = set()
-    ahead = [key]
-    while ahead:
-        one = ahead.pop()
-        if one in seen:
-            continue
-        seen.add(one)
-        for node in library.definition(one).nodes():
-            found |= leaf_model(node).resources
-            inner = library.find(node.tree_id, one.file) if node.tree_id is not None else None
-            if inner is not None:
-                ahead.append(inner)
-    return frozenset(found)
+from flexbt_tools.tree_checks import tree_resources
 
 
 def state_models(uses: Mapping[str, TreeUse], reports: Mapping[TreeKey, Report], library: TreeLibrary) -> StateModels:
     """What stands for the states of a behavior. Of one that runs a tree, what was found about the tree holds."""
+
+    resources = tree_resources(library)
 
     def model(definition: StateDefinition) -> StateModel:
         state = definition.state.unwrapped
@@ -54,6 +38,6 @@ def state_models(uses: Mapping[str, TreeUse], reports: Mapping[TreeKey, Report],
         outcomes = state.outcomes
         if report is not None and report.is_complete and 'SUCCESS' not in report.ends:
             outcomes = tuple(one for one in outcomes if one != 'done')
-        return replace(found, outcomes=outcomes, resources=resources_of(library, key))
+        return replace(found, outcomes=outcomes, resources=frozenset(resources[key]))
 
     return model

@@ -20,7 +20,7 @@ UNSURE_READ: Final = Rule('unsure-read', Severity.WARNING, 'userdata is read tha
 WRITE_RACE: Final = Rule('write-race', Severity.WARNING, 'userdata that several states write at the same time')
 UNREAD_KEY: Final = Rule('unread-key', Severity.WARNING, 'a state writes a blackboard key that nothing reads')
 UNWRITTEN_KEY: Final = Rule('unwritten-key', Severity.WARNING, 'a blackboard key is read that nothing writes')
-SKILL: Final = Rule('skill', Severity.WARNING, 'the skill of a state does not fit its outcomes')
+SKILL: Final = Rule('skill', Severity.WARNING, 'a machine is not as the skills of its states say')
 ALWAYS_ASKS: Final = Rule('always-asks', Severity.INFO, 'a transition that needs the operator at every level')
 
 RULES: Final = (

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
-from flexbt_core.skills import Skill, SkillLibrary
+from flexbt_core.skills import LEVELS, Skill, SkillLibrary
 from flexbt_core.state_machine import MachineDefinition, StateDefinition, StateKind, state_skill
 from flexbt_core.values import hint
 from flexbt_tools.tree_checks import SHARED_RESOURCE, tree_resources
@@ -29,13 +30,16 @@ def findings_of(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibra
         if use.key is not None:
             leaves = of_trees[use.key].items()
             needs[use.path] = {name: f'{use.path} ({leaf} in tree {use.key.id})' for name, leaf in leaves}
-    for node in reversed(list(machine.nodes())):
+    nodes = list(machine.nodes())
+    known = {node.path: _skill(node, skills) for node in nodes if isinstance(node, StateDefinition)}
+    for node in reversed(nodes):
         if isinstance(node, StateDefinition):
-            skill = _skill(node, skills)
+            skill = known[node.path]
             yield from _outcomes(node, skill)
             if skill.duration != _NO_TIME:
                 needs[node.path] = {**needs.get(node.path, {}), **dict.fromkeys(skill.resources, node.path)}
             continue
+        yield from _ways(node, known)
         children = [needs.get(child.path, {}) for child in node.children.values()]
         # What has priority runs while all others are paused.
         alone = node.kind is StateKind.PRIORITY
@@ -47,10 +51,30 @@ def findings_of(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibra
                     yield Finding(SHARED_RESOURCE, node.path, message)
 
 
+def _ways(machine: MachineDefinition, known: Mapping[str, Skill]) -> Iterator[Finding]:
+    """Transitions to a state that needs the contrary of what was just brought about, or was just answered."""
+    for child in machine.children.values():
+        for name, transition in child.transitions.items():
+            target = machine.children.get(transition.state or '')
+            if target is None or child.path not in known or target.path not in known:
+                continue
+            skill, following = known[child.path], known[target.path]
+            outcome = skill.outcomes.get(name)
+            unbound = {*skill.parameters, *following.parameters}
+            contrary = {~one for one in outcome.effects} if outcome is not None else set()
+            for literal in following.preconditions:
+                if literal in contrary and unbound.isdisjoint(literal.arguments):
+                    message = f'it needs {literal}; {child.path} leads here by {name!r}, after which {~literal}'
+                    yield Finding(SKILL, target.path, message)
+
+
 def _skill(node: StateDefinition, skills: SkillLibrary) -> Skill:
     own = state_skill(node.state)
     told = skills.skills.get(own.name)
-    return own if told is None else told.completed_by('', own.outcomes, own.reads, own.writes)
+    if told is None:
+        return own
+    whole = told.completed_by('', own.outcomes, own.reads, own.writes)
+    return replace(whole, resources=told.resources or own.resources)
 
 
 def _outcomes(node: StateDefinition, skill: Skill) -> Iterator[Finding]:
@@ -63,3 +87,10 @@ def _outcomes(node: StateDefinition, skill: Skill) -> Iterator[Finding]:
         elif outcome.kind is None and (skill.preconditions or any(one.effects for one in skill.outcomes.values())):
             message = f'its skill does not say what the outcome {name!r:.80} means; give it a class, such as failed'
             yield Finding(SKILL, node.path, message)
+        elif outcome.autonomy is not None and name in node.transitions:
+            given = node.transitions[name].autonomy
+            if given < outcome.autonomy:
+                shown = f'level {LEVELS[given]}' if given >= 0 else 'no level'
+                wanted = f'its skill requires autonomy {LEVELS[outcome.autonomy]} for {name!r}'
+                message = f'{wanted}; the transition has {shown}'
+                yield Finding(SKILL, node.path, message)

@@ -10,6 +10,7 @@ from behavior_tool_support import Leaf, found, tool
 
 from flexbt_core.skills import Outcome, Skill
 from flexbt_core.state_machine import (
+    Autonomy,
     ConcurrencyContainer,
     EventState,
     OperatableStateMachine,
@@ -81,6 +82,41 @@ def test_a_skill_says_what_the_outcomes_of_its_state_mean() -> None:
         with machine:
             OperatableStateMachine.add('S', state, dict.fromkeys(outcomes, 'done'))
         assert [rule for rule, _ in found(machine)] == findings, (skill, outcomes)
+
+
+GRAB = Skill.of(preconditions=['not holding'], outcomes={'done': Outcome.of('completed', 'holding', autonomy='high')})
+PUT = Skill.of(preconditions=['holding'], outcomes={'done': ['not holding']})
+LOOK = Skill.of(outcomes={'true': Outcome.of('answered', 'holding'), 'false': Outcome.of('answered', 'not holding')})
+
+
+@pytest.mark.parametrize(
+    ('ways', 'level', 'findings'),
+    [
+        pytest.param({'Grab.done': 'Put', 'Put.done': 'Grab'}, Autonomy.High, [], id='as the skills say'),
+        pytest.param({'Grab.done': 'Grab'}, Autonomy.High, [('skill', '/Grab')], id='grabbed twice'),
+        pytest.param({'Put.done': 'Put'}, Autonomy.High, [('skill', '/Put')], id='put down twice'),
+        pytest.param({'Look.true': 'Put', 'Look.false': 'Grab'}, Autonomy.High, [], id='by what was seen'),
+        pytest.param({'Look.true': 'Grab', 'Look.false': 'Put'}, Autonomy.High, [('skill', '/Grab'), ('skill', '/Put')],
+                     id='the wrong way round'),
+        pytest.param({'Grab.done': 'Put'}, Autonomy.Low, [('skill', '/Grab')], id='too little autonomy'),
+        pytest.param({'Grab.done': 'Put'}, None, [('skill', '/Grab')], id='no autonomy'),
+    ],
+)  # fmt: skip
+def test_transitions_that_contradict_what_is_known(
+    ways: dict[str, str], level: int | None, findings: list[tuple[str, str]]
+) -> None:
+    states = {'Grab': (GRAB, ['done']), 'Put': (PUT, ['done']), 'Look': (LOOK, ['true', 'false'])}
+    machine = OperatableStateMachine(outcomes=['done'])
+    used = {way.partition('.')[0] for way in ways} | set(ways.values())
+    with machine:
+        OperatableStateMachine.add('Start', Leaf(*used, 'out'), {**{one: one for one in used}, 'out': 'done'})
+        for label in used:
+            skill, outcomes = states[label]
+            targets = {outcome: ways.get(f'{label}.{outcome}', 'done') for outcome in outcomes}
+            autonomy = {'done': level} if label == 'Grab' and level is not None else {}
+            OperatableStateMachine.add(label, skilled(skill, *outcomes), targets, autonomy=autonomy)
+    told = [one for one in found(machine) if one[0] != 'no-end']
+    assert sorted(told) == findings
 
 
 def test_files_of_skills_are_taken(tmp_path: Path) -> None:
