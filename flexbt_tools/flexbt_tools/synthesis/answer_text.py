@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from flexbt_core.synthesis.explanation import CounterPlay, Explanation, said_answers, said_state, said_world
+from flexbt_core.synthesis.explanation import CounterPlay, Explanation, Step, said_answers, said_state, said_world
 from flexbt_core.synthesis.inputs import Problem
 
 
@@ -29,15 +29,21 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
         for number, step in enumerate(explanation.steps, 1):
             others = len(step.choices) - 1
             more = f' (or {others} other answer{"s" if others > 1 else ""})' if others > 0 else ''
-            then = f'; then {step.chosen}{more}' if step.chosen else '; then nothing is allowed:'
-            yield f'  {number:2}. {step.doing}: {step.world}{then}'
+            then = f'; then {step.chosen}{more}' if step.chosen else '; then nothing is allowed, because of'
+            yield f'  {number:2}. {_happens(step)}{then}'
         if explanation.stuck:
             yield from (f'        {one}' for one in explanation.stuck)
         else:
-            yield '      … and so on; what the machine answers does not matter'
+            yield '      … and so on for ever; no other answer helps'
     yield ''
     yield 'What may help:'
     yield from (f'  - {remedy}' for remedy in explanation.remedies)
+
+
+def _happens(step: Step) -> str:
+    if ' ends by ' in step.world:
+        return step.world
+    return f'{step.doing} goes on' if step.doing.partition(' ')[0] not in ('nothing', 'the') else 'at the start'
 
 
 def step_through(play: CounterPlay, problem: Problem, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:

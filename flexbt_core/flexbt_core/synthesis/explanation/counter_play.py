@@ -21,11 +21,14 @@ Values = dict[str, int]
 class CounterPlay:
     """A play step by step: :attr:`inputs` is what the world does, :attr:`answers` what the system may answer.
 
-    ``solution`` is that of a game that is lost, solved with ``explained``.
+    ``solution`` is that of a game that is lost, solved with ``explained``. A ``lenient`` world lets things succeed at
+    first wherever it can afford that, so that the point is reached sooner at which it prevents the goal.
     """
 
-    def __init__(self, solution: Solution) -> None:
+    def __init__(self, solution: Solution, *, lenient: bool = False) -> None:
         self._solution = solution
+        self._lenient = lenient
+        self._near: list[Diagram] | None = None
         self._game = solution.game
         self._of = solution.game.encoding
         self._visits: dict[tuple[int, ...], int] = {}
@@ -63,6 +66,10 @@ class CounterPlay:
         key = tuple((self.state or {}).values())
         self._visits[key] = self._visits.get(key, 0) + 1
         moves = of.given(here, self._world_moves(removal, here) & game.world)
+        if self._lenient and self._visits[key] == 1:
+            winning = game.answered(of.primed(self._solution.winning))
+            harmless = of.given(here, game.world & game.live & ~winning)
+            moves = harmless if harmless != of.false else moves
         inputs = next(of.members(game.inputs_next, moves))
         self._offer(inputs, of.given({**here, **inputs}, game.system), game.outputs_next)
 
@@ -97,6 +104,24 @@ class CounterPlay:
         self.inputs = {name.name: value for name, value in inputs.items()}
         found = islice(self._of.members(names, answers), MAX_ANSWERS)
         self.answers = [{name.name: value for name, value in one.items()} for one in found]
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether the goal is out of reach from here, even if the world helps from now on."""
+        return self.state is not None and not self._of.has(self._named(self.state), self._game.hopeful)
+
+    def nearest_answer(self) -> int:
+        """The number of the answer from which least luck is needed."""
+        game, of = self._game, self._of
+        if self._near is None:
+            self._near = [of.false]
+            meets = game.guarantees[0] & of.primed(game.hopeful)
+            while (wider := game.with_luck(meets | of.primed(self._near[-1]))) != self._near[-1]:
+                self._near.append(wider)
+        states = [self._named({**self.inputs, **answer}) for answer in self.answers]
+        far = len(self._near)
+        distances = [next((n for n, near in enumerate(self._near) if of.has(one, near)), far) for one in states]
+        return distances.index(min(distances))
 
     def why_none(self) -> list[str]:
         """Where there is no answer: the formulas that exclude all of them, none of which could be left out."""

@@ -36,8 +36,8 @@ class Kind(Enum):
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """Why there is no machine. ``conflict`` is what was asked for and cannot be had together, in the words of the
-    files, with place; ``never`` what never becomes possible; ``steps`` one course of events; ``remedies`` what may
-    help."""
+    files, with place; ``never`` what never becomes possible; ``steps`` one course of events, and ``stuck`` why it
+    ends; ``remedies`` what may help."""
 
     kind: Kind
     conflict: tuple[str, ...]
@@ -96,7 +96,7 @@ class _Question:
             case Kind.LUCK:
                 return replace(told, never=tuple(self._never()))
         solution = self._posed(kind, self._specification).solved(explained=True)
-        steps, stuck = played(CounterPlay(solution), self._problem)
+        steps, stuck = played(CounterPlay(solution, lenient=True), self._problem)
         return replace(told, steps=steps, stuck=stuck, play=CounterPlay(solution))
 
     def _posed(self, kind: Kind, specification: Specification) -> Game:

@@ -24,22 +24,25 @@ class Step(NamedTuple):
 
 
 def played(play: CounterPlay, problem: Problem) -> tuple[tuple[Step, ...], tuple[str, ...]]:
-    """A play in which the system always takes the first answer that it has not taken there yet, until that has come
-    round; and, if it ends for want of an answer, the demands that leave none."""
+    """A play in which the system does what takes least luck, until it has come round or the goal is out of reach; and
+    why it ends: the demands that leave no answer, or that nothing helps any more."""
     steps: list[Step] = []
     seen: dict[tuple[object, ...], int] = {}
     while len(steps) < MAX_STEPS:
         if not play.answers:
             steps.append(Step(said_state(play.state, problem), said_world(play, problem), (), ''))
             return tuple(steps), tuple(play.why_none())
-        key = (tuple((play.state or {}).values()), tuple(play.inputs.values()))
-        visits = seen[key] = seen.get(key, 0) + 1
-        if visits > len(play.answers):
+        key = tuple((play.state or {}).values())
+        seen[key] = seen.get(key, 0) + 1
+        if seen[key] > 2:
             break
         choices = said_answers(play, problem)
-        step = Step(said_state(play.state, problem), said_world(play, problem), choices, choices[visits - 1])
+        chosen = play.nearest_answer()
+        step = Step(said_state(play.state, problem), said_world(play, problem), choices, choices[chosen])
         steps += [step] if len(choices) > 1 or problem.vocabulary.active_in(play.state or {}) else []
-        play.answer(visits - 1)
+        play.answer(chosen)
+        if play.is_hopeless:
+            return tuple(steps), ('from there the goal is out of reach, even if everything goes well',)
     return tuple(steps), ()
 
 
