@@ -194,16 +194,16 @@ def _run_web(line: CommandLine) -> ExitCode:
 
 def _run_screen_in_browser(line: CommandLine) -> ExitCode:
     try:
-        from .web import Access, print_address, run_web
-        from .web.screen_server import ScreenServer
+        from .web import Access, print_address, run_web, screen_application
+
+        access = Access()
+        command = [sys.executable, '-m', 'flexbt_console', *line.written('--web', '--port')]
+        application = screen_application(command, f'FlexBT {line.value("--namespace")}'.strip(), access)
     except ModuleNotFoundError as error:
         raise UsageError(
             f'screen --web needs {error.name}: pip install textual-serve; or use the page, console web'
         ) from None
-    access = Access()
-    command = [sys.executable, '-m', 'flexbt_console', *line.written('--web', '--port')]
-    server = ScreenServer(command, f'FlexBT {line.value("--namespace")}'.strip(), access)
-    run_web(server.application(), access, port_number(line.value('--port') or str(DEFAULT_PORT)), print_address)
+    run_web(application, access, port_number(line.value('--port') or str(DEFAULT_PORT)), print_address)
     return ExitCode.OK
 
 

@@ -2,8 +2,18 @@
 """The operator's page in a browser: a small server on the mirror, and the page, which needs no build step."""
 
 from .access import Access
-from .run import print_address, run_web
+from .run import print_address, run_web, screen_application
 from .server import MOST_PAGES, WebServer
 from .station import Link, Obstacles, Station
 
-__all__ = ['MOST_PAGES', 'Access', 'Link', 'Obstacles', 'Station', 'WebServer', 'print_address', 'run_web']
+__all__ = [
+    'MOST_PAGES',
+    'Access',
+    'Link',
+    'Obstacles',
+    'Station',
+    'WebServer',
+    'print_address',
+    'run_web',
+    'screen_application',
+]

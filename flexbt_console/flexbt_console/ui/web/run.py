@@ -5,13 +5,20 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from aiohttp import web
 
 from flexbt_console.errors import UsageError
 
 from .access import Access
+
+
+def screen_application(command: Sequence[str], title: str, access: Access) -> web.Application:
+    """What serves the screen that a command shows. Raises ModuleNotFoundError where textual-serve is missing."""
+    from .screen_server import ScreenServer
+
+    return ScreenServer(command, title, access).application()
 
 
 def run_web(application: web.Application, access: Access, port: int, told: Callable[[str], None]) -> None:
