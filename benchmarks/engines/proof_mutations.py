@@ -63,9 +63,8 @@ def main() -> int:
     print(f'{"defect":20} {"seeded":>7} {"found":>7} {"CPU s":>8}')
     for kind in kinds:
         print(f'{kind:20} {tried[kind]:7} {found[kind]:7} {seconds[kind]:8.2f}')
-    print(
-        f'{"all":20} {tried.total():7} {found.total():7} {sum(seconds.values()):8.2f}  {share:.1%} (target {TARGET:.0%})'
-    )
+    total = f'{tried.total():7} {found.total():7} {sum(seconds.values()):8.2f}'
+    print(f'{"all":20} {total}  {share:.1%} (target {TARGET:.0%})')
     print(f'{refused} of them are refused by the engine before anything runs')
     print(f'sound missions with an alarm: {false_alarms}; alarms that do not replay: {not_replayed}')
     figures = {'seeded': dict(tried), 'found': dict(found), 'CPU, s': seconds, 'share': share}
