@@ -198,7 +198,7 @@ class Grounding:
             for one in objects[bound]:
                 binding[names[bound]] = one
                 yield from bind(bound + 1)
-            del binding[names[bound]]
+            binding.pop(names[bound], None)  # it has none when there is no object for it
 
         objects = [self._library.objects_of(kind) for kind in skill.parameters.values()]
         return bind(0)

@@ -8,15 +8,15 @@ from typing import Final
 
 from flexbt_tools.cli import run_command
 
-from . import check, draw, log, model, prove, run, show, skills
+from . import check, draw, log, model, plan, prove, run, show, skills
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong; the tree succeeded'),
-    ('1', 'check, prove, skills: something is wrong; run: the tree did not succeed'),
+    ('1', 'check, prove, skills: something is wrong; run: the tree did not succeed; plan: there is no plan'),
     ('2', 'wrong usage, or something is missing on this computer'),
     ('3', 'a file cannot be used; the reasons are printed'),
     ('4', 'run: a node raised an exception, or broke the rules'),
-    ('5', 'run: the tree was not done in time; prove: nothing is wrong so far, but not all was followed'),
+    ('5', 'run, plan: not done in time; prove: nothing is wrong so far, but not all was followed'),
     ('130', 'interrupted'),
 )
 
@@ -28,6 +28,7 @@ COMMANDS: Final = (
     ('skills', skills, 'show what leaves need and bring about, and check files of manifests'),
     ('prove', prove, 'follow all that can happen to a tree, and tell what is wrong'),
     ('run', run, 'run a tree with mocks, and print what happens'),
+    ('plan', plan, 'plan a goal, and write a reactive tree that reaches it'),
     ('log', log, 'print a log file (.btlog) of a run'),
 )
 

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Goal to tree: the cheapest plan on a declared model, as a reactive tree that is tried before it is given out. ::
+
+    problem = Problem(actions, initial, conditions(parse_goal('on(cup, table)')))
+    found = plan(problem, time_limit=10.0)
+    if found.cost is None:
+        print(found.reason)
+    else:
+        file.write_text(tree_xml(found))
+
+``model`` has what is planned with, ``search`` finds plans, ``policy`` and ``compaction`` make branches of them,
+``coverage`` tries these, ``tree_xml`` writes them.
+"""
+
+from .btpg import read_scene
+from .compaction import Group, Rule, chosen, compact
+from .coverage import Coverage, Disturbance, explore
+from .mission import Mission, read_mission
+from .model import Action, Condition, Domain, PlanningError
+from .planner import Plan, plan
+from .policy import Branch, Policy
+from .problem import Leaf, Problem, conditions, parse_goal
+from .reachability import Reachability
+from .search import Outcome, Progress, SearchResult, Step, search
+from .skill_problem import skill_problem
+from .tree_xml import FAILURE_ENTRY, tree_xml
+
+__all__ = [
+    'FAILURE_ENTRY',
+    'Action',
+    'Branch',
+    'Condition',
+    'Coverage',
+    'Disturbance',
+    'Domain',
+    'Group',
+    'Leaf',
+    'Mission',
+    'Outcome',
+    'Plan',
+    'PlanningError',
+    'Policy',
+    'Problem',
+    'Progress',
+    'Reachability',
+    'Rule',
+    'SearchResult',
+    'Step',
+    'chosen',
+    'compact',
+    'conditions',
+    'explore',
+    'parse_goal',
+    'plan',
+    'read_mission',
+    'read_scene',
+    'search',
+    'skill_problem',
+    'tree_xml',
+]

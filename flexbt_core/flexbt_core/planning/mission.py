@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A mission as YAML: where it begins, what is to be reached, what others may do, and where the manifests are. ::
+
+skills: [cup_skills.yaml]               # beside this file; the manifests of the leaves and the objects
+start: [at(office), cup_at(kitchen)]    # what is not named does not hold
+goal: cup_at(office) & not holding
+disturbances:                           # each: what somebody else may bring about
+  - [not open(door)]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import yaml
+
+from flexbt_core.skills import SkillError, parse_literal
+from flexbt_core.values import YamlParts, line_of
+
+from .model import PlanningError
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """What a file says. ``goal`` is '' where it says none; ``lines`` has the line of each entry."""
+
+    skills: tuple[str, ...] = ()
+    start: tuple[str, ...] = ()
+    goal: str = ''
+    disturbances: tuple[tuple[str, ...], ...] = ()
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+
+def read_mission(text: str, source: str = '<text>') -> Mission:
+    """The mission that a text describes.
+
+    Raises:
+        PlanningError: with everything that is wrong, each on a line as ``source:line: what``.
+    """
+    parts = YamlParts(source)
+    entries = parts.mapping(parts.root(text), 'a mission')
+    parts.refuse_others(entries, ('skills', 'start', 'goal', 'disturbances'), 'a mission')
+
+    def literals(node: yaml.Node, what: str) -> tuple[str, ...]:
+        for one in parts.sequence(node, what):
+            try:
+                parse_literal(parts.name(one, f'what {what} lists'))
+            except SkillError as error:
+                parts.problem(one, str(error))
+        return tuple(parts.names(node, f'what {what} lists'))
+
+    disturbances = parts.sequence(entries['disturbances'], 'disturbances') if 'disturbances' in entries else []
+    mission = Mission(
+        tuple(parts.names(entries['skills'], 'skills')) if 'skills' in entries else (),
+        literals(entries['start'], 'start') if 'start' in entries else (),
+        parts.name(entries['goal'], 'the goal') if 'goal' in entries else '',
+        tuple(literals(one, 'a disturbance') for one in disturbances),
+        {name: line_of(node) for name, node in entries.items()},
+    )
+    if parts.problems:
+        raise PlanningError('\n'.join(dict.fromkeys(parts.problems)))
+    return mission

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a problem to a tree that is proved against it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from .compaction import Group, Rule, compact
+from .coverage import Coverage, Disturbance, explore
+from .model import Action, Domain, bits
+from .policy import Policy
+from .problem import Problem
+from .reachability import Reachability
+from .search import Outcome, Progress, SearchResult, Step, search
+
+_GOAL: Final = 'any of the goals'
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What came of planning.
+
+    ``cost`` and ``actions`` are of the best plan from the initial state (None and empty where there is none), ``bound``
+    is what no plan can cost less than. ``reason`` says why there is no plan. ``policy`` has the branches, ``members``
+    the same compacted, ``coverage`` what was tried of it; all three are None or empty without a plan. ``hopeless`` are
+    ways (names of actions and disturbances) after which the goal cannot be reached any more.
+    """
+
+    problem: Problem
+    outcome: Outcome
+    bound: float
+    expanded: int
+    seconds: float
+    cost: float | None = None
+    actions: tuple[str, ...] = ()
+    reason: str = ''
+    policy: Policy | None = None
+    members: tuple[Rule | Group, ...] = ()
+    coverage: Coverage | None = None
+    hopeless: tuple[tuple[str, ...], ...] = ()
+
+
+def plan(
+    problem: Problem,
+    *,
+    time_limit: float = 60.0,
+    disturbed: int = 1,
+    report: Callable[[Progress], None] | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Plan:
+    """Plans, and tries the result in all states that may come after up to ``disturbed`` disturbances.
+
+    What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``;
+    when it is over, the result has what was found until then (outcome ``TIME_LIMIT``).
+
+    Raises:
+        PlanningError: the problem is not as it has to be.
+    """
+    began = clock()
+    deadline = began + time_limit
+    domain, goal, goals = _compiled(problem)
+    initial = domain.state(problem.initial)
+    reachability = Reachability(domain, initial)
+    found = search(reachability, goal, time_limit=deadline - clock(), report=report, clock=clock)
+    if found.start is None:
+        reason = _why_not(reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
+        return Plan(problem, found.outcome, found.bound, found.expanded, clock() - began, reason=reason)
+    policy = _policy(domain, goal, goals, found)
+    disturbances = [_disturbance(domain, one) for one in problem.disturbances]
+    expanded = found.expanded
+    hopeless: dict[int, tuple[str, ...]] = {}
+    while True:
+        members = compact(policy)
+        coverage = explore(policy, members, initial, disturbances, disturbed, deadline, clock)
+        missing = {state: way for state, way in coverage.uncovered.items() if state not in hopeless}
+        if not missing or clock() >= deadline:
+            break
+        for state, way in missing.items():
+            if policy.choose(state) is not None:
+                continue
+            other = search(Reachability(domain, state), goal, time_limit=deadline - clock(), report=report, clock=clock)
+            expanded += other.expanded
+            if other.start is not None:
+                policy = policy.merged(_policy(domain, goal, goals, other).steps)
+            elif other.outcome is Outcome.UNSOLVABLE:
+                hopeless[state] = way
+    named = (domain.actions[action].name for action in found.plan())
+    return Plan(
+        problem,
+        found.outcome,
+        found.bound,
+        expanded,
+        clock() - began,
+        found.cost,
+        tuple(name for name in named if not name.startswith(_GOAL)),
+        policy=policy,
+        members=members,
+        coverage=coverage,
+        hopeless=tuple(hopeless.values()),
+    )
+
+
+def _compiled(problem: Problem) -> tuple[Domain, int, tuple[int, ...]]:
+    """The domain, what the search looks for, and the goals. Of several goals an action without cost makes each the
+    one that is looked for."""
+    known = (*problem.initial, *(literal for one in problem.disturbances for literal in one.adds | one.needs))
+    if len(problem.goal) == 1:
+        domain = Domain(problem.actions, known)
+        goal = domain.mask(problem.goal[0])
+        return domain, goal, (goal,)
+    reached = [
+        Action(f'{_GOAL} {number}', condition, frozenset({_GOAL}), frozenset(), 0.0)
+        for number, condition in enumerate(problem.goal, 1)
+    ]
+    checked = Domain(problem.actions, known)
+    for condition in problem.goal:
+        checked.mask(condition)
+    domain = Domain([*problem.actions, *reached], known)
+    return domain, domain.mask({_GOAL}), tuple(domain.mask(condition) for condition in problem.goal)
+
+
+def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResult) -> Policy:
+    ends = {condition: Step(0.0, None, condition) for condition in goals}
+    return Policy(domain, goals, {one: step for one, step in found.steps.items() if one != goal} | ends)
+
+
+def _disturbance(domain: Domain, action: Action) -> Disturbance:
+    return Disturbance(
+        action.name,
+        domain.state(action.needs),
+        domain.state(action.adds),
+        domain.state(action.deletes - action.adds),
+    )
+
+
+def _why_not(reachability: Reachability, goals: Iterable[int]) -> str:
+    return '; '.join(dict.fromkeys(_why_not_one(reachability, goal) for goal in goals))
+
+
+def _why_not_one(reachability: Reachability, goal: int) -> str:
+    literals = reachability.domain.literals
+    for literal in bits(goal):
+        if reachability.costs[literal] == math.inf:
+            return _unreachable(reachability, literal)
+    for literal in bits(goal):
+        for other in bits(reachability.exclusions.of[literal] & goal):
+            return f'{literals[literal]} and {literals[other]} can never hold at once'
+    names = ', '.join(literals[literal] for literal in bits(goal))
+    return f'each of these can be reached, but not all at once: {names}'
+
+
+def _unreachable(reachability: Reachability, literal: int) -> str:
+    """The chain of needs down to the one that nothing can bring about."""
+    domain = reachability.domain
+    seen = {literal}
+    text = domain.literals[literal]
+    while True:
+        adders = [action for action, adds in enumerate(domain.adds) if adds >> literal & 1]
+        if not adders:
+            return f'{text} does not hold, and no action brings it about'
+        lacking = [need for need in bits(domain.needs[adders[0]]) if reachability.costs[need] == math.inf]
+        new = next((need for need in lacking if need not in seen), None)
+        if new is None:
+            return f'{text} can only be had where it holds already'
+        seen.add(new)
+        literal = new
+        text = f'{text} needs {domain.literals[new]} (for {domain.actions[adders[0]].name}), and {domain.literals[new]}'

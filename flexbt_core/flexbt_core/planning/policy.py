@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What to do in which state: branches in the order of what it costs from there to the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple
+
+from .model import Domain
+from .search import Step
+
+
+class Branch(NamedTuple):
+    """Where ``condition`` (a bit set) holds, ``action`` is to be done, and the goal is reached at ``cost`` at most."""
+
+    condition: int
+    action: int
+    cost: float
+
+
+class Policy:
+    """The branches of a tree that ticks them in their order: the first whose condition holds is the cheapest way known.
+
+    Each branch leads to the goal or to an earlier branch, so from each state in which one holds the goal is reached, in
+    as many actions as there are branches at most.
+
+    Args:
+        goals: conditions of which one has to hold in the end.
+        steps: as a search leaves them; the ``next`` of each is among them or a goal.
+    """
+
+    def __init__(self, domain: Domain, goals: Iterable[int], steps: Mapping[int, Step]) -> None:
+        self.domain: Final = domain
+        self.goals: Final = tuple(goals)
+        self.steps: Final = dict(steps)
+        self.branches: Final[list[Branch]] = []
+        earlier = list(self.goals)
+        for condition, step in sorted(self.steps.items(), key=lambda item: (item[1].cost, self._length(item[0]))):
+            # What an earlier one covers is never come to.
+            if step.action is not None and not any(not other & ~condition for other in earlier):
+                earlier.append(condition)
+                self.branches.append(Branch(condition, step.action, step.cost))
+
+    def _length(self, condition: int) -> int:
+        length = 0
+        while (step := self.steps[condition]).action is not None:
+            condition = step.next
+            length += 1
+        return length
+
+    def is_reached(self, state: int) -> bool:
+        """Whether one of the goals holds."""
+        return any(not goal & ~state for goal in self.goals)
+
+    def choose(self, state: int) -> Branch | None:
+        """The branch that a tick comes to; None where none holds."""
+        return next((branch for branch in self.branches if not branch.condition & ~state), None)
+
+    def merged(self, steps: Mapping[int, Step]) -> Policy:
+        """With what another search found; of two steps for one condition the cheaper one."""
+        both = dict(self.steps)
+        for condition, step in steps.items():
+            if condition not in both or step.cost < both[condition].cost:
+                both[condition] = step
+        return Policy(self.domain, self.goals, both)

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The trees of plans, run by the engine in worlds that do what the model says, and in worlds that do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree import (
+    Condition,
+    NodeStatus,
+    StatefulAction,
+    Tree,
+    TreeLibrary,
+    builtin_registry,
+    input_port,
+    load_xml,
+)
+from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.planning import FAILURE_ENTRY, Action, Leaf, Plan, Problem, plan, tree_xml
+
+
+def action(name: str, needs: str, adds: str, deletes: str, cost: float = 1.0) -> Action:
+    return Action(name, frozenset(needs.split()), frozenset(adds.split()), frozenset(deletes.split()), cost)
+
+
+ERRAND = (
+    action('to_kitchen', 'at_hall open', 'at_kitchen', 'at_hall', 15),
+    action('to_hall', 'at_kitchen open', 'at_hall', 'at_kitchen', 15),
+    action('open_hall', 'at_hall shut', 'open', 'shut', 8),
+    action('open_kitchen', 'at_kitchen shut', 'open', 'shut', 8),
+    action('grab_kitchen', 'at_kitchen cup_kitchen', 'held', 'cup_kitchen', 5),
+    action('grab_hall', 'at_hall cup_hall', 'held', 'cup_hall', 5),
+    action('put_hall', 'at_hall held', 'cup_hall', 'held', 6),
+)
+DISTURBANCES = (
+    action('the door is shut', 'open', 'shut', 'open'),
+    action('the cup is taken back', 'cup_hall', 'cup_kitchen', 'cup_hall'),
+    action('the cup is taken away', 'held', 'cup_kitchen', 'held'),
+)
+
+
+@dataclass
+class World:
+    """Carries out actions: they take one tick, and then have their effects unless ``fails`` says otherwise."""
+
+    problem: Problem
+    true: set[str]
+    fails: Callable[[str], bool] = lambda name: False
+    idle: Callable[[str], bool] = lambda name: False
+    done: list[str] = field(default_factory=list)
+    started: list[str] = field(default_factory=list)
+    reason: object = None
+
+    def run(self, xml: str, before: Callable[[int], None] = lambda tick: None, most: int = 500) -> NodeStatus:
+        world = self
+        actions = {one.name: one for one in self.problem.actions}
+
+        class Holds(Condition):
+            ports = {'literal': input_port(STRING)}
+
+            def tick(self) -> NodeStatus:
+                return NodeStatus.SUCCESS if self.get_input('literal') in world.true else NodeStatus.FAILURE
+
+        class Do(StatefulAction):
+            ports = {'action': input_port(STRING)}
+
+            def on_start(self) -> NodeStatus:
+                name = self.get_input('action')
+                world.started.append(name)
+                assert actions[name].needs <= world.true, f'{name} without what it needs'
+                return NodeStatus.RUNNING
+
+            def on_running(self) -> NodeStatus:
+                name = self.get_input('action')
+                if world.fails(name):
+                    return NodeStatus.FAILURE
+                if not world.idle(name):
+                    world.true = (world.true - actions[name].deletes) | actions[name].adds
+                world.done.append(name)
+                return NodeStatus.SUCCESS
+
+            def on_halted(self) -> None:
+                pass
+
+        registry = builtin_registry()
+        registry.register('Holds', Holds)
+        registry.register('Do', Do)
+        tree = Tree(TreeLibrary().stage([load_xml(xml, 'plan.xml', registry)]), 'Plan')
+        for number in range(most):
+            before(number)
+            status = tree.tick_once()
+            if status is not NodeStatus.RUNNING:
+                self.reason = tree.blackboard.get(FAILURE_ENTRY)
+                return status
+        raise AssertionError(f'the tree still runs; done: {self.done[-20:]}')
+
+
+def errand(start: str = 'at_hall open cup_kitchen', goal: str = 'cup_hall', attempts: int = 2) -> Problem:
+    literals = {literal for one in (*ERRAND, *DISTURBANCES) for literal in one.needs | one.adds | one.deletes}
+    leaves = {literal: Leaf('Holds', {'literal': literal}) for literal in literals}
+    leaves |= {one.name: Leaf('Do', {'action': one.name}, attempts=attempts) for one in ERRAND}
+    goals = tuple(frozenset(part.split()) for part in goal.split('|'))
+    return Problem(ERRAND, frozenset(start.split()), goals, DISTURBANCES, leaves)
+
+
+def planned(problem: Problem, disturbed: int = 1) -> tuple[Plan, str]:
+    found = plan(problem, disturbed=disturbed)
+    assert found.coverage is not None
+    assert not found.coverage.uncovered
+    return found, tree_xml(found)
+
+
+def test_the_tree_does_the_plan() -> None:
+    problem = errand()
+    found, xml = planned(problem)
+    world = World(problem, set(problem.initial))
+    assert world.run(xml) is NodeStatus.SUCCESS
+    assert tuple(world.done) == found.actions == ('to_kitchen', 'grab_kitchen', 'to_hall', 'put_hall')
+    assert world.started == world.done
+
+
+def test_what_somebody_else_has_done_is_not_done_again_and_what_runs_is_left() -> None:
+    problem = errand()
+    _, xml = planned(problem)
+    world = World(problem, set(problem.initial))
+
+    def helped(tick: int) -> None:
+        if world.started == ['to_kitchen'] and not world.done:
+            world.true = {'at_hall', 'open', 'cup_hall'}
+
+    assert world.run(xml, helped) is NodeStatus.SUCCESS
+    assert world.started == ['to_kitchen']
+    assert world.done == []
+
+
+@cache
+def planned_for_all() -> tuple[Problem, str]:
+    problem = errand()
+    return problem, planned(problem, disturbed=4)[1]
+
+
+@given(st.dictionaries(st.integers(0, 30), st.sampled_from(DISTURBANCES), max_size=4))
+def test_it_comes_to_the_goal_however_it_is_disturbed(when: dict[int, Action]) -> None:
+    problem, xml = planned_for_all()
+    world = World(problem, set(problem.initial))
+
+    def disturb(tick: int) -> None:
+        if tick in when and when[tick].needs <= world.true:
+            world.true = (world.true - when[tick].deletes) | when[tick].adds
+
+    assert world.run(xml, disturb) is NodeStatus.SUCCESS
+    assert 'cup_hall' in world.true
+
+
+def test_an_action_is_tried_as_often_as_it_may_and_then_the_tree_says_that_it_failed() -> None:
+    problem = errand()
+    _, xml = planned(problem)
+    world = World(problem, set(problem.initial), fails=lambda name: name == 'to_kitchen')
+    assert world.run(xml) is NodeStatus.FAILURE
+    assert world.started == ['to_kitchen', 'to_kitchen']
+    assert world.reason == 'to_kitchen failed 2 times'
+
+
+def test_an_action_without_effect_is_not_done_for_ever() -> None:
+    problem = errand()
+    found, xml = planned(problem)
+    assert found.coverage is not None
+    world = World(problem, set(problem.initial), idle=lambda name: name == 'to_kitchen')
+    assert world.run(xml) is NodeStatus.FAILURE
+    assert set(world.done) == {'to_kitchen'}
+    assert world.reason == f'the goal was not reached by {len(world.done)} actions'
+
+
+def test_where_no_branch_holds_it_gives_up_and_says_so() -> None:
+    problem = errand()
+    _, xml = planned(problem)
+    world = World(problem, {'open', 'cup_kitchen'})
+    assert world.run(xml) is NodeStatus.FAILURE
+    assert world.started == []
+    assert world.reason == 'no way to the goal is planned from here'
+
+
+def test_the_nearer_of_several_goals_is_reached() -> None:
+    problem = errand(start='at_kitchen open cup_kitchen', goal='cup_hall|held')
+    found, xml = planned(problem)
+    assert found.actions == ('grab_kitchen',)
+    world = World(problem, set(problem.initial))
+    assert world.run(xml) is NodeStatus.SUCCESS
+    assert world.done == ['grab_kitchen']
+
+
+def test_a_goal_that_holds_needs_nothing() -> None:
+    problem = errand(start='at_hall open cup_hall')
+    found, xml = planned(problem)
+    assert (found.cost, found.actions) == (0.0, ())
+    world = World(problem, set(problem.initial))
+    assert world.run(xml) is NodeStatus.SUCCESS
+    assert world.started == []

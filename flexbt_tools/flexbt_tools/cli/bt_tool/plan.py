@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool plan``: a goal, from manifests and a start, as a reactive tree."""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_core.behavior_tree import LoadError
+from flexbt_core.planning import (
+    Outcome,
+    Plan,
+    PlanningError,
+    Problem,
+    Progress,
+    conditions,
+    parse_goal,
+    plan,
+    read_mission,
+    read_scene,
+    skill_problem,
+    tree_xml,
+)
+from flexbt_core.skills import SkillError
+from flexbt_core.values import lines, one_line
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode, RefusedError, UsageError
+from flexbt_tools.skills import node_skills, read_skill_files
+
+_MOST_BYTES: Final = 100_000_000
+_MISSION_BYTES: Final = 1_000_000
+_EXIT_CODES: Final = {
+    Outcome.SOLVED: ExitCode.OK,
+    Outcome.UNSOLVABLE: ExitCode.NEGATIVE,
+    Outcome.TIME_LIMIT: ExitCode.UNFINISHED,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        'mission',
+        metavar='FILE',
+        help='mission (YAML: skills, start, goal, disturbances), or scene of BTPG (JSON; its actions beside it)',
+    )
+    parser.add_argument('--goal', metavar='GOAL', help="instead of the file's: 'on(cup, table) & open(door) | ...'")
+    parser.add_argument(
+        '--start', metavar='LITERAL', action='append', help="holds at the start, instead of the file's; repeatable"
+    )
+    parser.add_argument('-o', '--output', metavar='FILE', help='the tree (default: the standard output)')
+    parser.add_argument('--name', metavar='ID', default='Plan', help='of the tree (default: %(default)s)')
+    parser.add_argument(
+        '--time-limit', metavar='SECONDS', type=_seconds, default=60.0, help='for planning (default: %(default)g)'
+    )
+    parser.add_argument(
+        '--disturbed',
+        metavar='NUMBER',
+        type=_number,
+        default=1,
+        help='times that others may disturb, for which the tree is planned and tried (default: %(default)s)',
+    )
+    parser.add_argument('--quiet', action='store_true', help='no progress, and no summary')
+    arguments.add_node_types(parser, allow_unknown=False)
+    arguments.add_json(parser)
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= 1e6:
+        raise argparse.ArgumentTypeError(f'{text!r:.80} is no number of seconds above 0')
+    return value
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal() or len(text) > 3:
+        raise argparse.ArgumentTypeError(f'{text!r:.80} is no number from 0 to 999')
+    return int(text)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    problem = _problem(options)
+    try:
+        found = plan(
+            problem,
+            time_limit=options.time_limit,
+            disturbed=options.disturbed,
+            report=None if options.quiet else _show_progress,
+        )
+    except PlanningError as error:
+        raise _refused(options.mission, {}, error) from error
+    text = tree_xml(found, options.name) if found.policy is not None else None
+    if options.output is not None and text is not None:
+        _write(options.output, text)
+    if options.json:
+        print(json.dumps(_document(found, text)))
+    elif text is not None and options.output is None:
+        print(text, end='')
+    if not options.quiet and not options.json:
+        for line in _summary(found):
+            print(*lines(line), sep='\n', file=sys.stderr)
+    if found.coverage is not None and not found.coverage.complete:
+        return ExitCode.UNFINISHED
+    return _EXIT_CODES[found.outcome]
+
+
+def _problem(options: argparse.Namespace) -> Problem:
+    if options.mission.endswith('.json'):
+        return _scene(options)
+    try:
+        mission = read_mission(_read(options.mission, _MISSION_BYTES), options.mission)
+    except PlanningError as error:
+        raise _refused(options.mission, {}, error) from error
+    beside = Path(options.mission).parent
+    base = node_skills(arguments.registry(options, allow_unknown=False))
+    library = read_skill_files([str(beside / name) for name in mission.skills], base)
+    goal = mission.goal if options.goal is None else options.goal
+    if not goal:
+        raise UsageError(f"{options.mission} names no goal; add it there (goal: ...), or say --goal 'on(cup, table)'")
+    start = mission.start if options.start is None else options.start
+    try:
+        return skill_problem(library, start, goal, mission.disturbances)
+    except (PlanningError, SkillError) as error:
+        raise _refused(options.mission, mission.lines, error) from error
+
+
+def _refused(file: str, entries: Mapping[str, int], error: Exception) -> RefusedError:
+    """What is wrong with a mission, at the line that it names, or at that of the entry with which it begins."""
+    errors = []
+    for problem in str(error).splitlines():
+        line, separator, message = problem.removeprefix(f'{file}:').partition(': ')
+        if not (separator and line.isdecimal()):
+            message = problem.removeprefix('skills ')
+            line = next((str(at) for name, at in entries.items() if message.startswith(name.removesuffix('s'))), '1')
+        errors.append(LoadError(file, int(line), 1, '', message))
+    return RefusedError(errors)
+
+
+def _scene(options: argparse.Namespace) -> Problem:
+    actions = Path(options.mission.removesuffix('.json') + '.actions.jsonl.gz')
+    try:
+        with gzip.open(actions) as packed:
+            data = packed.read(_MOST_BYTES + 1)
+        text = data.decode()
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        raise UsageError(f'{actions}: cannot be read: {error}') from error
+    if len(data) > _MOST_BYTES:
+        raise UsageError(f'{actions}: longer than {_MOST_BYTES} bytes; give a smaller scene')
+    if options.goal is None:
+        raise UsageError("a scene has no goal; say one: --goal 'IsOn(milk,kitchentable) & IsClean(stove)'")
+    try:
+        found, initial = read_scene(_read(options.mission, _MOST_BYTES), text.splitlines(), options.mission)
+        start = initial if options.start is None else frozenset(options.start)
+        return Problem(found, start, conditions(parse_goal(options.goal)))
+    except PlanningError as error:
+        raise _refused(options.mission, {}, error) from error
+
+
+def _read(file: str, most: int) -> str:
+    try:
+        with Path(file).open('rb') as content:
+            data = content.read(most + 1)
+        if len(data) > most:
+            raise UsageError(f'{file}: longer than {most} bytes; this is no file of this kind')
+        return data.decode('utf-8-sig')
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f'{file}: cannot be read: {error}') from error
+
+
+def _write(file: str, text: str) -> None:
+    try:
+        Path(file).write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise UsageError(f'{file}: cannot be written: {error.strerror}') from error
+
+
+def _show_progress(progress: Progress) -> None:
+    best = 'none yet' if progress.best is None else f'{progress.best:g}'
+    print(
+        one_line(
+            f'{progress.seconds:.1f} s: no plan costs less than {progress.bound:g}, the best so far: {best}; '
+            f'{progress.expanded} conditions'
+        ),
+        file=sys.stderr,
+    )
+
+
+def _summary(found: Plan) -> list[str]:
+    spent = f'{found.expanded} conditions, {found.seconds:.2f} s'
+    if found.policy is None or found.coverage is None:
+        if found.outcome is Outcome.TIME_LIMIT:
+            return [f'no plan within the time limit; none costs less than {found.bound:g} ({spent})']
+        return [f'there is no plan: {found.reason} ({spent})']
+    coverage = found.coverage
+    optimal = (
+        'the least' if found.outcome is Outcome.SOLVED else f'not proved to be the least, {found.bound:g} at least'
+    )
+    shown = [
+        f'cost {found.cost:g} ({optimal}), {len(found.actions)} actions: {", ".join(found.actions) or "none"}',
+        f'{len(found.policy.branches)} branches; tried in {coverage.states} states '
+        f'({"all" if coverage.complete else "not all"} that may come with {coverage.disturbed} disturbances): '
+        f'the goal is {coverage.longest} actions away at most ({spent})',
+    ]
+    shown += [f'no way to the goal after: {", ".join(way)}' for way in found.hopeless]
+    return shown
+
+
+def _document(found: Plan, text: str | None) -> dict[str, Any]:
+    coverage = found.coverage
+    return {
+        'outcome': found.outcome.value,
+        'cost': found.cost,
+        'bound': None if found.bound == math.inf else found.bound,
+        'actions': found.actions,
+        'reason': found.reason,
+        'branches': 0 if found.policy is None else len(found.policy.branches),
+        'expanded': found.expanded,
+        'seconds': found.seconds,
+        'coverage': None
+        if coverage is None
+        else {
+            'disturbances': coverage.disturbed,
+            'states': coverage.states,
+            'complete': coverage.complete,
+            'longest': coverage.longest,
+        },
+        'hopeless': found.hopeless,
+        'tree': text,
+    }

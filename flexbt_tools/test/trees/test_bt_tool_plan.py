@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool plan``: the example of its page, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from flexbt_testing.behavior_trees.bt_tool import tool
+
+PAGE = (Path(__file__).parents[3] / 'docs' / 'how_to' / 'goals.md').read_text(encoding='utf-8')
+SKILLS, MISSION = re.findall(r'^```yaml\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
+SUMMARY = re.findall(r'^\$ bt_tool plan .*\n((?:.+\n)+)```$', PAGE, re.MULTILINE)[0]
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    (tmp_path / 'cup_skills.yaml').write_text(SKILLS)
+    file = tmp_path / 'cup.yaml'
+    file.write_text(MISSION)
+    return file
+
+
+def test_the_example_of_the_page(mission: Path, tmp_path: Path) -> None:
+    tree = tmp_path / 'cup.xml'
+    done = tool('plan', str(mission), '-o', str(tree))
+    assert (done.code, done.out) == (0, '')
+    assert re.sub(r' \(\d+ conditions, .* s\)', '', done.err) == SUMMARY
+    assert tool('check', str(tree), '--allow-unknown').code == 0
+    printed = tool('plan', str(mission), '--quiet')
+    assert (printed.out, printed.err) == (tree.read_text(), '')
+
+
+def test_json_has_all_of_it(mission: Path) -> None:
+    told = json.loads(tool('plan', str(mission), '--json').out)
+    assert (told['outcome'], told['cost'], told['bound'], len(told['actions'])) == ('solved', 61.0, 61.0, 6)
+    assert told['coverage']['complete'] is True
+    assert told['tree'].startswith('<?xml')
+
+
+def test_no_plan_is_an_answer(mission: Path) -> None:
+    done = tool('plan', str(mission), '--goal', 'cup_at(kitchen) & cup_at(office)')
+    assert (done.code, done.out) == (1, '')
+    assert done.err.startswith('there is no plan: cup_at(kitchen) and cup_at(office) can never hold at once')
+    # Once the cup has fallen into a gap there is no way; all else is planned.
+    lost = MISSION.replace('  - [not open(kitchen_door)]', '  - [not cup_at(kitchen), not holding_cup]')
+    mission.write_text(lost)
+    done = tool('plan', str(mission), '-o', str(mission.with_suffix('.xml')))
+    assert done.code == 0
+    assert 'no way to the goal after: not cup_at(kitchen), not holding_cup' in done.err
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'right', 'message'),
+    [
+        ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is neither"),
+        ('goal: cup_at(office)', 'goal: robot_at(hall) &', 'cup.yaml:10:1: goal '),
+        ('robot_at(office)', 'robot_at(office', "cup.yaml:3:1: 'robot_at(office' is no literal"),
+        ('robot_at(office)', 'robotatoffice', 'cup.yaml:3:1: start: robotatoffice: there is no predicate'),
+        ('[not open(kitchen_door)]', '[not opn(kitchen_door)]', 'cup.yaml:12:1: disturbance: not opn(kitchen_door)'),
+        ('[not open(kitchen_door)]', '[]', 'cup.yaml:12:1: disturbance without literals'),
+        ('start:', 'begin:', "cup.yaml:3:1: a mission cannot have 'begin'"),
+        ('[cup_skills.yaml]', '[cup_skill.yaml]', 'cup_skill.yaml:1:1: cannot be read'),
+        ('[cup_skills.yaml]', 'cup_skills.yaml', 'cup.yaml:1:1: skills has to be a list'),
+        (MISSION, '', 'cup.yaml:1:1: the text is empty'),
+        (MISSION, '[', 'cup.yaml:1:1: no YAML'),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(mission: Path, wrong: str, right: str, message: str) -> None:
+    mission.write_text(MISSION.replace(wrong, right, 1))
+    done = tool('plan', str(mission))
+    assert done.code == 3, done.err
+    assert message in done.err
+
+
+def test_wrong_words_are_refused(mission: Path) -> None:
+    assert tool('plan', str(mission.with_name('none.yaml'))).code == 2
+    for words in (['--time-limit', '0'], ['--time-limit', 'nan'], ['--disturbed', '-1'], ['--name']):
+        assert tool('plan', str(mission), *words).code == 2
+    mission.write_text('skills: [cup_skills.yaml]')
+    assert 'names no goal' in tool('plan', str(mission)).err
+
+
+def test_a_scene_of_btpg(tmp_path: Path) -> None:
+    scene = tmp_path / 'S.json'
+    scene.write_text(json.dumps({'initial': ['Near(door)']}))
+    lines = [
+        {'name': 'Walk(cup)', 'pre': [], 'add': ['Near(cup)'], 'del': ['Near(door)'], 'cost': 15},
+        {'name': 'Grab(cup)', 'pre': ['Near(cup)'], 'add': ['Holding(cup)'], 'del': [], 'cost': 5},
+    ]
+    actions = tmp_path / 'S.actions.jsonl.gz'
+    actions.write_bytes(gzip.compress('\n'.join(map(json.dumps, lines)).encode()))
+    told = json.loads(tool('plan', str(scene), '--goal', 'Holding(cup)', '--json').out)
+    assert (told['cost'], told['actions']) == (20.0, ['Walk(cup)', 'Grab(cup)'])
+    assert tool('plan', str(scene)).code == 2
+    assert 'no action needs or changes it' in tool('plan', str(scene), '--goal', 'Holding(mug)').err
+    actions.write_bytes(gzip.compress(b'{"name": 3}'))
+    assert 'action 1: expected JSON with name' in tool('plan', str(scene), '--goal', 'Holding(cup)').err
