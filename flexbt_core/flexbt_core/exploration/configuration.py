@@ -40,7 +40,6 @@ _FIXED: Final = (
     type(threading.RLock()),
 )
 _ITERATORS: Final[tuple[type[Any], ...]] = (type(iter(())), type(iter([])))
-_OURS: Final = 'flexbt_'
 
 
 @dataclass(frozen=True)
@@ -73,14 +72,14 @@ class _Kind:
 
     __slots__ = ('get', 'has_dict', 'idle', 'is_fixed', 'name', 'names', 'seen', 'views', 'wired')
 
-    def __init__(self, kind: type[Any], layout: Layout) -> None:
+    def __init__(self, kind: type[Any], layout: Layout, packages: frozenset[str]) -> None:
         self.name = kind.__qualname__
         parameters = getattr(kind, '__dataclass_params__', None)
         self.idle = next((idle for base, idle in layout.idle.items() if issubclass(kind, base)), None)
         self.is_fixed = (
             issubclass(kind, (*_FIXED, *layout.fixed))
             or (parameters is not None and parameters.frozen)
-            or (not kind.__module__.startswith(_OURS) and not hasattr(kind, 'explored'))
+            or _package(kind) not in packages
         )
         wired = _of_bases(kind, layout.wired)
         unseen = _of_bases(kind, layout.unseen)
@@ -104,6 +103,10 @@ class _Kind:
             return False
 
 
+def _package(kind: type[Any]) -> str:
+    return kind.__module__.partition('.')[0]
+
+
 def _of_bases(kind: type[Any], table: Mapping[type[Any], frozenset[str]]) -> frozenset[str]:
     return frozenset(name for base in kind.__mro__ for name in table.get(base, ()))
 
@@ -113,22 +116,38 @@ def _slots_of(kind: type[Any]) -> tuple[str, ...]:
     return (slots,) if isinstance(slots, str) else tuple(slots)
 
 
+class _Kinds(dict[type[Any], _Kind]):
+    """How objects are walked, by their classes. Those of the packages of the roots are looked into, no others."""
+
+    def __init__(self, layout: Layout, packages: frozenset[str]) -> None:
+        super().__init__()
+        self._layout = layout
+        self._packages = packages
+
+    def __missing__(self, kind: type[Any]) -> _Kind:
+        found = self[kind] = _Kind(kind, self._layout, self._packages)
+        return found
+
+
 _ABSENT: Final = object()
 
 
 class Memory:
-    """Keeps and restores the configurations of what can be reached from ``roots``."""
+    """Keeps and restores the configurations of what can be reached from ``roots``.
 
-    def __init__(self, roots: Iterable[Any], clock: Any, layout: Layout) -> None:
+    Objects are looked into when their class is of the same package as a root, or as one of ``classes``.
+    """
+
+    def __init__(self, roots: Iterable[Any], clock: Any, layout: Layout, classes: Iterable[type[Any]] = ()) -> None:
         self._roots = tuple(roots)
         self._clock = clock
         self._layout = layout
-        self._kinds: dict[type[Any], _Kind] = {}
+        self._kinds = _Kinds(layout, frozenset(map(_package, (*map(type, self._roots), *classes))))
         self._fragments: dict[int, tuple[tuple[Any, ...], list[Any]]] = {}
 
     def capture(self) -> Configuration:
         """What everything holds now."""
-        return _Walk(self._kinds, self._layout, self._roots, self._clock.now(), self._fragments).configuration()
+        return _Walk(self._kinds, self._roots, self._clock.now(), self._fragments).configuration()
 
     @staticmethod
     def restore(configuration: Configuration) -> None:
@@ -168,8 +187,7 @@ _SET: Final = 'set'
 class _Walk:
     def __init__(
         self,
-        kinds: dict[type[Any], _Kind],
-        layout: Layout,
+        kinds: _Kinds,
         roots: tuple[Any, ...],
         now: float,
         fragments: dict[int, tuple[tuple[Any, ...], list[Any]]],
@@ -177,7 +195,6 @@ class _Walk:
         self._kinds = kinds
         self._roots = len(roots)
         self._fragments = fragments
-        self._layout = layout
         self._now = now
         self._numbers: dict[int, int] = {}
         self._ahead: list[Any] = []
@@ -203,12 +220,6 @@ class _Walk:
         for at, when in self._instants:
             self._text[at] = ranks.get(when, 0 if when == self._now else -1)
         return Configuration(tuple(self._parts), blake2b(marshal.dumps(self._text, 2), digest_size=_DIGEST).digest())
-
-    def _kind(self, kind: type[Any]) -> _Kind:
-        known = self._kinds.get(kind)
-        if known is None:
-            known = self._kinds[kind] = _Kind(kind, self._layout)
-        return known
 
     def _reach(self, one: Any) -> int:
         number = self._numbers.get(id(one))
@@ -238,7 +249,7 @@ class _Walk:
             self._parts.append((one, _SET, set(one)))
             text.append(sorted(map(str, one)))
         else:
-            self._visit_instance(one, self._kind(kind))
+            self._visit_instance(one, self._kinds[kind])
 
     def _visit_instance(self, one: Any, kind: _Kind) -> None:
         if kind.idle is not None:
@@ -302,7 +313,7 @@ class _Walk:
         if type(value) in _PLAIN or isinstance(value, Enum):
             return True
         number = self._numbers.get(id(value))
-        return self._kind(type(value)).is_fixed if number is None else number < self._roots
+        return self._kinds[type(value)].is_fixed if number is None else number < self._roots
 
     def _attribute(self, one: Any, kind: _Kind, name: str, value: Any) -> None:
         view = kind.views.get(name)
@@ -344,7 +355,7 @@ class _Walk:
         elif isinstance(value, frozenset):
             text.append(sorted(map(str, value)))
         else:
-            known = self._kind(kind)
+            known = self._kinds[kind]
             if known.views.get('') is not None:
                 self._encode(known.views[''](value))
             elif known.is_fixed:

@@ -103,12 +103,12 @@ class _Exploration:
             expanded += 1
             if expanded % _CHECKED == _CHECKED // 10:
                 self._check_restore(configuration)
-            if time.monotonic() - self._begin > self._limits.seconds:
+            if self._is_late():
                 self._stopped_by = f'the time limit of {self._limits.seconds:g} s'
             elif len(graph) > self._limits.configurations:
                 self._stopped_by = f'the limit of {self._limits.configurations} configurations'
             if self._stopped_by:
-                graph.unfinished = {waiting for waiting, _ in ahead}
+                graph.unfinished.update(waiting for waiting, _ in ahead)
                 return
 
     def _follow(self, configuration: Configuration, label: Label) -> list[Configuration]:
@@ -119,8 +119,12 @@ class _Exploration:
         tried = 0
         while answers:
             tried += 1
+            if self._is_late():
+                graph.unfinished.add(configuration.key)
+                break
             if tried > _ANSWERS_OF_A_STEP:
                 self._cut = True
+                graph.unfinished.add(configuration.key)
                 break
             choices = Choices(answers.pop())
             system.restore(configuration)
@@ -139,6 +143,9 @@ class _Exploration:
                 else:
                     graph.broken.add(reached.key)
         return found
+
+    def _is_late(self) -> bool:
+        return time.monotonic() - self._begin > self._limits.seconds
 
     def _describe(self, key: bytes) -> None:
         system = self._system

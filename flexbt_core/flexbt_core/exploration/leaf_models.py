@@ -116,8 +116,6 @@ class Environment:
         self.answers: dict[str, int] = {}
         self.values = values
 
-    explored: ClassVar[bool] = True
-
     def begin(self, action: ModelAction) -> None:
         """An action begins to work."""
         self.open[action.path] = action

@@ -148,9 +148,9 @@ class MachineSystem:
             views=_VIEWS,
             idle={LeafRun: self._idle_leaf, ContainerRun: self._idle_container},
         )
-        self._memory = Memory(
-            (self._counted, self._run, self.clock, self._environment, self._monitor), self.clock, layout
-        )
+        roots = (self._counted, self._run, self.clock, self._environment, self._monitor)
+        classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
+        self._memory = Memory(roots, self.clock, layout, classes)
 
     # -- what an exploration needs -----------------------------------------------------------------------------------
 

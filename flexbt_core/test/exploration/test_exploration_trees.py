@@ -71,6 +71,36 @@ class Forgetful(Control):
         return status
 
 
+class Turns:
+    """What a node keeps in an object of its own."""
+
+    def __init__(self) -> None:
+        self.number = 0
+
+
+class Alternating(Control):
+    """One child after the other, and after the last the first; ends with the fifth."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._turns = Turns()
+
+    def tick(self) -> NodeStatus:
+        status = self.tick_child(self._turns.number % len(self.children))
+        if status is NodeStatus.RUNNING:
+            return status
+        self.halt_child(self._turns.number % len(self.children))
+        self._turns.number += 1
+        if self._turns.number < 5:
+            self.wake()
+            return NodeStatus.RUNNING
+        self._turns.number = 0
+        return status
+
+    def on_halt(self) -> None:
+        self._turns.number = 0
+
+
 class Stalled(Control):
     """RUNNING, with nothing that would ever wake it."""
 
@@ -80,7 +110,7 @@ class Stalled(Control):
 
 def registry() -> NodeRegistry:
     found = builtin_registry()
-    for kind in (Drive, Turn, Plan, Follow, IsSafe, Forgetful, Stalled):
+    for kind in (Drive, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating):
         found.register(kind.__name__, kind)
     return found
 
@@ -150,6 +180,13 @@ def test_restored_configurations_are_what_the_steps_lead_to() -> None:
     report = proved(f'<Repeat num_cycles="2">{SOUND}</Repeat>')
     assert report.is_complete and report.holds
     assert report.checked_restores > 0  # each would raise
+
+
+def test_what_nodes_of_ones_own_keep_is_restored() -> None:
+    report = proved('<Repeat num_cycles="2"><Alternating><Plan/><Turn/></Alternating></Repeat>')
+    assert report.is_complete and report.holds, report.counterexamples
+    assert report.configurations > 10 and report.checked_restores > 0
+    assert report.depth == 11  # the start, and five results in each cycle
 
 
 def test_counters_without_a_limit_are_one_situation() -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey
 from flexbt_core.exploration import (
@@ -29,6 +29,9 @@ from flexbt_tools.proofs import moves_of, prove_tree
 from flexbt_tools.trees import OpenRegistry
 
 from .environment import state_models
+
+_SHARE_OF_TREES: Final = 0.75
+"""Of the time that is left, for all trees that are left."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def prove_behavior(
     keys = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
     trees: dict[TreeKey, Report] = {}
     for number, key in enumerate(keys):
-        limits = Limits((end - time.monotonic()) / (len(keys) - number + 1), configurations)
+        limits = Limits(_SHARE_OF_TREES * (end - time.monotonic()) / (len(keys) - number), configurations)
         trees[key] = prove_tree(used.library, key, limits=limits, on_progress=_named(f'tree {key.id}', on_progress))
     models = _models(used, trees)
     report = explore(

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import argparse
 
-from flexbt_core.exploration import Bounds, Operator
+from flexbt_core.exploration import Bounds, Operator, RestoreError
 from flexbt_core.state_machine import AUTONOMY_NAMES, Autonomy
 from flexbt_tools.behavior_proofs import prove_behavior
 from flexbt_tools.behaviors import used_trees
 from flexbt_tools.cli import arguments, proof_arguments
-from flexbt_tools.errors import ExitCode
+from flexbt_tools.errors import ExitCode, UsageError
 from flexbt_tools.proofs import ProgressLine, behavior_test
 
 from .behavior_arguments import add_parameters, add_tree_files, built, parameters
@@ -70,6 +70,8 @@ def run(options: argparse.Namespace) -> ExitCode:
             configurations=options.situations,
             on_progress=progress.tell,
         )
+    except RestoreError as error:
+        raise UsageError(f'{behavior.name}: {error}') from error
     finally:
         progress.end()
     code = proof_arguments.tell(options, proof.reports)

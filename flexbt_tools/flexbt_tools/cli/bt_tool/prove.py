@@ -6,9 +6,9 @@ from __future__ import annotations
 import argparse
 
 from flexbt_core.behavior_tree import TreeKey, TreeLoadError
-from flexbt_core.exploration import Limits
+from flexbt_core.exploration import Limits, RestoreError
 from flexbt_tools.cli import arguments, proof_arguments
-from flexbt_tools.errors import ExitCode, RefusedError
+from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.proofs import ProgressLine, prove_tree, tree_test
 from flexbt_tools.trees import find_tree, read_library, roots
 
@@ -41,6 +41,8 @@ def run(options: argparse.Namespace) -> ExitCode:
             )
         except TreeLoadError as error:
             raise RefusedError(error.errors) from error
+        except RestoreError as error:
+            raise UsageError(f'{name}: {error}') from error
         finally:
             progress.end()
     code = proof_arguments.tell(options, list(reports.values()))
