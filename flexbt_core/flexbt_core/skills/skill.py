@@ -187,11 +187,10 @@ class Skill:
     def completed_by(
         self, name: str, outcomes: Mapping[str, Outcome], reads: Iterable[str] = (), writes: Iterable[str] = ()
     ) -> Skill:
-        """The skill with what its class tells: the name, where it has none, the ``outcomes`` of which it does not
-        speak, and its keys."""
+        """The skill with what its class tells: the name, the ``outcomes`` of which it does not speak, and its keys."""
         return replace(
             self,
-            name=self.name or name,
+            name=name or self.name,
             outcomes={**outcomes, **self.outcomes},
             reads=(*self.reads, *reads),
             writes=(*self.writes, *writes),

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
-from flexbt_core.skills import SkillError, SkillLibrary
+from flexbt_core.skills import SkillLibrary
 from flexbt_core.values import one_line
 from flexbt_server.node_types import node_registry
-from flexbt_tools.errors import UsageError
 from flexbt_tools.skills import node_skills, read_skill_files
 from flexbt_tools.trees import PORTS, OpenRegistry, find_tree, is_main, read_models, roots
 
@@ -85,11 +84,11 @@ def add_skills(parser: argparse.ArgumentParser) -> None:
 
 
 def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
-    """The skills of the node types, and what the files add. Raises RefusedError, UsageError."""
-    try:
-        return read_skill_files(files, node_skills(known))
-    except SkillError as error:
-        raise UsageError(f'what installed nodes declare does not fit together: {error}') from error
+    """The skills of the node types, and what the files add. Raises RefusedError.
+
+    Tells of classes whose skills do not fit together.
+    """
+    return read_skill_files(files, node_skills(known, lambda text: print(one_line(f'note: {text}'), file=sys.stderr)))
 
 
 def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistry:

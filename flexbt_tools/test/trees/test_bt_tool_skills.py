@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from pathlib import Path
 
+import pytest
+
 from flexbt_core.behavior_tree import NodeStatus, SyncAction, builtin_registry, node_skill
-from flexbt_core.skills import OutcomeClass, Skill, read_skills
+from flexbt_core.skills import OutcomeClass, Predicate, Skill, read_skills
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import tool
 from flexbt_tools.skills import node_skills
@@ -15,7 +18,7 @@ from flexbt_tools.skills import node_skills
 
 def test_the_file_that_it_prints_is_one_of_manifests() -> None:
     printed = read_skills(tool('skills', '--yaml').out)
-    known = node_skills(node_registry(lambda source, error: None))
+    known = node_skills(node_registry(lambda source, error: None), pytest.fail)
     assert printed.predicates == known.predicates
     assert printed.skills.keys() == known.skills.keys()
     assert printed.skills['FollowPath'].writes == ('error_code_id', 'error_msg', 'tracking_feedback')
@@ -38,7 +41,7 @@ def test_a_file_adds_to_what_is_known_and_is_checked_against_it(tmp_path: Path) 
 
 
 class _Grab(SyncAction):
-    skill = Skill.of(resources=['arm'], outcomes={'SUCCESS': ['holding']})
+    skill = Skill.of(resources=['arm'], outcomes={'SUCCESS': ['holding']}, predicates=[Predicate('holding')])
 
     def tick(self) -> NodeStatus:
         return NodeStatus.SUCCESS
@@ -91,3 +94,28 @@ def test_the_example_of_the_page_is_right(tmp_path: Path) -> None:
     told = tool('skills', str(file), '--skill', 'NavigateToPose')
     assert (told.code, told.err) == (0, '')
     assert 'needs: at(from), from != to, charged' in told.out
+
+
+def test_what_a_class_declares_wrongly_is_told_with_its_place_and_left_out() -> None:
+    registry = builtin_registry()
+    wrong = Skill.of(resources=['arm'], outcomes={'SUCCESS': ['holdin']})
+    other = Skill.of(predicates=[Predicate('holding', {'what': 'cup'}, exclusive='who')])
+    registry.register('Grab', _Grab)
+    registry.register('GrabWrongly', type('GrabWrongly', (_Grab,), {'skill': wrong}))
+    registry.register('Other', type('Other', (_GrabGently,), {'skill': other}))
+    told: list[str] = []
+    library = node_skills(registry, told.append)
+    assert library.skills['GrabWrongly'].resources == ('arm',)
+    assert library.skills['GrabWrongly'].outcomes['SUCCESS'].effects == ()
+    assert [one.partition(': ')[2] for one in told] == [
+        'skill of Other: the predicate holding is declared twice, and differently; declare it once',
+        "skill of GrabWrongly: outcomes SUCCESS: holdin: there is no predicate 'holdin'; did you mean 'holding'?",
+    ]
+    told.clear()
+    registry.register('Last', _WithUnknown)
+    node_skills(registry, told.append)
+    assert f'{__file__}:{inspect.getsourcelines(_WithUnknown)[1]}: skill of Last: preconditions: ' in told[-1]
+
+
+class _WithUnknown(_Grab):
+    skill = Skill.of(preconditions=['nothing_of_the_kind'])
