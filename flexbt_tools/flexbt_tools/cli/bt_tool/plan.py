@@ -31,7 +31,6 @@ from flexbt_core.skills import SkillError
 from flexbt_core.values import lines, one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
-from flexbt_tools.skills import node_skills, read_skill_files
 
 _MOST_BYTES: Final = 100_000_000
 _MISSION_BYTES: Final = 1_000_000
@@ -119,8 +118,8 @@ def _problem(options: argparse.Namespace) -> Problem:
     except PlanningError as error:
         raise _refused(options.mission, {}, error) from error
     beside = Path(options.mission).parent
-    base = node_skills(arguments.registry(options, allow_unknown=False))
-    library = read_skill_files([str(beside / name) for name in mission.skills], base)
+    known = arguments.registry(options, allow_unknown=False)
+    library = arguments.skill_library([str(beside / name) for name in mission.skills], known)
     goal = mission.goal if options.goal is None else options.goal
     if not goal:
         raise UsageError(f"{options.mission} names no goal; add it there (goal: ...), or say --goal 'on(cup, table)'")
