@@ -5,6 +5,7 @@ strategies one after the other. And the checker of certificates against certific
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Any, NamedTuple
@@ -275,6 +276,14 @@ def test_who_wins_a_fair_world_is_what_all_strategies_say(specification: Specifi
     assert ours == fairly_won(explicit, fair.of(Section.SYS_LIVENESS)[0], live)
     if solution.is_realizable():
         assert check_certificate(fair, strategy_of(solution).to_json()) == []
+
+
+def test_without_cudd_the_answer_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """dd in pure Python, where there is no wheel: the same strategy, node by node."""
+    with_cudd = certificate()
+    monkeypatch.setitem(sys.modules, 'dd.cudd', None)
+    monkeypatch.delattr('dd.cudd', raising=False)
+    assert certificate() == with_cudd
 
 
 # -- certificates ------------------------------------------------------------------------------------------------------

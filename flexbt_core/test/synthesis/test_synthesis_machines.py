@@ -134,12 +134,24 @@ def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> 
         ('name: coffee', 'nam: coffee', "coffee.yaml:1: a capability file cannot have 'nam'; did you mean 'name'?"),
         ('capabilities:', 'capabilitys:', 'coffee.yaml:1: there are no capabilities'),
         ('  press:\n', '  pr-ess:\n', "'pr-ess' is no name"),
+        ('  press:\n', '  next:\n', "coffee.yaml:6: 'next' is a word of formulas already: call it otherwise"),
+        ('  press:\n', '  finished:\n', "coffee.yaml:6: 'finished' is an outcome already: call it otherwise"),
+        ('capabilities:', f'memory: {{sys_props: {{x: {"9" * 30}}}}}\ncapabilitie:', "cannot have 'capabilitie'"),
+        ('capabilities:', 'variable_mappings: {sys_props: {n: {99999999999: a}}}\ncapabilities:', 'at most 9 digits'),
     ],
 )
 def test_what_is_wrong_in_a_file_is_named_with_its_place(before: str, after: str, problem: str) -> None:
     with pytest.raises(SynthesisError) as caught:
         coffee((before, after))
     assert any(problem in one for one in caught.value.problems), caught.value.problems
+
+
+def test_a_request_for_nothing_is_refused_and_long_ones_are_shortened() -> None:
+    with pytest.raises(SynthesisError, match='nothing is asked for'):
+        coffee(goals=())
+    with pytest.raises(SynthesisError) as caught:
+        coffee(goals=('brew & ' * 100_000 + 'brew',))
+    assert len(str(caught.value)) < 500
 
 
 def test_liveness_of_upstream_accepts_what_ours_does_not() -> None:

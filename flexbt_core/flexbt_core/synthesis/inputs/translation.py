@@ -24,7 +24,7 @@ from .interface import Interface, Interfaces
 from .request import FAILURE_OUTCOMES, Request
 from .specification_file import SpecificationFile
 from .vocabulary import CAPABILITY, Vocabulary, suffixes
-from .yaml_nodes import Entry
+from .yaml_nodes import Entry, shown
 
 _WORD: Final = re.compile(r"([A-Za-z_]\w*)('?)")
 _CONDITION: Final = re.compile(r'(!?)\s*(@?)([A-Za-z_]\w*)\s*(?:=\s*(\w+))?')
@@ -143,7 +143,9 @@ class Translation:
             if not section.value.endswith('_INIT'):
                 for text, line in entries:
                     place = f'{self._given.source}:{line}'
-                    self._add(section, self._expanded(text, False), f"{section.value} '{text}' ({place})", place)
+                    self._add(section, self._expanded(text, False), f"{section.value} '{shown(text)}' ({place})", place)
+        if not any(section is Section.SYS_LIVENESS for section, *_ in self._texts):
+            self._problem(None, 'nothing is asked for: give a goal, or SYS_LIVENESS in a specification')
         live, last_resort, hopes = self._promises()
         lines = self._parsed_lines()
         if self._problems:
@@ -231,8 +233,19 @@ class Translation:
         if self._options.retries is not None and not FAILURE_OUTCOMES & ends.keys():
             ends[GAVE_UP] = GAVE_UP
             self._notes.append(f"the machine has the outcome '{GAVE_UP}', for when retries are used up")
+        self._check_names(ends)
         numbers = {name: number for number, name in enumerate(outcomes, 1)} if self._options.parsed else None
         return Vocabulary(outcomes, suffixes(mappings.transition_outcomes), ends, numbers)
+
+    def _check_names(self, ends: Mapping[str, str]) -> None:
+        taken = {
+            **dict.fromkeys(_WORDS_OF_FORMULAS, 'a word of formulas'),
+            **dict.fromkeys(ends.values(), 'an outcome'),
+        }
+        lines = {name: one.line for name, one in self._file.capabilities.items()}
+        for name in dict.fromkeys((*lines, *self._file.memory, *self._file.labels)):
+            if name in taken:
+                self._problem(lines.get(name, 1), f"'{name}' is {taken[name]} already: call it otherwise")
 
     def _ends(self) -> dict[str, str]:
         """The outcomes of the machine, with the propositions for them."""
@@ -317,7 +330,7 @@ class Translation:
         variable replaces what the specification says of that variable alone."""
         asked: list[tuple[str, str, str]] = []
         for text in self._request.initial_conditions:
-            asked.append((self._expanded(text, False), f"initial condition '{text}' (request)", 'request'))
+            asked.append((self._expanded(text, False), f"initial condition '{shown(text)}' (request)", 'request'))
         alone = {names[0] for text, _, _ in asked if len(names := list(self._names(text))) == 1}
         for section in (Section.ENV_INIT, Section.SYS_INIT):
             for text, line in self._given.formulas.get(section, ()):
@@ -325,9 +338,11 @@ class Translation:
                 formula = self._expanded(text, False)
                 if self._names(formula) <= alone and len(self._names(formula)) == 1:
                     if formula not in [one for one, _, _ in asked]:
-                        self._notes.append(f"{place}: the request says otherwise than '{text}'; the request counts")
+                        self._notes.append(
+                            f"{place}: the request says otherwise than '{shown(text)}'; the request counts"
+                        )
                     continue
-                asked.append((formula, f"{section.value} '{text}' ({place})", place))
+                asked.append((formula, f"{section.value} '{shown(text)}' ({place})", place))
         mentioned: set[str] = set()
         for formula, origin, place in asked:
             about = self._names(formula)
@@ -395,10 +410,12 @@ class Translation:
             for text, line in one.preconditions:
                 place = f'{self._file.source}:{line}'
                 if "'" in text:
-                    self._problem(line, f"precondition '{text}' of {one.name}: it is about one moment; leave out the '")
+                    self._problem(
+                        line, f"precondition '{shown(text)}' of {one.name}: it is about one moment; leave out the '"
+                    )
                     continue
                 formula = self._expanded(text, True)
-                origin = f"precondition '{text}' of {one.name} ({place})"
+                origin = f"precondition '{shown(text)}' of {one.name} ({place})"
                 self._add(Section.SYS_TRANS, f'!({formula}) -> !{active}', origin, place)
             for outcome, entries in one.postconditions.items():
                 for entry in entries:
@@ -435,7 +452,7 @@ class Translation:
                 continue
             place = f'{self._file.source}:{line}'
             if text.startswith('!'):
-                origin = f"transition_relation '{text}' of {one.name} after {outcome} ({place})"
+                origin = f"transition_relation '{shown(text)}' of {one.name} after {outcome} ({place})"
                 self._add(Section.SYS_TRANS, f'{arrives} -> !{target}', origin, place)
             else:
                 targets.append(target)
@@ -447,8 +464,8 @@ class Translation:
             self._add(Section.SYS_TRANS, f'{arrives} -> ({" | ".join(targets)})', origin, places[0])
 
     def _effect(self, one: Capability, outcome: str, entry: Entry) -> None:
-        what = f"postcondition '{entry.text}' of {one.name}"
-        arrives = self._outcome_of(one, outcome, entry.line, f"postcondition '{entry.text}'")
+        what = f"postcondition '{shown(entry.text)}' of {one.name}"
+        arrives = self._outcome_of(one, outcome, entry.line, f"postcondition '{shown(entry.text)}'")
         parts = _CONDITION.fullmatch(entry.text)
         if parts is None:
             self._problem(entry.line, f'{what}: write NAME, !NAME, VARIABLE=VALUE or @VARIABLE')
@@ -494,7 +511,7 @@ class Translation:
     def _objective(self) -> None:
         self._rule = 'the outcome of the machine stands for the goal'
         words, add = self._vocabulary, self._add
-        goals = [(self._expanded(text, False), f"goal '{text}' (request)") for text in self._request.goals]
+        goals = [(self._expanded(text, False), f"goal '{shown(text)}' (request)") for text in self._request.goals]
         success = next((end for name, end in words.ends.items() if name not in FAILURE_OUTCOMES), None)
         self._hopes: list[str] = [success] if success else [goal for goal, _ in goals]
         if success and goals:

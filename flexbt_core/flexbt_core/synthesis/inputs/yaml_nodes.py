@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -57,11 +58,10 @@ class YamlFile(YamlParts):
 
     def number(self, node: yaml.Node, text: str, what: str) -> int:
         """An integer that is written so."""
-        try:
-            return int(text[:20])
-        except ValueError:
-            self.problem(node, f"{what} has to be an integer, not '{text:.40}'")
-            return 0
+        if re.fullmatch(r'[-+]?\d{1,9}', text, re.ASCII):
+            return int(text)
+        self.problem(node, f"{what} has to be an integer of at most 9 digits, not '{text:.40}'")
+        return 0
 
     def flag(self, node: yaml.Node, what: str) -> bool:
         """A truth value."""
@@ -73,6 +73,11 @@ class YamlFile(YamlParts):
     def note(self, line: int, text: str) -> None:
         """Something is wrong in a line."""
         self.problems.append(f'{self.source}:{line}: {text}')
+
+
+def shown(text: str) -> str:
+    """A text in a message: not longer than a line."""
+    return text if len(text) <= 100 else f'{text[:99]}…'
 
 
 def is_null(node: yaml.Node) -> bool:
