@@ -20,6 +20,7 @@ from flexbt_console.ui.web import MOST_PAGES, Access
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
+from flexbt_console.ui.web.run import MOST_CONNECTIONS
 from flexbt_console.ui.web.server import MOST_GREETING
 
 DEADLINE = 60.0
@@ -381,6 +382,29 @@ def test_who_says_nothing_keeps_nobody_out() -> None:
             assert 'applied' in await known.ask(do='pause', decision=None)
 
     with served({'robot': WebRobot().station()}, Access.of('127.0.0.1', 's3cret')) as port:
+        asyncio.run(run(port))
+
+
+@pytest.mark.parametrize('begun', [b'', b'GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: '])
+def test_connections_that_ask_for_nothing_keep_nobody_out(begun: bytes) -> None:
+    async def run(port: int) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            known = await stack.enter_async_context(page(port))
+            await known.until(lambda: 'link' in known.parts)
+            idle = [await asyncio.open_connection('127.0.0.1', port) for _ in range(MOST_CONNECTIONS + 20)]
+            for _, writer in idle:
+                stack.callback(writer.close)
+                writer.write(begun)
+            for _ in range(2):  # the second comes when all before are known to the server
+                async with page(port) as opened:
+                    await opened.until(lambda opened=opened: 'link' in opened.parts)  # type: ignore[misc]
+            async with asyncio.timeout(DEADLINE):
+                for reader, _ in idle[:20]:  # the oldest have given way
+                    with contextlib.suppress(ConnectionError):
+                        assert await reader.read() == b''
+            assert 'applied' in await known.ask(do='pause', decision=None)
+
+    with served({'robot': WebRobot().station()}) as port:
         asyncio.run(run(port))
 
 

@@ -10,8 +10,6 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from aiohttp import web
-
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.mirror import (
     ActiveState,
@@ -41,6 +39,7 @@ from flexbt_console.mirror import (
     UserdataScope,
 )
 from flexbt_console.ui.web import Access, Station, WebServer
+from flexbt_console.ui.web.run import serving
 from flexbt_core.clock import ManualClock
 
 NASTY = '<img src=x onerror=alert(1)>'
@@ -157,17 +156,12 @@ def served(stations: Mapping[str, Station], access: Access | None = None, port: 
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
 
-    async def start() -> tuple[web.AppRunner, int]:
-        runner = web.AppRunner(WebServer(stations, access or Access()).application(), shutdown_timeout=0.2)
-        await runner.setup()
-        await web.TCPSite(runner, '127.0.0.1', port, reuse_address=True).start()
-        return runner, runner.addresses[0][1]
-
-    runner, used = asyncio.run_coroutine_threadsafe(start(), loop).result(60.0)
+    serves = serving(WebServer(stations, access or Access()).application(), '127.0.0.1', port)
+    used = asyncio.run_coroutine_threadsafe(serves.__aenter__(), loop).result(60.0)
     try:
         yield used
     finally:
-        asyncio.run_coroutine_threadsafe(runner.cleanup(), loop).result(60.0)
+        asyncio.run_coroutine_threadsafe(serves.__aexit__(None, None, None), loop).result(60.0)
         loop.call_soon_threadsafe(loop.stop)
         thread.join()
         loop.close()
