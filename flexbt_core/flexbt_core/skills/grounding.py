@@ -134,7 +134,7 @@ class Grounding:
                     skill.name,
                     name,
                     binding,
-                    argument_texts(skill, binding),
+                    argument_texts(skill, binding, {*skill.reads, *skill.writes}),
                     frozenset(map(str, pre)),
                     self._atoms_of(effects, added=True),
                     self._atoms_of(effects, added=False),
@@ -212,10 +212,13 @@ def _too_many(skill: Skill) -> str:
     )
 
 
-def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] | None = None) -> dict[str, str]:
-    """How ports or parameters are given for these objects. ``declared`` are those that there are, where they are known:
-    parameters of the skill that have no such name only matter to the literals."""
+def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] = ()) -> dict[str, str]:
+    """How ports or parameters are given for these objects.
+
+    ``declared`` are the ports that there are; none: they are not known. A parameter of the skill that is none of them
+    matters to the literals alone, unless ``arguments`` speak of it.
+    """
     given = {port: Template(text).safe_substitute(binding) for port, text in skill.arguments.items()}
     told = {name for text in skill.arguments.values() for name in Template(text).get_identifiers()}
-    plain = {name: one for name, one in binding.items() if name not in told and (declared is None or name in declared)}
+    plain = {name: one for name, one in binding.items() if name not in told and (not declared or name in declared)}
     return {**plain, **given}

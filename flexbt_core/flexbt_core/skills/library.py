@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from string import Template
 from types import MappingProxyType
 from typing import Final
@@ -20,6 +21,9 @@ At = tuple[str, ...]
 
 ANYTHING: Final = 'object'
 """The type that everything has."""
+
+
+_MOST_PROBLEMS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +81,10 @@ class SkillLibrary:
             for predicate in skill.predicates:
                 _declare(known, predicate, ('skills', skill.name), problems)
         library = cls(by_name, known, types or {}, objects or {})
-        return library, [*problems, *library.problems()]
+        problems += islice(library.problems(), _MOST_PROBLEMS)
+        if len(problems) >= _MOST_PROBLEMS:
+            problems.append((problems[-1][0], 'there are too many problems to show; mend these first'))
+        return library, problems
 
     def is_kind_of(self, type: str, wanted: str) -> bool:
         """Whether what has ``type`` has the type ``wanted``, too."""

@@ -193,3 +193,12 @@ def test_a_skill_that_is_bound_speaks_of_its_object() -> None:
     assert dict(skill.arguments) == {'which': '{front}', 'by': '$hand'}
     with pytest.raises(SkillError, match="Open has no parameter 'dor'"):
         skill.bound(dor='front')
+
+
+def test_only_ports_that_there_are_are_given() -> None:
+    drive = Skill.of('Drive', parameters={'from': 'place', 'goal': 'place'}, outcomes={'SUCCESS': ['at(goal)']})
+    known = [Predicate('at', {'where': 'place'})]
+    for ports, passed in [((), {'from': 'p', 'goal': 'p'}), (('goal', 'timeout'), {'goal': 'p'})]:
+        skill = drive.completed_by('', {}, reads=ports)
+        library = SkillLibrary.of([skill], known, objects={'p': 'place'})
+        assert ground(library, [], []).actions[0].arguments == passed

@@ -249,3 +249,11 @@ def test_a_predicate_of_the_file_is_not_the_one_of_a_class_that_has_its_name() -
         read_skills(text % '', 'f.yaml', base)
     same = read_skills('predicates: {at: {parameters: {goal: pose}}}', base=base)
     assert same.skills == base.skills
+
+
+def test_a_flood_of_problems_is_cut_off() -> None:
+    text = 'objects:\n' + ''.join(f'  o{number}: nothing\n' for number in range(5000))
+    with pytest.raises(SkillError) as error:
+        read_skills(text, 'f.yaml')
+    assert len(error.value.problems) == 101
+    assert error.value.problems[-1] == 'f.yaml:101: object o99: there are too many problems to show; mend these first'

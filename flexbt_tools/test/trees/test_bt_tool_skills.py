@@ -94,6 +94,12 @@ def test_the_example_of_the_page_is_right(tmp_path: Path) -> None:
     told = tool('skills', str(file), '--skill', 'NavigateToPose')
     assert (told.code, told.err) == (0, '')
     assert 'needs: at(from), from != to, charged' in told.out
+    mission = tmp_path / 'errand.yaml'
+    mission.write_text('skills: [mission.yaml]\nstart: [at(kitchen), charged]\ngoal: at(office)\n')
+    tree = tmp_path / 'plan.xml'
+    assert tool('plan', str(mission), '--output', str(tree)).code == 0
+    checked = tool('check', str(tree), '--input', 'kitchen', '--input', 'office')
+    assert (checked.code, checked.out) == (0, '')  # it gives the leaf of Nav2 no ports that it does not have
 
 
 def test_what_a_class_declares_wrongly_is_told_with_its_place_and_left_out() -> None:
