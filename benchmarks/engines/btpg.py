@@ -153,7 +153,7 @@ def measure(data: Path, scene: str, limit: float, every: int) -> tuple[list[dict
             some = [baseline(reachability, domain.mask(goal['goal']), limit) for goal in chosen[::every]]
             rows.append(row(name, some, others))
         for name, shown in RECORDED.items():
-            told = [run for goal in chosen if (run := recorded(goal, name)) is not None]
+            told = [one for goal in chosen if (one := recorded(goal, name)) is not None]
             if told:
                 rows.append(row(f'{shown}, recorded', told, others))
     return rows, missed

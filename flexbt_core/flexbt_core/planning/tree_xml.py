@@ -21,12 +21,13 @@ that succeeds without its effects is done again, and counts.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 from xml.etree import ElementTree
 
 from .compaction import Group, Rule
-from .model import Domain, bits
+from .model import Domain, PlanningError, bits
 from .planner import Plan
 from .policy import Policy
 from .problem import Leaf, Problem
@@ -35,6 +36,8 @@ FAILURE_ENTRY: Final = 'plan_failure'
 """The entry of the blackboard that says why a tree gave up."""
 
 _COUNT: Final = 'plan_actions'
+_NAME: Final = re.compile(r'[^\W\d][\w-]*')
+"""Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
 _BUILTIN: Final = ('ScriptCondition', 'Script')
 _MARGIN: Final = 3
 
@@ -47,6 +50,7 @@ def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) ->
 
     Raises:
         ValueError: the plan has no tree, since there is no plan.
+        PlanningError: the type of a leaf, or a port, cannot stand in XML.
     """
     if plan.policy is None or plan.coverage is None:
         raise ValueError('there is no plan, and so no tree')
@@ -129,11 +133,14 @@ class _Writer:
             self._leaf(_add(parent, 'Inverter') if leaf.inverted else parent, 'Condition', text, leaf)
 
     def _leaf(self, parent: ElementTree.Element, kind: str, name: str, leaf: Leaf) -> None:
-        if leaf.type in _BUILTIN:
-            _add(parent, leaf.type, name=name, **leaf.ports)
-            return
-        self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)
-        _add(parent, kind, ID=leaf.type, name=name, **leaf.ports)
+        for word in (leaf.type, *leaf.ports):
+            if not _NAME.fullmatch(word):
+                raise PlanningError(
+                    f'{name}: {word!r:.80} cannot be a type or port of a leaf; call it by letters, digits, _ and -'
+                )
+        if leaf.type not in _BUILTIN:
+            self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)
+        _add(parent, leaf.type, **{'name': name, **leaf.ports})
 
 
 def _add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:

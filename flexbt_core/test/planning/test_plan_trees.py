@@ -6,7 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,7 +23,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.planning import FAILURE_ENTRY, Action, Leaf, Plan, Problem, plan, tree_xml
+from flexbt_core.planning import FAILURE_ENTRY, Action, Leaf, Plan, PlanningError, Problem, plan, tree_xml
 
 
 def action(name: str, needs: str, adds: str, deletes: str, cost: float = 1.0) -> Action:
@@ -201,3 +203,43 @@ def test_a_goal_that_holds_needs_nothing() -> None:
     world = World(problem, set(problem.initial))
     assert world.run(xml) is NodeStatus.SUCCESS
     assert world.started == []
+
+
+def test_behaviortree_cpp_loads_the_tree_and_does_the_plan() -> None:
+    library: Any = pytest.importorskip('behaviortreepy')
+    given_ = errand()
+    leaves = {literal: Leaf(f'Is_{literal}') for one in ERRAND for literal in one.needs | one.adds | one.deletes}
+    problem = Problem(given_.actions, given_.initial, given_.goal, given_.disturbances, leaves)
+    found, xml = planned(problem)
+    true, done = set(problem.initial), []
+    factory = library.BehaviorTreeFactory()
+    success, failure, running = (getattr(library.NodeStatus, name) for name in ('SUCCESS', 'FAILURE', 'RUNNING'))
+    for literal, leaf in leaves.items():
+        factory.register_simple_condition(leaf.type, lambda node, one=literal: success if one in true else failure)
+    for one in problem.actions:
+
+        def do(node: object, one: Action = one) -> object:
+            done.append(one.name)
+            true.difference_update(one.deletes)
+            true.update(one.adds)
+            if len(done) == 1:  # somebody shuts the door when the robot is in the kitchen
+                true.symmetric_difference_update({'open', 'shut'})
+            return success
+
+        factory.register_simple_action(one.name, do)
+    tree = factory.create_tree_from_text(xml)
+    status = running
+    for _ in range(20):
+        if status == running:
+            status = tree.tick_exactly_once()
+    assert status == success
+    assert done == ['to_kitchen', 'grab_kitchen', 'open_kitchen', 'to_hall', 'put_hall']
+    assert found.actions == ('to_kitchen', 'grab_kitchen', 'to_hall', 'put_hall')
+
+
+@pytest.mark.parametrize('leaf', [Leaf('put it'), Leaf(''), Leaf('Put', {'a b': '1'}), Leaf('Put', {'><': '1'})])
+def test_what_cannot_be_a_leaf_in_xml_is_refused(leaf: Leaf) -> None:
+    given_ = errand()
+    problem = Problem(given_.actions, given_.initial, given_.goal, leaves={'put_hall': leaf})
+    with pytest.raises(PlanningError, match=r'put_hall: .* cannot be a type or port of a leaf'):
+        tree_xml(plan(problem))

@@ -93,9 +93,9 @@ def run(options: argparse.Namespace) -> ExitCode:
             disturbed=options.disturbed,
             report=None if options.quiet else _show_progress,
         )
+        text = tree_xml(found, options.name) if found.policy is not None else None
     except PlanningError as error:
         raise _refused(options.mission, {}, error) from error
-    text = tree_xml(found, options.name) if found.policy is not None else None
     if options.output is not None and text is not None:
         _write(options.output, text)
     if options.json:
