@@ -13,7 +13,7 @@ from typing import Final
 from flexbt_core.values import hint
 
 from .errors import SkillError, shown
-from .literals import EQUAL, Literal, Predicate, is_name, is_object
+from .literals import EQUAL, Immutable, Literal, Predicate, is_name, is_object
 from .skill import Skill
 
 At = tuple[str, ...]
@@ -27,7 +27,7 @@ _MOST_PROBLEMS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class SkillLibrary:
+class SkillLibrary(Immutable):
     """Skills by name. Immutable. ``types`` gives each type the one that it is a kind of; ``objects`` gives each object
     its type.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from string import Template
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Self
 
 from .errors import SkillError, shown
 
@@ -90,8 +90,20 @@ def literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:
     return tuple(one if isinstance(one, Literal) else parse_literal(one) for one in texts)
 
 
+class Immutable:
+    """Nobody can change it, so a copy of it is itself: states that are copied have their skills with them."""
+
+    __slots__ = ()
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
+
+
 @dataclass(frozen=True, slots=True)
-class ConditionSensor:
+class ConditionSensor(Immutable):
     """A condition tells whether the predicate holds: a leaf that succeeds or fails, or a state with outcomes true and
     false.
 
@@ -140,7 +152,7 @@ Sensor = ConditionSensor | TopicSensor | BlackboardSensor
 
 
 @dataclass(frozen=True, slots=True)
-class Predicate:
+class Predicate(Immutable):
     """Something that holds of objects or does not: ``at``, of a robot and a place.
 
     ``parameters`` are the names of its arguments, with their types. Without a ``sensor`` it is only remembered what

@@ -14,7 +14,7 @@ from typing import Final
 from flexbt_core.values import hint
 
 from .errors import SkillError, shown
-from .literals import Literal, Predicate, literals
+from .literals import Immutable, Literal, Predicate, literals
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
 """Names of the levels of autonomy; the place of one is its number."""
@@ -94,7 +94,7 @@ def level(name: str) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Skill:
+class Skill(Immutable):
     """What is known of a leaf or a state without running it. Immutable.
 
     ==================  ============================================================================================

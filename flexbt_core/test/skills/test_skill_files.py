@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -257,3 +261,17 @@ def test_a_flood_of_problems_is_cut_off() -> None:
         read_skills(text, 'f.yaml')
     assert len(error.value.problems) == 101
     assert error.value.problems[-1] == 'f.yaml:101: object o99: there are too many problems to show; mend these first'
+
+
+def test_nobody_changes_a_manifest() -> None:
+    library = read_skills(TEXT)
+    skill = library.skills['GoTo']
+    assert copy.deepcopy([library, skill, library.predicates['at']])[1] is skill
+    changes: list[Callable[[Any], Any]] = [
+        lambda one: setattr(one, 'cost', 1.0),
+        lambda one: one.outcomes.update({'SUCCESS': Outcome()}),
+        lambda one: one.arguments.clear(),
+    ]
+    for change in changes:
+        with pytest.raises((AttributeError, TypeError)):
+            change(skill)
