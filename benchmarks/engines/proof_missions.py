@@ -31,12 +31,14 @@ TARGET: Final = 60.0
 """CPU seconds for each."""
 
 BEHAVIORS: Final = ('Navigate', 'Navigate Split', 'Inspection', 'Night Watch')
+ENDLESS: Final = 'follow_point.xml'
+"""It follows until it fails, so that its mission never finishes; the proof has to say so."""
 RECOVERY: Final = 'flexbt_demo_behaviors/trees/recovery.xml'
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--seconds', type=float, default=TARGET, help='limit of each, wall time (default: %(default)g)')
+    parser.add_argument('--seconds', type=float, default=600.0, help='limit of each, wall time (default: %(default)g)')
     parser.add_argument('--only', default='', help='only missions with this in their name')
     parser.add_argument('--output', type=Path, default=Path('out/proof_missions.json'))
     options = parser.parse_args()
@@ -56,7 +58,7 @@ def main() -> int:
         verdict = _verdict(proof.reports)
         print(f'{name[-64:]:64} {situations:10} {steps:7} {seconds:6.1f}  {verdict}', flush=True)
         rows.append({'mission': name, 'situations': situations, 'steps': steps, 'CPU, s': seconds, 'verdict': verdict})
-        is_good = is_good and verdict == 'holds' and seconds <= TARGET
+        is_good = is_good and (verdict == 'holds') is (name != ENDLESS) and seconds <= TARGET
     write_figures(options.output, {'rows': rows, 'target, s': TARGET})
     return 0 if is_good else 1
 

@@ -30,8 +30,10 @@ from flexbt_tools.trees import OpenRegistry
 
 from .environment import state_models
 
-_SHARE_OF_TREES: Final = 0.75
+_SHARE_OF_TREES: Final = 0.8
 """Of the time that is left, for all trees that are left."""
+_FIRST_SECONDS: Final = 2.0
+"""For each tree, before those that need more are begun again."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +62,21 @@ def prove_behavior(
 ) -> BehaviorProof:
     """Explore a behavior within ``seconds`` in all. What a tree does not use of its time, those after it may."""
     end = time.monotonic() + seconds
-    keys = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
     trees: dict[TreeKey, Report] = {}
-    for number, key in enumerate(keys):
-        limits = Limits(_SHARE_OF_TREES * (end - time.monotonic()) / (len(keys) - number), configurations)
-        trees[key] = prove_tree(used.library, key, limits=limits, on_progress=_named(f'tree {key.id}', on_progress))
+    ahead = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
+    for most in (_FIRST_SECONDS, seconds):  # most trees are small: what they do not need is for the others
+        for number, key in enumerate(ahead):
+            share = _SHARE_OF_TREES * (end - time.monotonic()) / (len(ahead) - number)
+            limits = Limits(min(most, share), configurations)
+            trees[key] = prove_tree(used.library, key, limits=limits, on_progress=_named(f'tree {key.id}', on_progress))
+        ahead = [key for key, report in trees.items() if report.stopped_by]
     models = _models(used, trees)
+    without = ', '.join(use.path for use in used.uses if use.runs_unknown)
+    unknown = f'; of the trees that these run nothing is known, any outcome is taken as possible: {without}'
     report = explore(
         lambda: MachineSystem(machine, models, bounds),
         f'machine of {name}',
-        str(bounds),
+        f'{bounds}{unknown if without else ""}',
         Limits(max(0.0, end - time.monotonic()), configurations),
         _named('the machine', on_progress),
     )

@@ -74,8 +74,9 @@ def used_trees(machine: MachineDefinition, files: Sequence[str], registry: NodeR
 
 def _uses(machine: MachineDefinition) -> Iterator[tuple[str, BtUse]]:
     for node in machine.nodes():
-        if isinstance(node, StateDefinition) and isinstance(node.state, UsesBtServer):
-            yield node.path, node.state.bt_use
+        state: object = node.state.unwrapped if isinstance(node, StateDefinition) else None
+        if isinstance(state, UsesBtServer):
+            yield node.path, state.bt_use
 
 
 def _read(

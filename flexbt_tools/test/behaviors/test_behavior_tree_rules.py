@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from behavior_tool_support import found
 
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_core.state_machine import EventState, OperatableStateMachine, with_retry, with_timeout
 from flexbt_states import (
     BtExecuteGoalState,
     BtExecuteState,
@@ -103,6 +103,13 @@ def test_states_and_trees_that_agree() -> None:
 )  # fmt: skip
 def test_disagreements(states: list[EventState], expected: list[tuple[str, str]]) -> None:
     assert found(chain(*states)) == expected
+
+
+def test_a_tree_is_seen_through_attempts_and_time_limits(tmp_path: Path) -> None:
+    file = tmp_path / 'main.xml'
+    file.write_text(xml(FOLLOW))
+    states = [BtLoaderState(filepaths=[str(file)]), with_retry(with_timeout(BtExecuteState(bt_file=str(file)), 5.0), 2)]
+    assert ('unwritten-key', '/S1') in found(chain(*states))
 
 
 def test_files_of_the_server_and_their_errors_have_a_place(tmp_path: Path) -> None:
