@@ -37,12 +37,12 @@ class GoalOwners:
         self._runtime = runtime
         self._peer_timeout = peer_timeout
         self._watches: dict[str, LivelinessWatch] = {}
-        self._goals: dict[str, dict[Hashable, tuple[Stop, Hold]]] = {}
+        self._goals: dict[str, dict[Hashable, tuple[Stop, Hold | None]]] = {}
         self._idle: dict[str, Timer] = {}  # the longest first
 
-    def watch(self, owner: str, goal: Hashable, stop: Stop, hold: Hold) -> None:
+    def watch(self, owner: str, goal: Hashable, stop: Stop, hold: Hold | None = None) -> None:
         """Call ``stop`` when the owner is gone, or is not seen in time, and ``hold`` when it is late, or not any more;
-        until the goal is released.
+        until the goal is released. ``goal`` may be something else that ends with the owner.
 
         Raises:
             FlexbtError: no node can have this name.
@@ -122,8 +122,8 @@ class GoalOwners:
 
     def _hold(self, owner: str) -> None:
         problem = self.problem(owner)
-        goals = list(self._goals.get(owner, {}).values())
-        if problem and goals:
+        holds = [hold for _, hold in self._goals.get(owner, {}).values() if hold is not None]
+        if problem and holds:
             self._runtime.node.get_logger().warning(f'trees are held: {problem}')
-        for _, hold in goals:
+        for hold in holds:
             hold()

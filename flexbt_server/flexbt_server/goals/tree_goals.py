@@ -174,7 +174,7 @@ class TreeGoals:
         if len(running.paused_for) >= MOST_PAUSING:
             raise FlexbtError(f'{MOST_PAUSING} nodes keep the tree paused already; RESUME it before another pauses it')
         if owner:
-            self.owners.watch(owner, running, lambda _reason: self._end_pause(running, owner), lambda: None)
+            self.owners.watch(owner, running, lambda _reason: self._end_pause(running, owner))
         running.paused_for.add(owner)
 
     def _end_pause(self, running: RunningTree, owner: str) -> None:
