@@ -43,7 +43,7 @@ COMMANDS = (
 
 JOURNAL_WORDS = """
     "begin" "run" "behavior" "arguments" "inputs" "by" "autonomy" "position" "end" "commands" "path" "states" "levels"
-    : , [ ] { } "" null true 0 1 -1 1e999 "x" "AA=="
+    : , [ ] { } "" null true 0 1 -1 1e999 "x" "AA==" "\\ud800" "/A\\ud800"
 """.split()  # noqa: SIM905
 JOURNALS = (
     '{"begin": {"run": "r", "behavior": "Test", "arguments": [["x", "y"]], "inputs": [["k", "float64", "1.0", ""]], '
@@ -131,9 +131,11 @@ class JournalTarget(Target):
                 counts['refused' if journal.damage else 'read'] += 1
                 run = journal.interrupted
                 if run is not None:
-                    _ = run.active, run.levels, run.locked, run.breakpoints, run.autonomy
+                    shown = (run.run_id, run.behavior, run.by, *run.active, *run.levels, *run.locked, *run.breakpoints)
+                    _ = run.autonomy, [text.encode() for text in shown]
                     with contextlib.suppress(CommandRefusedError):
                         run.position()
+                _ = [(result.command_id.encode(), result.reason.encode()) for result in journal.results]
                 kinds.append((run is None, len(journal.results), journal.damage.split(':')[-1][:40]))
                 journal.sync(10.0)
             finally:
