@@ -5,18 +5,19 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthesis_support import coffee
-from test_synthesis_games import specifications
+from test_synthesis_games import formulas, specifications
 
 from flexbt_core.synthesis import synthesize
 from flexbt_core.synthesis.explanation import CounterPlay, Explanation, Kind
 from flexbt_core.synthesis.explanation.conflict import smallest_conflict
-from flexbt_core.synthesis.games import Game, Name, Section, Specification, value_of
+from flexbt_core.synthesis.games import TRUE, Formula, Game, Name, Section, Specification, value_of
 from flexbt_core.synthesis.inputs import Liveness, Problem
 
 ENDS = '    transition_relation: {failure: [finished]}'
@@ -92,13 +93,21 @@ def test_what_never_becomes_possible_is_named_with_what_it_lacks() -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(specification=specifications(2, 2, 2, 2), seed=st.integers(0, 1000))
-def test_a_play_against_the_world_is_by_the_rules_and_never_won(specification: Specification, seed: int) -> None:
+@given(
+    specification=specifications(2, 2, 2, 2),
+    live=st.one_of(st.none(), formulas(('p', 'a'), ('p', 'q'))),
+    lenient=st.booleans(),
+    seed=st.integers(0, 1000),
+)
+def test_a_play_against_the_world_is_by_the_rules_and_never_won(
+    specification: Specification, live: Formula | None, lenient: bool, seed: int
+) -> None:
     """Whatever is answered: the world keeps its rules, and no state is one from which the system wins."""
+    specification = replace(specification, live=() if live is None else ((TRUE, live),))
     solution = Game(specification).solved(explained=True)
     if solution.is_realizable():
         return
-    play, dice = CounterPlay(solution), random.Random(seed)
+    play, dice = CounterPlay(solution, lenient=lenient), random.Random(seed)
     of = solution.game.encoding
     for _ in range(20):
         if play.state is not None:

@@ -338,6 +338,10 @@ def damages() -> Iterator[tuple[str, dict[str, Any]]]:
     for node in level['nodes']:
         node['rank'] = 0
     yield 'all of the same rank', level
+    fair = copy.deepcopy(level)
+    for node in fair['nodes']:
+        node['kind'] = 'fair'
+    yield 'all of the same rank, by luck', fair
     shapes: list[dict[str, Any]] = [
         {},
         {'nodes': []},
