@@ -198,13 +198,14 @@ def _summary(found: Plan) -> list[str]:
             return [f'no plan within the time limit; none costs less than {found.bound:g} ({spent})']
         return [f'there is no plan: {found.reason} ({spent})']
     coverage = found.coverage
+    times = f'{coverage.disturbed} disturbance{"" if coverage.disturbed == 1 else "s"}'
     optimal = (
         'the least' if found.outcome is Outcome.SOLVED else f'not proved to be the least, {found.bound:g} at least'
     )
     shown = [
         f'cost {found.cost:g} ({optimal}), {len(found.actions)} actions: {", ".join(found.actions) or "none"}',
         f'{len(found.policy.branches)} branches; tried in {coverage.states} states '
-        f'({"all" if coverage.complete else "not all"} that may come with {coverage.disturbed} disturbances): '
+        f'({"all" if coverage.complete else "not all"} that may come with {times}): '
         f'the goal is {coverage.longest} actions away at most ({spent})',
     ]
     shown += [f'no way to the goal after: {", ".join(way)}' for way in found.hopeless]
