@@ -159,3 +159,9 @@ def test_liveness_of_upstream_accepts_what_ours_does_not() -> None:
     never = ('failure: [grind]}', "failure: ['!grind']}")
     assert synthesize(coffee(never, liveness=Liveness.ADVERSARIAL)).machine is not None
     assert synthesize(coffee(never, liveness=Liveness.FAIR_OUTCOMES)).machine is None
+
+
+def test_a_relation_says_what_must_not_follow() -> None:
+    change = ('failure: [press]}\n', "failure: [press]}\n    transition_relation: {completed: ['!press']}\n")
+    origins = [line.origin for line in coffee(change).specification.lines if 'relation' in (line.origin or '')]
+    assert origins == ["transition_relation '!press' of grind after completed (coffee.yaml:14)"]

@@ -433,7 +433,7 @@ class Translation:
 
     def _relation(self, one: Capability, outcome: str, entries: Iterable[Entry], to_failed: list[str]) -> None:
         words = self._vocabulary
-        targets, shown, places = [], [], []
+        targets, texts, places = list[str](), list[str](), list[str]()
         for text, line in entries:
             arrives = self._outcome_of(one, outcome, line, 'transition_relation')
             name = text.removeprefix('!').strip()
@@ -456,10 +456,10 @@ class Translation:
                 self._add(Section.SYS_TRANS, f'{arrives} -> !{target}', origin, place)
             else:
                 targets.append(target)
-                shown.append(text)
+                texts.append(shown(text))
                 places.append(place)
         if targets:
-            origin = f"transition_relation '{' | '.join(shown)}' of {one.name} after {outcome} ({places[0]})"
+            origin = f"transition_relation '{' | '.join(texts)}' of {one.name} after {outcome} ({places[0]})"
             arrives = words.arrives(one.name, outcome)
             self._add(Section.SYS_TRANS, f'{arrives} -> ({" | ".join(targets)})', origin, places[0])
 
