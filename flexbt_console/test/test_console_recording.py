@@ -26,7 +26,7 @@ from flexbt_common import names
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder
-from flexbt_console.errors import ExitCode, RefusedError
+from flexbt_console.errors import ExitCode, RefusedError, UsageError
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
 from flexbt_console.present import behavior_line
@@ -143,6 +143,23 @@ def test_what_is_searched_for_is_found_in_any_case_of_its_letters(tmp_path: Path
     player = RunPlayer(tmp_path / 'run.mcap')
     player.find('motor ist \u00fcberhitzt')
     assert player.time == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_recording_of_another_version_is_read_as_long_as_the_fields_are_the_same(tmp_path: Path) -> None:
+    topic, type = names.EXECUTIVE_LOG, TOPICS[names.EXECUTIVE_LOG].type
+    now = full_definition(type)
+    others = (
+        now.replace('#', '# once:') + '\nuint8 DEBUG = 99  # a constant',
+        now + '\nuint8 kind',
+        now.replace('text', 'line'),
+    )
+    for number, definition in enumerate(others):
+        file = tmp_path / f'{number}.mcap'
+        with contextlib.closing(RunWriter(file)) as writer:
+            writer.add_topic(topic, f'/{topic}', type, definition)
+            writer.add(topic, serialize_message(ExecutiveLog(executive_id='e', sequence=1, text='drives')), 0, 0)
+        with pytest.raises(UsageError, match='other fields') if number else contextlib.nullcontext():
+            assert [line.text for line in RunPlayer(file).mirror.log()] == ['drives']
 
 
 def test_a_player_shows_each_moment_as_it_was_also_going_back(executives: Any, tmp_path: Path) -> None:

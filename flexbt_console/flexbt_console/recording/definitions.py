@@ -11,6 +11,7 @@ from ament_index_python.packages import get_package_share_directory
 
 _SEPARATOR: Final = '=' * 80
 _FIELD: Final = re.compile(r'^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-z]\w*', re.MULTILINE)
+_CONSTANT: Final = re.compile(r'^\S+\s+[A-Z]\w*\s*=')
 _PRIMITIVES: Final = frozenset(
     {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring'}
     | {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
@@ -31,6 +32,12 @@ def full_definition(type: str) -> str:
                 known.append(inner)
                 parts.append(f'{_SEPARATOR}\nMSG: {inner.replace("/msg/", "/")}\n{_text(inner)}')
     return '\n'.join(parts)
+
+
+def fields_of(definition: str) -> list[str]:
+    """The lines of a definition that say how its messages are written: all but comments, constants and spaces."""
+    lines = (' '.join(line.split('#')[0].split()) for line in definition.splitlines())
+    return [line for line in lines if line and not _CONSTANT.match(line)]
 
 
 def _types_in(type: str) -> list[str]:

@@ -25,7 +25,7 @@ from flexbt_console.link import (
 from flexbt_console.mirror import Mirror, Transit
 from flexbt_core.clock import ManualClock
 
-from .definitions import full_definition
+from .definitions import fields_of, full_definition
 from .run_file import Recorded, read_run
 from .topics import NOT_REPLAYED, TOPICS
 
@@ -37,7 +37,7 @@ class RunPlayer:
     """A recording, and the ``mirror`` at ``time``, in seconds from its first message on.
 
     Raises:
-        UsageError: the file cannot be read, has no run, or was recorded with other definitions of the messages.
+        UsageError: the file cannot be read, has no run, or was recorded with other fields of the messages.
     """
 
     def __init__(self, file: Path) -> None:
@@ -45,8 +45,8 @@ class RunPlayer:
         if not self._messages:
             raise UsageError(f'{file}: has no messages of a run')
         for name, definition in {one.type: one.definition for one in self._messages}.items():
-            if full_definition(name) != definition:
-                raise UsageError(f'{file}: {name} has another definition than when this was recorded')
+            if fields_of(full_definition(name)) != fields_of(definition):
+                raise UsageError(f'{file}: {name} has other fields than when this was recorded')
         begin = self._messages[0].time
         self._times = [(one.time - begin) * 1e-9 for one in self._messages]
         self.duration = self._times[-1]

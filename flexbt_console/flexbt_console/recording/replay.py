@@ -151,15 +151,15 @@ class _Stage:
     def _publisher(self, message: Any) -> Any:
         from flexbt_common.values import resolve_type
 
-        from .definitions import full_definition
+        from .definitions import fields_of, full_definition
         from .topics import TOPICS
 
         topic = TOPICS.get(message.topic)
         if topic is None or topic.type != message.type:
             raise UsageError(f'{message.topic} has the type {message.type}, which is not known here')
-        if full_definition(message.type) != message.definition:
+        if fields_of(full_definition(message.type)) != fields_of(message.definition):
             raise UsageError(
-                f'{message.type} has another definition than when this was recorded; replay it with the version of '
+                f'{message.type} has other fields than when this was recorded; replay it with the version of '
                 'FlexBT that recorded it'
             )
         node = self._runtime.node
