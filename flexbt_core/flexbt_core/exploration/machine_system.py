@@ -34,8 +34,8 @@ from .state_models import MachineEnvironment, ModelState, StateModels, modelled,
 from .virtual_time import VirtualClock
 
 OUTCOME: Final = 'outcome'
-CONFIRMED: Final = 'canceled'
-ALARM: Final = 'time'
+CONFIRMED: Final = 'cancel confirmed'
+ALARM: Final = 'time goes by'
 IGNORED: Final = 'cancel ignored'
 APPROVE: Final = 'operator approves'
 CHOOSE: Final = 'operator chooses'

@@ -34,8 +34,8 @@ from .virtual_time import VirtualClock
 
 START: Final = 'start'
 RESULT: Final = 'result'
-CONFIRMED: Final = 'canceled'
-ALARM: Final = 'time'
+CONFIRMED: Final = 'cancel confirmed'
+ALARM: Final = 'time goes by'
 TICK: Final = 'tick'
 
 _ROUNDS: Final = 200
@@ -328,7 +328,11 @@ def _scripts(library: TreeLibrary) -> Iterable[str]:
                 yield from (value.text for name, value in node.values.items() if name in ('code', 'if', 'switch'))
 
 
+_ABSENT_ENTRY: Final = ('never written', 'no such entry', 'has no entry')
+"""What the engine says of a key that is not there."""
+
+
 def _fault(error: NodeExecutionError) -> Violation:
     cause = error.__cause__
-    is_data = isinstance(cause, PortError) or 'never written' in str(error) or 'no such entry' in str(error)
+    is_data = isinstance(cause, PortError) or any(one in str(error) for one in _ABSENT_ENTRY)
     return Violation(Property.DATA if is_data else Property.NO_FAULT, error.node_path, str(error))
