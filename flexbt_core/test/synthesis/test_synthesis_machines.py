@@ -164,4 +164,4 @@ def test_liveness_of_upstream_accepts_what_ours_does_not() -> None:
 def test_a_relation_says_what_must_not_follow() -> None:
     change = ('failure: [press]}\n', "failure: [press]}\n    transition_relation: {completed: ['!press']}\n")
     origins = [line.origin for line in coffee(change).specification.lines if 'relation' in (line.origin or '')]
-    assert origins == ["transition_relation '!press' of grind after completed (coffee.yaml:14)"]
+    assert origins == ["transition_relation '!press' of grind after completed (coffee.yaml:13)"]
