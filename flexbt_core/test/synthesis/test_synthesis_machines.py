@@ -154,6 +154,17 @@ def test_a_request_for_nothing_is_refused_and_long_ones_are_shortened() -> None:
     assert len(str(caught.value)) < 500
 
 
+def test_what_follows_an_outcome_can_be_required_and_excluded() -> None:
+    """Tea beside coffee: after grinding either, as the relation has it."""
+    tea = (
+        'capabilities:\n',
+        'capabilities:\n  tea: {interface: Try, preconditions: [grind], postconditions: [brew]}\n',
+    )
+    for relation, followed in (("['!tea']", 'brew'), ("['!brew']", 'tea'), ('[brew, press]', 'brew'), ('[tea]', 'tea')):
+        added = ('preconditions: [press]', f'preconditions: [press]\n    transition_relation: {relation}')
+        assert edges(made(coffee(tea, added)))['grind']['done'] == followed
+
+
 def test_liveness_of_upstream_accepts_what_ours_does_not() -> None:
     """Failing again and again counts as success there."""
     never = ('failure: [grind]}', "failure: ['!grind']}")
