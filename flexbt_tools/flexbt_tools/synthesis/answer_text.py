@@ -28,7 +28,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
         yield 'One course of events:'
         for number, step in enumerate(explanation.steps, 1):
             others = len(step.choices) - 1
-            more = f' (or {others} other answer{"s" if others > 1 else ""})' if others > 0 else ''
+            more = f' (or {others} other{"s" if others > 1 else ""})' if others > 0 else ''
             then = f'; then {step.chosen}{more}' if step.chosen else '; then nothing is allowed, because of'
             yield f'  {number:2}. {_happens(step)}{then}'
         if explanation.stuck:
@@ -49,6 +49,8 @@ def _happens(step: Step) -> str:
 def step_through(play: CounterPlay, problem: Problem, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
     """Lets somebody be the machine, against a world that prevents the goal. ``ask`` raises EOFError at the end."""
     tell('You are the machine; the world prevents the goal. Type the number of an answer, or q.')
+    if play.state is None and len(play.answers) == 1:
+        play.answer(0)
     while True:
         tell(f'\n{said_state(play.state, problem)}: {said_world(play, problem)}')
         if not play.answers:
