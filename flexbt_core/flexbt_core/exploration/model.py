@@ -42,7 +42,6 @@ class Move(NamedTuple):
 class Property(Enum):
     """What is proved; the values are what reports call it."""
 
-    ENDS_ONCE = 'everything that was begun ends, once'
     STOP_STOPS = 'stop means stopped'
     ONE_OWNER = 'an actuator has one owner'
     NO_LIVELOCK = 'nothing goes round without waiting for anything'
@@ -52,7 +51,6 @@ class Property(Enum):
     APPROVAL = 'nothing happens without the approval that it needs'
     BALANCED = 'what is entered is left, once'
     DATA = 'nothing is read before it is written'
-    WOKEN = 'what is RUNNING has something that wakes it'
     HALTED = 'a halt halts everything'
     NO_FAULT = 'no node and no state raises'
     DECLARED = 'it ends only by what it declares'

@@ -13,13 +13,12 @@ from .moves import plain_moves
 
 _SHOWN: Final = 20
 _REMEDIES: Final = {
-    Property.NO_DEADLOCK: 'give it a time limit, or another outcome for that',
+    Property.NO_DEADLOCK: 'have the node call wake() or wake_at(), give it a time limit, or another outcome for that',
     Property.CAN_END: 'add a transition that leads out of there',
     Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
     Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
     Property.ONE_OWNER: 'let one of them end before the other begins, or pause one of them by a PriorityContainer',
     Property.HALTED: 'have the node above it halt its children, as ControlNode.reset_children does',
-    Property.WOKEN: 'have the leaf call wake() or wake_at()',
 }
 
 
