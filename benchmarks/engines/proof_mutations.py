@@ -20,7 +20,7 @@ from typing import Final
 
 from _figures import write_figures
 
-from flexbt_core.exploration import Counterexample, Limits, Property, Report, System, explore, replay
+from flexbt_core.exploration import Counterexample, Limits, Report, System, explore, replay
 from flexbt_testing.behavior_trees.seeded_trees import DEFECTS, seeded_tree
 from flexbt_testing.state_machines.seeded_machines import seeded_machine
 
@@ -78,8 +78,7 @@ def _report(system: Callable[[], System]) -> Report:
 
 def _alarms(report: Report) -> list[Counterexample]:
     """Each alarm by itself that a way shows; those about what does not follow have none."""
-    of_ways = (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE)
-    return [one for one in report.counterexamples if one.violation.property not in of_ways]
+    return [one for one in report.counterexamples if one.violation.property.is_shown_by_a_way]
 
 
 def _replays(system: Callable[[], System], alarm: Counterexample) -> bool:

@@ -56,6 +56,11 @@ class Property(Enum):
     DECLARED = 'it ends only by what it declares'
     REQUIREMENT = 'what the mission requires'
 
+    @property
+    def is_shown_by_a_way(self) -> bool:
+        """Whether the steps of a counterexample show it; otherwise it is about what cannot follow after them."""
+        return self not in (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE)
+
 
 class Violation(NamedTuple):
     """What is wrong: with which property, where, and in words for a mission engineer."""

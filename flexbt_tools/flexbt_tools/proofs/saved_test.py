@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from flexbt_core.exploration import Bounds, Counterexample
+from flexbt_core.values import one_line
 
 from .moves import plain_moves
 
@@ -33,6 +34,9 @@ def _text(room: str, function: str, call: str, what: str, found: Iterable[Counte
     lines = [f'"""What a proof has found wrong with {what}. Each test fails until that is put right."""', '']
     lines += [f'from flexbt_tools.{room} import {function}', '']
     for number, one in enumerate(found, start=1):
+        if not one.violation.property.is_shown_by_a_way:
+            lines += ['', f'# No steps show this, prove it again: {one_line(one.violation.text)}']
+            continue
         lines += ['', f'def test_{one.violation.property.name.lower()}_{number}() -> None:']
         lines += ['    # ' + line for line in [one.violation.text, *one.lines]]
         lines += ['    moves = [', *(f'        {_move(move)},' for move in plain_moves(one.moves)), '    ]']

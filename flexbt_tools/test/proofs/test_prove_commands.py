@@ -50,6 +50,16 @@ def test_what_is_wrong_in_a_tree_is_told_and_saved_as_a_test(tmp_path: Path) -> 
     saved()  # what was wrong has been put right
 
 
+def test_what_no_steps_show_is_no_test_that_cannot_fail(tmp_path: Path) -> None:
+    tree = tmp_path / 'endless.xml'
+    again = '<KeepRunningUntilFailure><Delay delay_msec="5"><AlwaysSuccess/></Delay></KeepRunningUntilFailure>'
+    tree.write_text(document(f'Main: <Sequence><Wait/>{again}</Sequence>'))
+    saved = tmp_path / 'test_endless.py'
+    done = tool('prove', str(tree), '--save-test', str(saved))
+    assert done.code == 1 and 'only a stop ends it' in done.out
+    assert 'def test_' not in saved.read_text() and '# No steps show this' in saved.read_text()
+
+
 def test_a_limit_is_told_and_never_called_a_proof(tmp_path: Path) -> None:
     tree = tmp_path / 'long.xml'
     tree.write_text(document('Main: <Repeat num_cycles="500"><Delay delay_msec="5"><Wait/></Delay></Repeat>'))
