@@ -146,6 +146,14 @@ def test_what_is_wrong_in_a_file_is_named_with_its_place(before: str, after: str
     assert any(problem in one for one in caught.value.problems), caught.value.problems
 
 
+def test_a_value_that_a_variable_does_not_have_is_named_with_those_that_it_has() -> None:
+    sizes = ('capabilities:', 'variable_mappings: {sys_props: {size: {0: small, 1: large}}}\ncapabilities:')
+    with pytest.raises(SynthesisError, match="'size' has no value 'smal'; did you mean 'small'"):
+        synthesize(coffee(sizes, ("['!press']", '[size=smal]')))
+    with pytest.raises(SynthesisError, match="a variable is missing after '&'"):
+        synthesize(coffee(("['!press']", "['!press &']")))
+
+
 def test_a_request_for_nothing_is_refused_and_long_ones_are_shortened() -> None:
     with pytest.raises(SynthesisError, match='nothing is asked for'):
         coffee(goals=())

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree import LoadError, NodeKind, NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.exploration import Limits, Move, Progress, Report, TreeSystem, Violation, explore, replay
 from flexbt_server.node_types import node_registry
-from flexbt_tools.trees import OpenRegistry, read_library
+from flexbt_tools.errors import RefusedError
+from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, references
 
 from .moves import moves_of
 
@@ -26,15 +28,53 @@ def prove_tree(
     limits: Limits | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Report:
-    """Explore a tree. ``given`` are keys that are on the blackboard before it begins. Raises TreeLoadError."""
+    """Explore a tree. ``given`` are keys that are on the blackboard before it begins.
+
+    A leaf whose type is not installed gives any result, and a note says so.
+
+    Raises:
+        TreeLoadError: the tree cannot be built.
+        RefusedError: it has a control or a decorator whose type is not installed: what it does is not known.
+    """
     keys = (*GOALS, *given)
+    unknown = _unknown_leaves(library, key)
 
     def make() -> TreeSystem:
         return TreeSystem(library, key, given=keys)
 
     taken = make().given
     bounds = TREE_BOUNDS + (f'; given before it begins: {", ".join(taken)}' if taken else '')
-    return explore(make, f'tree {key.id}', bounds, limits, on_progress)
+    report = explore(make, f'tree {key.id}', bounds, limits, on_progress)
+    if not unknown:
+        return report
+    note = f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'
+    return replace(report, notes=(*report.notes, note))
+
+
+def _unknown_leaves(library: TreeLibrary, key: TreeKey) -> list[str]:
+    """The types of the leaves that are not installed. Raises RefusedError for controls and decorators that are not."""
+    leaves: set[str] = set()
+    errors: list[LoadError] = []
+    seen, ahead = {key}, [key]
+    while ahead:
+        tree = ahead.pop()
+        definition = library.definition(tree)
+        for node in definition.nodes():
+            if not is_stand_in(node.manifest):
+                continue
+            if node.manifest.kind in (NodeKind.ACTION, NodeKind.CONDITION):
+                leaves.add(node.manifest.id)
+            else:
+                kind = node.manifest.kind.value.lower()
+                errors.append(
+                    definition.error(node, f'this {kind} is not installed here, so no tree with it is proved')
+                )
+        new = {target for _, target in references(library, tree)} - seen
+        seen |= new
+        ahead += new
+    if errors:
+        raise RefusedError(dict.fromkeys(errors))
+    return sorted(leaves)
 
 
 def replay_tree(

@@ -60,6 +60,16 @@ def test_what_no_steps_show_is_no_test_that_cannot_fail(tmp_path: Path) -> None:
     assert 'def test_' not in saved.read_text() and '# No steps show this' in saved.read_text()
 
 
+def test_what_is_not_installed_is_told_and_is_no_fault_of_the_tree(tmp_path: Path) -> None:
+    tree = tmp_path / 'typing_error.xml'
+    tree.write_text(document('Main: <SubTree ID="Turn"/>', 'Turn: <Sequence><Spinn/><Wait/></Sequence>'))
+    done = tool('prove', str(tree))
+    assert done.code == 0 and 'not installed here, so any result is possible' in done.out and ': Spinn' in done.out
+    tree.write_text(document('Main: <Whenever><Wait/></Whenever>'))
+    done = tool('prove', str(tree))
+    assert done.code == 3 and '<Whenever>: this decorator is not installed here' in done.err and 'WRONG' not in done.out
+
+
 def test_a_limit_is_told_and_never_called_a_proof(tmp_path: Path) -> None:
     tree = tmp_path / 'long.xml'
     tree.write_text(document('Main: <Repeat num_cycles="500"><Delay delay_msec="5"><Wait/></Delay></Repeat>'))

@@ -7,7 +7,8 @@ What binds strongest comes first: ``!``, comparison, ``&``, ``|``, ``^``, ``->``
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import Final
 
 from flexbt_core.values import hint
@@ -23,7 +24,11 @@ MAX_DEPTH: Final = 50
 Ranges = Mapping[str, tuple[int, int] | None]
 """The variables that a formula may have: the least and the greatest value of an integer, None for a Boolean."""
 
+Labels = Mapping[str, Mapping[int, str]]
+"""What the values of integers are called."""
+
 _TOKEN: Final = re.compile(r"\s*(?:(\d+)|([A-Za-z_]\w*)|(<-->|<->|->|<=|>=|!=|[-+<>=!&|^()']))")
+_WORD: Final = re.compile(r'[A-Za-z_]\w*')
 _LEVELS: Final = ('<->', '->', '^', '|', '&')
 _COMPARISONS: Final = ('=', '!=', '<', '>', '<=', '>=')
 
@@ -37,17 +42,18 @@ class FormulaError(ValueError):
         super().__init__(f"'{formula.strip():.100}': {reason}")
 
 
-def parse_formula(text: str, variables: Ranges) -> Formula:
-    """The formula in a text. Raises FormulaError."""
+def parse_formula(text: str, variables: Ranges, labels: Labels = MappingProxyType({})) -> Formula:
+    """The formula in a text, in which all values are numbers; ``labels`` are for messages. Raises FormulaError."""
     if len(text) > MAX_LENGTH:
         raise FormulaError(text, f'it has {len(text)} characters; a formula may have {MAX_LENGTH}')
-    return _Parser(text, variables).whole()
+    return _Parser(text, variables, labels).whole()
 
 
 class _Parser:
-    def __init__(self, text: str, variables: Ranges) -> None:
+    def __init__(self, text: str, variables: Ranges, labels: Labels) -> None:
         self._text = text
         self._variables = variables
+        self._labels = labels
         self._tokens: list[str] = []
         self._at = 0
         self._depth = 0
@@ -116,6 +122,8 @@ class _Parser:
         op = self._peek()
         if op in _COMPARISONS:
             self._at += 1
+            if isinstance(left, Name) and left.name in self._labels:
+                self._check_label(left.name, self._labels[left.name].values())
             right = self._sum()
             for term in (left, right):
                 if isinstance(term, Name) and self._variables[term.name] is None:
@@ -147,11 +155,24 @@ class _Parser:
                 raise self._error(f'{token[:12]}… is too great a number')
             return Number(int(token))
         if not (token[:1].isalpha() or token[:1] == '_'):
-            raise self._error(f"a variable is expected, not '{token}'" if token else 'it ends too early')
+            raise self._error(self._missing(token))
         if token not in self._variables:
             raise self._error(f"there is no variable '{token:.80}'{hint(token[:80], list(self._variables))}")
         self._at += 1
         return Name(token, self._taken("'") or self._primed)
+
+    def _check_label(self, variable: str, known: Collection[str]) -> None:
+        value = self._peek()
+        if _WORD.fullmatch(value) and value not in self._variables:
+            raise self._error(f"'{variable}' has no value '{value:.80}'{hint(value[:80], known)}")
+
+    def _missing(self, instead: str) -> str:
+        """Why there is no term: ``instead`` is there instead."""
+        if not instead:
+            return 'it ends too early'
+        if instead == ')' and self._at:
+            return f"a variable is missing after '{self._tokens[self._at - 1]}'"
+        return f"a variable is expected, not '{instead}'"
 
     def _peek(self, ahead: int = 0) -> str:
         place = self._at + ahead

@@ -657,7 +657,7 @@ class Translation:
         wrong: set[str | None] = set()  # what a user wrote may be in several formulas
         for section, text, origin, place, rule in self._texts:
             try:
-                lines.append(Line(section, text, parse_formula(text, self._ranges()), origin, rule))
+                lines.append(Line(section, text, parse_formula(text, self._ranges(), self._file.labels), origin, rule))
             except FormulaError as error:
                 if origin is not None and origin not in wrong:
                     self._problems.append(f'{place}: {origin.removesuffix(f" ({place})")}: {error.reason}')
@@ -667,7 +667,7 @@ class Translation:
         return lines
 
     def _formula(self, text: str) -> Formula:
-        return parse_formula(text, self._ranges())
+        return parse_formula(text, self._ranges(), self._file.labels)
 
     def _ranges(self) -> dict[str, tuple[int, int] | None]:
         return {name: variable.bounds for name, variable in self._variables.items()}
