@@ -154,6 +154,14 @@ def test_a_value_that_a_variable_does_not_have_is_named_with_those_that_it_has()
         synthesize(coffee(("['!press']", "['!press &']")))
 
 
+def test_a_beginning_that_the_request_leaves_open_is_told() -> None:
+    sizes = ('capabilities:', 'variable_mappings: {sys_props: {size: {0: small, 1: large}}}\ncapabilities:')
+    needs = ("['!press']", "['!press', size=large]")
+    told = "the initial conditions leave 'size' open, so size=large is taken; say which it is"
+    assert told in made(coffee(sizes, needs)).notes
+    assert not any('size' in note for note in made(coffee(sizes, needs, initial=('size=large',))).notes)
+
+
 def test_a_request_for_nothing_is_refused_and_long_ones_are_shortened() -> None:
     with pytest.raises(SynthesisError, match='nothing is asked for'):
         coffee(goals=())

@@ -13,7 +13,7 @@ from itertools import product
 from typing import Any, Final
 
 from flexbt_core.synthesis.errors import SynthesisError
-from flexbt_core.synthesis.games import Node, Strategy
+from flexbt_core.synthesis.games import Name, Node, Section, Strategy, names_in, value_of
 from flexbt_core.synthesis.inputs import FAILURE_OUTCOMES, Problem
 
 from .machine import Part, State, SynthesizedMachine
@@ -32,6 +32,10 @@ class _Place:
 
     def __str__(self) -> str:
         return self.end or ' and '.join(part.capability for part in self.parts)
+
+
+def _valuation(values: Mapping[str, int]) -> dict[Name, int]:
+    return {Name(name): value for name, value in values.items()}
 
 
 def machine_of(problem: Problem, strategy: Strategy) -> SynthesizedMachine:
@@ -208,7 +212,9 @@ class _Building:
             if self._places[of_block[block][0]].end is None:
                 states[names[block]] = self._state(names, of_block[block], edges[block], names[block])
         if not states:
-            raise SynthesisError([f"the machine would end by '{names[begins[0]]}' at once: there is nothing to do"])
+            at_once = f"the machine would end by '{names[begins[0]]}' at once: there is nothing to do"
+            raise SynthesisError(['; '.join((at_once, *self._left_open()))])
+        self._notes += self._left_open()
         used = {target for state in states.values() for target in state.transitions.values()}
         for end in self._words.ends:
             if end not in used:
@@ -269,6 +275,25 @@ class _Building:
             self._notes.append(
                 f"{part.capability}: '{outcome}' cannot come by the specification; it leads to '{failures[0]}'"
             )
+
+    def _left_open(self) -> list[str]:
+        """What the strategy was free to take as the beginning: values of its variables that no initial condition says."""
+        asked = [  # but what is begun with, which follows from what is taken
+            formula
+            for formula in self._problem.specification.of(Section.SYS_INIT)
+            if not any(self._words.is_own(name.name) for name in names_in(formula))
+        ]
+        values = self._nodes[self._strategy.start[0]].values
+        outputs = {name.name for name in self._problem.specification.names(inputs=False)}
+        notes = []
+        for name, labels in self._problem.labels.items():
+            if name not in outputs or self._words.is_own(name):
+                continue
+            others = [_valuation(values | {name: number}) for number in labels if number != values[name]]
+            if any(all(value_of(formula, other) is not False for formula in asked) for other in others):
+                taken = f'{name}={labels.get(values[name], values[name])}'
+                notes.append(f"the initial conditions leave '{name}' open, so {taken} is taken; say which it is")
+        return notes
 
     def _autonomy(self, capability: str, outcome: str) -> int:
         one = self._problem.capabilities[capability]
