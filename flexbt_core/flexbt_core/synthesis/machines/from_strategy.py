@@ -277,7 +277,7 @@ class _Building:
             )
 
     def _left_open(self) -> list[str]:
-        """What the strategy was free to take as the beginning: values of its variables that no initial condition says."""
+        """What the strategy was free to take as the beginning: values of integers that no initial condition says."""
         asked = [  # but what is begun with, which follows from what is taken
             formula
             for formula in self._problem.specification.of(Section.SYS_INIT)
