@@ -8,12 +8,12 @@ import json
 import math
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Report
 from flexbt_core.values import one_line
-from flexbt_tools.errors import ExitCode, UsageError
+from flexbt_tools.errors import ExitCode
 from flexbt_tools.proofs import report_as_json, report_lines
+from flexbt_tools.text_files import write_text
 
 from . import arguments
 
@@ -54,10 +54,7 @@ def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:
 
 def save_test(options: argparse.Namespace, text: str) -> None:
     """Write a test file. Raises UsageError."""
-    try:
-        Path(options.save_test).write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise UsageError(f'--save-test {options.save_test}: cannot be written: {error.strerror}') from error
+    write_text(options.save_test, text)
     print(f'the test is in {options.save_test}', file=sys.stderr)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 from flexbt_core.synthesis.inputs import (
@@ -22,6 +21,7 @@ from flexbt_core.synthesis.inputs import (
     translated,
 )
 from flexbt_tools.errors import UsageError
+from flexbt_tools.text_files import read_text
 
 _MAX_BYTES = 4_000_000
 
@@ -76,12 +76,5 @@ _USUAL = {
 
 
 def read(name: str, reader: Callable[[str, str], T]) -> T:
-    """What a reader makes of a file."""
-    try:
-        with Path(name).open('rb') as file:
-            content = file.read(_MAX_BYTES + 1)
-        if len(content) > _MAX_BYTES:
-            raise UsageError(f'{name}: the file has more than {_MAX_BYTES} bytes')
-        return reader(content.decode('utf-8'), name)
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f'{name}: {error}') from error
+    """What a reader makes of a file. Raises UsageError when it cannot be read."""
+    return reader(read_text(name, _MAX_BYTES), name)

@@ -81,6 +81,8 @@ def test_wrong_words_are_refused(mission: Path) -> None:
     assert tool('plan', str(mission.with_name('none.yaml'))).code == 2
     for words in (['--time-limit', '0'], ['--time-limit', 'nan'], ['--disturbed', '-1'], ['--name']):
         assert tool('plan', str(mission), *words).code == 2
+    mission.write_bytes(b'goal: \xff')
+    assert f'{mission}: cannot be read: byte 7 is no UTF-8' in tool('plan', str(mission)).err
     mission.write_text('skills: [cup_skills.yaml]')
     assert 'names no goal' in tool('plan', str(mission)).err
 

@@ -37,6 +37,7 @@ from flexbt_tools.synthesis import (
     read_problem,
     step_through,
 )
+from flexbt_tools.text_files import write_text
 
 _DEFAULT_LIMIT = 60.0
 _FORMS = ('yaml', 'python', 'flexbe')
@@ -152,9 +153,9 @@ def _told(options: argparse.Namespace, answer: Synthesis, interfaces: StateInter
     assert answer.machine is not None and answer.strategy is not None
     text = _text(options.form, answer.machine, interfaces)
     if options.certificate:
-        _write(options.certificate, json.dumps(answer.strategy.to_json()) + '\n')
+        write_text(options.certificate, json.dumps(answer.strategy.to_json()) + '\n')
     if options.output:
-        _write(options.output, text)
+        write_text(options.output, text)
     if options.json:
         print(
             json.dumps({'realizable': True, 'machine': text, 'seconds': round(seconds, 3), 'figures': answer.figures})
@@ -184,10 +185,3 @@ def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explan
         print()
         step_through(explanation.play, answer.problem, input, print)
     return ExitCode.NEGATIVE
-
-
-def _write(name: str, text: str) -> None:
-    try:
-        Path(name).write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise UsageError(f'{name} cannot be written: {error}') from error

@@ -31,6 +31,7 @@ from flexbt_core.skills import SkillError
 from flexbt_core.values import lines, one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
+from flexbt_tools.text_files import read_text, write_text
 
 _MOST_BYTES: Final = 100_000_000
 _MISSION_BYTES: Final = 1_000_000
@@ -97,7 +98,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     except PlanningError as error:
         raise _refused(options.mission, {}, error) from error
     if options.output is not None and text is not None:
-        _write(options.output, text)
+        write_text(options.output, text)
     if options.json:
         print(json.dumps(_document(found, text)))
     elif text is not None and options.output is None:
@@ -114,7 +115,7 @@ def _problem(options: argparse.Namespace) -> Problem:
     if options.mission.endswith('.json'):
         return _scene(options)
     try:
-        mission = read_mission(_read(options.mission, _MISSION_BYTES), options.mission)
+        mission = read_mission(read_text(options.mission, _MISSION_BYTES), options.mission)
     except PlanningError as error:
         raise _refused(options.mission, {}, error) from error
     beside = Path(options.mission).parent
@@ -155,29 +156,11 @@ def _scene(options: argparse.Namespace) -> Problem:
     if options.goal is None:
         raise UsageError("a scene has no goal; say one: --goal 'IsOn(milk,kitchentable) & IsClean(stove)'")
     try:
-        found, initial = read_scene(_read(options.mission, _MOST_BYTES), text.splitlines(), options.mission)
+        found, initial = read_scene(read_text(options.mission, _MOST_BYTES), text.splitlines(), options.mission)
         start = initial if options.start is None else frozenset(options.start)
         return Problem(found, start, conditions(parse_goal(options.goal)))
     except PlanningError as error:
         raise _refused(options.mission, {}, error) from error
-
-
-def _read(file: str, most: int) -> str:
-    try:
-        with Path(file).open('rb') as content:
-            data = content.read(most + 1)
-        if len(data) > most:
-            raise UsageError(f'{file}: longer than {most} bytes; this is no file of this kind')
-        return data.decode('utf-8-sig')
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f'{file}: cannot be read: {error}') from error
-
-
-def _write(file: str, text: str) -> None:
-    try:
-        Path(file).write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise UsageError(f'{file}: cannot be written: {error.strerror}') from error
 
 
 def _show_progress(progress: Progress) -> None:
