@@ -19,7 +19,7 @@ from .terminal import stop_group
 from .workspace import Workspace
 
 DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
-LANES = 3 * (os.cpu_count() or 2)  # packages that are tested side by side: tests mostly wait for something
+LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: more make each slower, and all no faster
 LONGEST = (
     'flexbt_system_tests',
     'flexbt_sim',
