@@ -10,7 +10,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,11 @@ def ready_recorder(
 def written(file: Path) -> list[Recorded]:
     """What a recorder has written so far."""
     return list(read_run(file)) if file.stat().st_size else []
+
+
+def has_command(id: str, messages: Iterable[Recorded]) -> bool:
+    """Whether a command is among what was recorded."""
+    return any(one.topic == 'executive/command' and id.encode() in one.data for one in messages)
 
 
 def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
@@ -222,9 +227,10 @@ def test_what_is_said_once_the_recorder_is_ready_is_recorded(executives: Any, tm
                 command = at.requests.start(view, 'Drive')
                 at.link.send(command, DEADLINE)
                 assert at.link.settled(command.id, DEADLINE) is not None
+                wait_until(lambda: has_command(command.id, written(file)), 'the command')  # noqa: B023  # at once
                 process.send_signal(signal.SIGINT)
                 process.wait(10)
-            assert any(one.topic == 'executive/command' and command.id.encode() in one.data for one in read_run(file))
+            assert has_command(command.id, read_run(file))
 
 
 def test_a_file_has_an_index_and_one_whose_recorder_was_killed_gets_it(executives: Any, tmp_path: Path) -> None:
