@@ -11,45 +11,24 @@ from flexbt_core.behavior_tree import (
     NodeConfig,
     NodeRegistry,
     NodeStatus,
-    StatefulAction,
     TreeKey,
     TreeLibrary,
     builtin_registry,
     input_port,
     load_xml,
-    output_port,
 )
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.exploration import Limits, Property, Report, TreeSystem, explore, replay
 from flexbt_core.skills import Skill
+from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn, Turn
 
 
-class _Work(StatefulAction):
-    """What it does is up to the environment."""
-
-    def on_start(self) -> NodeStatus:
-        raise AssertionError('a proof runs no real leaf')
-
-    on_running = on_start
-
-    def on_halted(self) -> None:
-        raise AssertionError('a proof runs no real leaf')
-
-
-class Drive(_Work):
+class Drive(StandIn):
     skill = Skill.of(resources=['base'])
     ports = {'path': input_port(STRING, optional=True)}
 
 
-class Turn(_Work):
-    skill = Skill.of(resources=['base'])
-
-
-class Plan(_Work):
-    ports = {'path': output_port(STRING)}
-
-
-class Follow(_Work):
+class Follow(StandIn):
     ports = {'path': input_port(STRING)}
 
 

@@ -29,7 +29,7 @@ DEFECTS: Final = ('memory', 'forgotten cancel', 'lost wake-up', 'two owners', 'u
 what was in sequence; a plan that may be left out."""
 
 
-class _Leaf(StatefulAction):
+class StandIn(StatefulAction):
     """Stands for real work, which a proof never begins."""
 
     def on_start(self) -> NodeStatus:
@@ -41,20 +41,20 @@ class _Leaf(StatefulAction):
         raise AssertionError('a proof runs no real leaf')
 
 
-class Plan(_Leaf):
+class Plan(StandIn):
     ports = {'path': output_port(STRING)}
 
 
-class Drive(_Leaf):
+class Drive(StandIn):
     skill = Skill.of(resources=['base'])
     ports = {'path': input_port(STRING)}
 
 
-class Turn(_Leaf):
+class Turn(StandIn):
     skill = Skill.of(resources=['base'])
 
 
-class Speak(_Leaf):
+class Speak(StandIn):
     pass
 
 

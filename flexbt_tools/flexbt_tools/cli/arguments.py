@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 
@@ -14,6 +15,17 @@ from flexbt_core.values import one_line
 from flexbt_server.node_types import node_registry
 from flexbt_tools.skills import node_skills, read_skill_files
 from flexbt_tools.trees import PORTS, OpenRegistry, find_tree, is_main, read_models, roots
+
+
+def positive(text: str) -> float:
+    """The ``type`` of an argument that is a finite number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text!r} is no number above 0')
+    return value
 
 
 def add_files(parser: argparse.ArgumentParser) -> None:

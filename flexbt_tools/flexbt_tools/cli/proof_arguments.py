@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Sequence
 
@@ -23,7 +22,7 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seconds',
         metavar='S',
-        type=_positive,
+        type=arguments.positive,
         default=DEFAULT_SECONDS,
         help='end after so many seconds, and tell what was followed (default: %(default)g)',
     )
@@ -56,16 +55,6 @@ def save_test(options: argparse.Namespace, text: str) -> None:
     """Write a test file. Raises UsageError."""
     write_text(options.save_test, text)
     print(f'the test is in {options.save_test}', file=sys.stderr)
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text!r} is no number above 0')
-    return value
 
 
 def _count(text: str) -> int:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 from typing import Final
@@ -41,12 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--save-blackboard', metavar='FILE', help='write the blackboard, as it is at the end, as JSON')
     parser.add_argument('--read-inputs', action='store_true', help='mocks raise when an input is missing, as nodes do')
     parser.add_argument(
-        '--rate', metavar='HZ', type=_positive, default=DEFAULT_RATE, help='least rate of ticks (default: 10)'
+        '--rate', metavar='HZ', type=arguments.positive, default=DEFAULT_RATE, help='least rate of ticks (default: 10)'
     )
     parser.add_argument(
         '--timeout',
         metavar='SECONDS',
-        type=_positive,
+        type=arguments.positive,
         default=_DEFAULT_TIMEOUT,
         help='end of the run, on the clock of the tree (default: 600)',
     )
@@ -57,16 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='only the result')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text!r} is no number above 0')
-    return value
 
 
 def _log_file(text: str) -> Path:
