@@ -177,7 +177,6 @@ def _run_web(line: CommandLine) -> ExitCode:
     from flexbt_console.link import OperatorLink, SimulatorLink, SurroundingsLink
 
     access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
-    port = port_number(line.value('--port') or str(DEFAULT_PORT))
     with _open_runtime(line) as runtime:
         operator, make_mirror, simulator = _operator(line), _mirror_maker(line, runtime), SimulatorLink(runtime)
         stations = {}
@@ -188,7 +187,7 @@ def _run_web(line: CommandLine) -> ExitCode:
             SurroundingsLink(runtime, mirror, namespace)
             station = Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
             stations[namespace.strip('/') or namespace] = station
-        run_web(WebServer(stations, access).application(), access, port, print_address)
+        run_web(WebServer(stations, access).application(), access, _port(line), print_address)
         return ExitCode.OK
 
 
@@ -203,8 +202,12 @@ def _run_screen_in_browser(line: CommandLine) -> ExitCode:
         raise UsageError(
             f'screen --web needs {error.name}: pip install textual-serve; or use the page, console web'
         ) from None
-    run_web(application, access, port_number(line.value('--port') or str(DEFAULT_PORT)), print_address)
+    run_web(application, access, _port(line), print_address)
     return ExitCode.OK
+
+
+def _port(line: CommandLine) -> int:
+    return port_number(line.value('--port') or str(DEFAULT_PORT))
 
 
 def _is_served() -> bool:

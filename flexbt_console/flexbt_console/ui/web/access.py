@@ -9,12 +9,21 @@ import secrets
 import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 from urllib.parse import urlsplit
 
 from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
 from flexbt_console.errors import UsageError
+
+CLOSED_HEADERS: Final = {
+    'X-Content-Type-Options': 'nosniff',
+    'Referrer-Policy': 'no-referrer',
+    'Cross-Origin-Opener-Policy': 'same-origin',
+    'Cross-Origin-Resource-Policy': 'same-origin',
+}
+"""Of each answer: pages of other sites get nothing of it, and are told nothing of this one."""
 
 
 @dataclass(frozen=True)

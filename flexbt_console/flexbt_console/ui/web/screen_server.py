@@ -13,7 +13,7 @@ import jinja2
 from aiohttp import web
 from textual_serve.server import Server
 
-from .access import Access, guard
+from .access import CLOSED_HEADERS, Access, guard
 
 MOST_SCREENS: Final = 8
 """Screens that are open at the same time: each is a process."""
@@ -23,10 +23,7 @@ _HEADERS: Final = {
         "default-src 'none'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self'; "
         "font-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
-    'X-Content-Type-Options': 'nosniff',
-    'Referrer-Policy': 'no-referrer',
-    'Cross-Origin-Opener-Policy': 'same-origin',
-    'Cross-Origin-Resource-Policy': 'same-origin',
+    **CLOSED_HEADERS,
 }
 
 

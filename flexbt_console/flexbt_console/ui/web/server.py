@@ -13,7 +13,7 @@ from aiohttp import WSCloseCode, web
 from flexbt_common.pictures import STYLE
 from flexbt_console.mirror import Fleet
 
-from .access import Access, guard
+from .access import CLOSED_HEADERS, Access, guard
 from .drawings import Drawings
 from .page_link import PageLink
 from .requests import MESSAGE_BYTES
@@ -94,10 +94,7 @@ class WebServer:
                 f"connect-src 'self' ws://{host} wss://{host}; "
                 "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
             ),
-            'X-Content-Type-Options': 'nosniff',
-            'Referrer-Policy': 'no-referrer',
-            'Cross-Origin-Opener-Policy': 'same-origin',
-            'Cross-Origin-Resource-Policy': 'same-origin',
+            **CLOSED_HEADERS,
             'Cache-Control': 'no-cache',
         }
 
