@@ -3,6 +3,16 @@
 
 from .answer_text import explanation_lines, step_through
 from .files import SynthesisFiles, read, read_problem
+from .flexbe_messages import flexbe_messages, has_flexbe_messages
 from .state_interfaces import StateInterfaces
 
-__all__ = ['StateInterfaces', 'SynthesisFiles', 'explanation_lines', 'read', 'read_problem', 'step_through']
+__all__ = [
+    'StateInterfaces',
+    'SynthesisFiles',
+    'explanation_lines',
+    'flexbe_messages',
+    'has_flexbe_messages',
+    'read',
+    'read_problem',
+    'step_through',
+]

@@ -8,9 +8,13 @@ from pathlib import Path
 
 import pytest
 from behavior_tool_support import tool
+from rosidl_adapter.parser import parse_message_string
 
 import flexbt_states
 from flexbt_core.state_machine import define, read_machine
+from flexbt_core.synthesis import synthesize
+from flexbt_core.synthesis.inputs import Options, Request
+from flexbt_tools.synthesis import StateInterfaces, SynthesisFiles, flexbe_messages, read_problem
 
 COFFEE = """\
 state_outcome_mappings: {grind: completed, brew: completed, fail: failure}
@@ -110,3 +114,53 @@ def test_formulas_are_printed_as_slugs_reads_them_and_read_again(coffee: str, tm
     done = tool('synthesize', '--spec', str(whole))
     assert done.code == 0
     assert 'transitions: {completed: finished, failure: brew}' in done.out
+
+
+STATE_INSTANTIATION = """\
+string state_path
+string CLASS_STATEMACHINE = :STATEMACHINE
+string CLASS_CONCURRENCY = :CONCURRENCY
+string CLASS_PRIORITY = :PRIORITY
+string CLASS_BEHAVIOR = :BEHAVIOR
+string state_class
+string initial_state_name
+string[] input_keys
+string[] output_keys
+string[] cond_outcome
+OutcomeCondition[] cond_transition
+string behavior_class
+string[] parameter_names
+string[] parameter_values
+float32[2] position
+string[] outcomes
+string[] transitions
+int8[] autonomy
+string[] userdata_keys
+string[] userdata_remapping
+"""
+"""That of flexbe_msgs 2.3.3."""
+
+
+def test_for_flexbe_every_field_of_its_message_is_there(coffee: str) -> None:
+    states = json.loads(tool('synthesize', coffee, '--goal', 'brew', '--form', 'flexbe').out)
+    fields = parse_message_string('flexbe_msgs', 'StateInstantiation', STATE_INSTANTIATION).fields
+    kinds = {'string': str, 'float32': float, 'int8': int, 'flexbe_msgs/OutcomeCondition': dict}
+    for state in states:
+        assert state.keys() == {field.name for field in fields}
+        for field in fields:
+            value = state[field.name]
+            values = value if field.type.is_array else [value]
+            assert all(type(one) is kinds[str(field.type).partition('[')[0]] for one in values), field.name
+    places = [tuple(state['position']) for state in states[1:]]
+    assert len(set(places)) == len(places)  # none is hidden by another in the editor
+
+
+def test_for_flexbe_they_are_its_messages_where_these_are(coffee: str) -> None:
+    pytest.importorskip('flexbe_msgs')
+    request = Request(goals=('brew',))
+    machine = synthesize(
+        read_problem(SynthesisFiles(coffee), request, StateInterfaces(['flexbt_states']), Options())
+    ).machine
+    assert machine is not None
+    grind = next(one for one in flexbe_messages(machine) if one.state_path == '/grind')
+    assert (grind.outcomes, list(grind.autonomy), grind.parameter_names) == (['grind', 'fail'], [2, 3], ['outcomes'])

@@ -24,19 +24,59 @@ _STATE_KEYS: Final = (
     'userdata_remapping',
 )
 
+_LISTS: Final = (
+    'input_keys',
+    'output_keys',
+    'cond_outcome',
+    'cond_transition',
+    'parameter_names',
+    'parameter_values',
+    'outcomes',
+    'transitions',
+    'autonomy',
+    'userdata_keys',
+    'userdata_remapping',
+)
+_COLUMN: Final = 250.0
+_ROW: Final = 120.0
+"""Pixels of the editor between two states."""
+
 
 def state_instantiations(machine: SynthesizedMachine) -> list[dict[str, Any]]:
-    """The machine as FlexBE's editor takes it: the root, the states, and a pseudo-state for each outcome.
+    """The machine as FlexBE's editor takes it: the root, the states, and a pseudo-state for each outcome, each with all
+    fields of a ``StateInstantiation``.
 
     Raises:
         SynthesisError: the machine repeats states, which this form does not have.
     """
     if machine.attempts > 1 and any(part.retry_on for state in machine.states.values() for part in state.parts):
         raise SynthesisError(["FlexBE's form has no retries: use --retries 0, or ask for YAML or Python"])
-    found = [_entry('/', ':STATEMACHINE', outcomes=list(machine.outcomes), initial_state_name=machine.initial)]
+    root = {'outcomes': list(machine.outcomes), 'initial_state_name': machine.initial, 'input_keys': list(machine.keys)}
+    found = [_entry('/', ':STATEMACHINE', **root)]
     for state in machine.states.values():
         found += _state(state)
-    return [*found, *(_entry(outcome, ':OUTCOME') for outcome in machine.outcomes)]
+    found += (_entry(outcome, ':OUTCOME') for outcome in machine.outcomes)
+    places = _places(machine)
+    return [{**one, 'position': places.get(one['state_path'].lstrip('/'), [0.0, 0.0])} for one in found]
+
+
+def _places(machine: SynthesizedMachine) -> dict[str, list[float]]:
+    """Where states and outcomes are in the editor: by how many transitions from the first, those of as many below each
+    other."""
+    columns = {machine.initial: 0}
+    for name in (waiting := [machine.initial]):
+        for target in machine.states[name].transitions.values():
+            if target in machine.states and target not in columns:
+                columns[target] = columns[name] + 1
+                waiting.append(target)
+    rows: dict[int, int] = {}
+    places = {}
+    last = max(columns.values()) + 1
+    for name in (*machine.states, *machine.outcomes):
+        column = columns.get(name, last)
+        row = rows[column] = rows.get(column, -1) + 1
+        places[name] = [50.0 + column * _COLUMN, 50.0 + row * _ROW]
+    return places
 
 
 def _state(state: State) -> list[dict[str, Any]]:
@@ -73,8 +113,7 @@ def _of_class(part: Part) -> dict[str, Any]:
 
 
 def _entry(path: str, state_class: str, **fields: Any) -> dict[str, Any]:
-    lists = ('outcomes', 'transitions', 'parameter_names', 'parameter_values', 'userdata_keys', 'userdata_remapping')
-    empty: dict[str, Any] = {name: [] for name in (*lists, 'autonomy', 'cond_outcome', 'cond_transition')}
+    empty: dict[str, Any] = {name: [] for name in _LISTS}
     local = state_class.rpartition('/')[2]
     return {'state_path': path, 'state_class': local, 'behavior_class': '', 'initial_state_name': '', **empty, **fields}
 
