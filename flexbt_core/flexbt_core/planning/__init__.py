@@ -15,11 +15,12 @@
 from .btpg import read_scene
 from .compaction import Group, Rule, chosen, compact
 from .coverage import Coverage, Disturbance, explore
+from .goal import conditions, parse_goal
 from .mission import Mission, read_mission
 from .model import Action, Condition, Domain, PlanningError
 from .planner import Plan, plan
 from .policy import Branch, Policy
-from .problem import Leaf, Problem, conditions, parse_goal
+from .problem import Leaf, Problem
 from .reachability import Reachability
 from .search import Outcome, Progress, SearchResult, Step, search
 from .skill_problem import skill_problem

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -61,31 +61,3 @@ class Problem:
     def leaf(self, text: str) -> Leaf:
         """How a literal is tested, or an action done."""
         return self.leaves.get(text) or Leaf.of(text)
-
-
-def parse_goal(text: str) -> tuple[tuple[str, ...], ...]:
-    """The literals of a goal: conjunctions with ``&`` (or ``and``), alternatives with ``|`` (or ``or``) between them,
-    as ``on(cup, table) & not open(door) | on(mug, table)``.
-
-    Raises:
-        PlanningError: a literal is missing, or parentheses do not match.
-    """
-    parts = re.split(r'(\||&|\bor\b|\band\b)', text)
-    if any('(' in part and part.count('(') != part.count(')') for part in parts) or text.count('(') != text.count(')'):
-        raise PlanningError(f'goal {text!r:.200}: parentheses do not match, or stand around more than arguments')
-    if any(not part.strip() for part in parts[::2]):
-        raise PlanningError(
-            f'goal {text!r:.200}: a literal is missing; write conditions as on(cup, table) & not open(door), '
-            'and alternatives with | between them'
-        )
-    alternatives: list[list[str]] = [[parts[0].strip()]]
-    for operator, literal in zip(parts[1::2], parts[2::2], strict=True):
-        if operator in ('|', 'or'):
-            alternatives.append([])
-        alternatives[-1].append(literal.strip())
-    return tuple(map(tuple, alternatives))
-
-
-def conditions(alternatives: Iterable[Iterable[str]]) -> tuple[Condition, ...]:
-    """Alternatives as conditions."""
-    return tuple(frozenset(one) for one in alternatives)

@@ -21,8 +21,9 @@ from flexbt_core.skills import (
     parse_literal,
 )
 
+from .goal import parse_goal
 from .model import Action, PlanningError
-from .problem import Leaf, Problem, parse_goal
+from .problem import Leaf, Problem
 
 _DISTURBANCE: Final = 'disturbance: '
 _DEFAULT_ATTEMPTS: Final = 3

@@ -53,7 +53,7 @@ class _Capabilities:
                 entry = self._capability(skill, binding, memory)
                 capabilities[self._name('_'.join((skill.name, *binding.values())), str((skill.name, binding)))] = entry
         if not capabilities:
-            self._problems.append('no skill of a state can be carried out and brings about anything; see outcomes')
+            self._problems.append(self._why_none())
         if self._problems:
             raise SkillError(dict.fromkeys(self._problems))
         document = {
@@ -66,6 +66,14 @@ class _Capabilities:
         }
         text: str = yaml.safe_dump(document, sort_keys=False, width=120)
         return text
+
+    def _why_none(self) -> str:
+        if not self._skills:
+            return 'no skill brings anything about; name effects of its completed outcome'
+        needed = {one.predicate for skill in self._skills for one in skill.preconditions if one.positive}
+        lacking = sorted(needed & self._grounding.unchanging - {one.predicate for one in self._start})
+        remedy = f'; say what no skill changes, too: {", ".join(lacking)}' if lacking else '; name objects'
+        return f'no skill can be carried out from this start{remedy}'
 
     def _mappings(self) -> dict[str, str]:
         """The normalized outcome of each outcome; there is one for all states."""

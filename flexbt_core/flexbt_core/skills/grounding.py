@@ -89,6 +89,11 @@ class Grounding:
         asked = [*goal, *(one for skill in skills for one in skill.preconditions)]
         self._negated = {one.predicate for one in asked if not one.positive} & self._changed
 
+    @property
+    def unchanging(self) -> set[str]:
+        """The predicates that no skill changes."""
+        return {name for name in self._library.predicates if name not in self._changed}
+
     def problem(self) -> GroundProblem:
         actions = tuple(action for skill in self._library.skills.values() for action in self._actions(skill))
         atoms = {str(one) for one in self._start}

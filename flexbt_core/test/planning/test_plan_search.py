@@ -24,6 +24,7 @@ from flexbt_core.planning import (
     Problem,
     Progress,
     Reachability,
+    parse_goal,
     plan,
     read_scene,
     search,
@@ -221,3 +222,49 @@ def test_why_there_is_no_plan() -> None:
     empty = Problem(go, frozenset({'at a'}), (frozenset({'at b'}),))
     reason = plan(empty).reason
     assert reason == 'at b needs fuel (for go b), and fuel does not hold, and no action brings it about'
+
+
+formulas = st.recursive(
+    st.sampled_from(['p', 'q', 'on(r, s)', 'a = b', 'a != b', 't at u']),
+    lambda inner: st.one_of(
+        st.builds('{} {} {}'.format, inner, st.sampled_from(['&', '|', 'and', 'or', '&&', '||']), inner),
+        st.builds('({})'.format, inner),
+        st.builds('{}({})'.format, st.sampled_from(['!', 'not ', '! not']), inner),
+    ),
+    max_leaves=8,
+)
+
+
+@given(formulas, st.sets(st.sampled_from(['p', 'q', 'r', 't', 'a'])))
+def test_a_goal_holds_where_the_formula_does(text: str, true: set[str]) -> None:
+    def holds(literal: str) -> bool:
+        word = literal.removeprefix('not ')
+        known = {'p': 'p', 'q': 'q', 'on(r, s)': 'r', 't at u': 't', 'a = b': 'a'}
+        held = 'a' not in true if word == 'a != b' else known[word] in true
+        return held is (word == literal)
+
+    code = text.replace('&&', '&').replace('||', '|').replace('!=', '#').replace('!', ' not ').replace('&', ' and ')
+    code = code.replace('|', ' or ').replace('on(r, s)', 'r').replace('t at u', 't')
+    code = code.replace('a = b', 'a').replace('a # b', '(not a)')
+    values = {name: name in true for name in 'pqrta'}
+    assert any(all(map(holds, one)) for one in parse_goal(text)) is eval(code, values)  # noqa: S307 the text is made above
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('(p | q', r"character 1: '\(' is not closed"),
+        ('p | q)', r"character 6: '\)' without '\('"),
+        ('p & | q', r"character 5: a literal is missing before '\|'"),
+        ('p &', 'character 4: a literal is missing before the end'),
+        ('(p) q', "character 5: & or | is missing before 'q'"),
+        ('on(f(p))', r"character 3: & or \| is missing before '\('"),
+        ('p&' * 1001, 'character 2001: more than 1000 literals'),
+        ('(' * 101, 'more than 100 parentheses'),
+        (' & '.join(f'(a{number} | b{number})' for number in range(10)), 'more than 1000 alternatives'),
+        ('p' * 100_001, 'more than 100,000 characters'),
+    ],
+)
+def test_what_is_no_goal_is_told_with_its_place(text: str, problem: str) -> None:
+    with pytest.raises(PlanningError, match=problem):
+        parse_goal(text)

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
-from flexbt_core.behavior_tree import NodeRegistry
+from flexbt_core.behavior_tree import LoadError, NodeRegistry
 from flexbt_core.skills import SkillLibrary
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.trees import read_library, shown_name
@@ -30,7 +31,7 @@ def check_trees(
     try:
         library = read_library(files, registry)
     except RefusedError as error:
-        found = [Diagnostic(REFUSED, reason) for reason in error.errors]
+        found = [Diagnostic(REFUSED, reason) for reason in _joined(error.errors)]
     else:
         found = list(dict.fromkeys(findings(library, inputs, shared=shared, skills=skills)))
     order = {shown_name(file): index for index, file in enumerate(files)}
@@ -38,3 +39,20 @@ def check_trees(
         found,
         key=lambda one: (order.get(one.place.file, len(order)), one.place.file, one.place.line, one.place.column),
     )
+
+
+def _joined(errors: Iterable[LoadError]) -> list[LoadError]:
+    """The errors, those of node types that are not registered as one for each file, at the first of their nodes."""
+    found: list[LoadError] = []
+    unknown: dict[str, list[LoadError]] = {}
+    for error in errors:
+        (unknown.setdefault(error.file, []) if error.unknown else found).append(error)
+    for nodes in unknown.values():
+        types = list(dict.fromkeys(f'[{one.unknown}]' for one in nodes))
+        told = nodes[0].message if len(types) == 1 else f'node types {", ".join(types)} are not registered'
+        several = f' ({len(nodes)} nodes)' if len(nodes) > len(types) else ''
+        remedy = 'install their package, describe them by --models FILE, or check the rest by --allow-unknown'
+        found.append(
+            replace(nodes[0], node='' if len(types) > 1 else nodes[0].node, message=f'{told}{several}; {remedy}')
+        )
+    return found

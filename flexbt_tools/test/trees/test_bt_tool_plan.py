@@ -35,6 +35,16 @@ def test_the_example_of_the_page(mission: Path, tmp_path: Path) -> None:
     assert (printed.out, printed.err) == (tree.read_text(), '')
 
 
+def test_the_call_of_the_page(
+    mission: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(mission.parent)
+    [code] = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
+    exec(compile(code, 'goals.md', 'exec'), {})  # noqa: S102 it is of this repository
+    assert capsys.readouterr().out.startswith("61.0 ('GoTo(office, hall)', ")
+    assert tool('check', 'cup.xml', '--allow-unknown').code == 0
+
+
 def test_json_has_all_of_it(mission: Path) -> None:
     told = json.loads(tool('plan', str(mission), '--json').out)
     assert (told['outcome'], told['cost'], told['bound'], len(told['actions'])) == ('solved', 61.0, 61.0, 6)
@@ -54,9 +64,17 @@ def test_no_plan_is_an_answer(mission: Path) -> None:
     assert 'no way to the goal after: not cup_at(kitchen), not holding_cup' in done.err
 
 
+def test_a_goal_may_be_nested(mission: Path) -> None:
+    def cost(goal: str) -> object:
+        return json.loads(tool('plan', str(mission), '--goal', goal, '--json').out)['cost']
+
+    assert cost('(cup_at(hall) | cup_at(office)) & !(open(kitchen_door) & robot_at(hall))') == 61.0
+
+
 @pytest.mark.parametrize(
     ('wrong', 'right', 'message'),
     [
+        ('goal: cup_at(office)', 'goal: (robot_at(hall) | holding_cup', "cup.yaml:10:1: goal '(robot_at(hall) | hol"),
         ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is neither"),
         ('goal: cup_at(office)', 'goal: robot_at(hall) &', 'cup.yaml:10:1: goal '),
         ('robot_at(office)', 'robot_at(office', "cup.yaml:3:1: 'robot_at(office' is no literal"),

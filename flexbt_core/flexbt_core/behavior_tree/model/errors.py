@@ -44,6 +44,7 @@ class LoadError:
 
     ``line`` and ``column`` count from 1 in the text as the user wrote it.
     ``node`` is the element: its tag, with its ``name`` when it has one; '' when there is none.
+    ``unknown`` is the node type that is not registered, where that is the reason and no other type is similar.
     """
 
     file: str
@@ -51,6 +52,7 @@ class LoadError:
     column: int
     node: str
     message: str
+    unknown: str = ''
 
     def __str__(self) -> str:
         where = f'{self.file}:{self.line}:{self.column}'

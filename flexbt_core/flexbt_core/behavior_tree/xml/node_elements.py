@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Final, Protocol
 
 from flexbt_core.behavior_tree.model import (
@@ -146,7 +147,10 @@ class NodeReader:
         else:
             message = f'node type [{id}] is not registered'
             similar = self._registry.suggestions(id)
-            message += f'; did you mean {" or ".join(similar)}?' if similar else ''
+            if not similar:
+                self._error(element, message, unknown=id)
+                return
+            message += f'; did you mean {" or ".join(similar)}?'
         self._error(element, message)
 
     def _check_children(self, element: Element, manifest: NodeManifest) -> None:
@@ -282,9 +286,9 @@ class NodeReader:
             else:
                 values[name] = PortValue(str(default), None, default)
 
-    def _error(self, element: Element, message: str, attribute: str | None = None) -> None:
+    def _error(self, element: Element, message: str, attribute: str | None = None, unknown: str = '') -> None:
         offset = element.offset if attribute is None else element.offsets.get(attribute, element.offset)
-        self._errors.append(self._source.error(offset, message, str(element)))
+        self._errors.append(replace(self._source.error(offset, message, str(element)), unknown=unknown))
 
 
 def _children(count: int) -> str:

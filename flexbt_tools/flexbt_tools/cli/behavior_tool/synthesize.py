@@ -86,7 +86,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     result.add_argument('--certificate', metavar='FILE', help='write the strategy there, as JSON, with what proves it')
     result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and end')
     result.add_argument('--step', action='store_true', help='where there is none: be the machine, step by step')
-    result.add_argument('--time-limit', metavar='S', type=float, help=f'seconds (default: {_DEFAULT_LIMIT:g})')
+    result.add_argument(
+        '--time-limit', metavar='S', type=arguments.positive, help=f'seconds (default: {_DEFAULT_LIMIT:g})'
+    )
     arguments.add_json(result)
 
 

@@ -48,14 +48,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='mission (YAML: skills, start, goal, disturbances), or scene of BTPG (JSON; its actions beside it)',
     )
-    parser.add_argument('--goal', metavar='GOAL', help="instead of the file's: 'on(cup, table) & open(door) | ...'")
+    parser.add_argument('--goal', metavar='GOAL', help="instead of the file's: '(on(cup, table) | held) & !open(door)'")
     parser.add_argument(
         '--start', metavar='LITERAL', action='append', help="holds at the start, instead of the file's; repeatable"
     )
     parser.add_argument('-o', '--output', metavar='FILE', help='the tree (default: the standard output)')
     parser.add_argument('--name', metavar='ID', default='Plan', help='of the tree (default: %(default)s)')
     parser.add_argument(
-        '--time-limit', metavar='SECONDS', type=_seconds, default=60.0, help='for planning (default: %(default)g)'
+        '--time-limit',
+        metavar='SECONDS',
+        type=arguments.positive,
+        default=60.0,
+        help='for planning (default: %(default)g)',
     )
     parser.add_argument(
         '--disturbed',
@@ -67,16 +71,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='no progress, and no summary')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(f'{text!r:.80} is no number of seconds above 0')
-    return value
 
 
 def _number(text: str) -> int:
