@@ -12,7 +12,7 @@ from .choices import Choice, Choices
 from .explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Limits, Progress, RestoreError, explore, narrate, replay
 from .leaf_models import LeafKind, LeafModel, LeafModels, leaf_model
 from .machine_system import Bounds, MachineSystem, Operator
-from .model import Counterexample, Label, Move, Property, Report, System, Violation
+from .model import Counterexample, Label, Move, Property, Report, System, Violation, servers_gone
 from .requirements import After, Before, Requirement, While
 from .state_models import StateKind, StateModel, StateModels, state_model
 from .tree_system import TreeSystem
@@ -50,5 +50,6 @@ __all__ = [
     'leaf_model',
     'narrate',
     'replay',
+    'servers_gone',
     'state_model',
 ]

@@ -135,19 +135,30 @@ _ABSENT: Final = object()
 class Memory:
     """Keeps and restores the configurations of what can be reached from ``roots``.
 
-    Objects are looked into when their class is of the same package as a root, or as one of ``classes``.
+    Objects are looked into when their class is of the same package as a root, or as one of ``classes``. What is only
+    reached by those of the roots that are ``unread`` is restored, and has no part in the key, as they.
     """
 
-    def __init__(self, roots: Iterable[Any], clock: Any, layout: Layout, classes: Iterable[type[Any]] = ()) -> None:
-        self._roots = tuple(roots)
+    def __init__(
+        self,
+        roots: Iterable[Any],
+        clock: Any,
+        layout: Layout,
+        classes: Iterable[type[Any]] = (),
+        unread: Iterable[Any] = (),
+    ) -> None:
+        self._roots = tuple({id(root): root for root in roots}.values())
+        self._unread = frozenset(map(id, unread))
         self._clock = clock
         self._layout = layout
         self._kinds = _Kinds(layout, frozenset(map(_package, (*map(type, self._roots), *classes))))
-        self._fragments: dict[int, tuple[tuple[Any, ...], list[Any]]] = {}
+        self._numbers = {id(root): number for number, root in enumerate(self._roots)}
+        self._fragments: _Fragments = [{} for _ in self._roots]
 
     def capture(self) -> Configuration:
         """What everything holds now."""
-        return _Walk(self._kinds, self._roots, self._clock.now(), self._fragments).configuration()
+        walk = _Walk(self._kinds, self._roots, self._numbers, self._clock.now(), self._fragments, self._unread)
+        return walk.configuration()
 
     @staticmethod
     def restore(configuration: Configuration) -> None:
@@ -184,35 +195,53 @@ _DEQUE: Final = 'deque'
 _SET: Final = 'set'
 
 
+_Part = tuple[Any, Any, Any]
+_Fragments = list[dict[tuple[int, ...], tuple[_Part, bytes]]]
+"""Of each root, by what its slots hold: what restores it, and its text, where both are the same in all
+configurations."""
+_MOST_FRAGMENTS: Final = 1000
+"""Of a root."""
+_QUIET: Final = b''
+"""The text of what has no part in the key."""
+
+
 class _Walk:
     def __init__(
         self,
         kinds: _Kinds,
         roots: tuple[Any, ...],
+        numbers: dict[int, int],
         now: float,
-        fragments: dict[int, tuple[tuple[Any, ...], list[Any]]],
+        fragments: _Fragments,
+        unread: frozenset[int],
     ) -> None:
         self._kinds = kinds
         self._roots = len(roots)
         self._fragments = fragments
         self._now = now
-        self._numbers: dict[int, int] = {}
-        self._ahead: list[Any] = []
-        self._quiet: set[int] = set()  # of what was reached only by what has no part in the key
+        self._numbers = numbers.copy()
+        self._ahead = list(roots)
+        self._quiet: set[int] = set(unread)  # with what was reached only by what has no part in the key
         self._instants: list[tuple[int, float]] = []
         self._text: list[Any] = []
         self._parts: list[tuple[Any, Any, Any]] = []
-        for root in roots:
-            self._reach(root)
 
     def configuration(self) -> Configuration:
-        place = 0
-        while place < len(self._ahead):
-            one = self._ahead[place]
-            if id(one) in self._quiet:
-                self._quietly(self._visit, one)
-            else:
-                self._visit(one)
+        ahead, parts, text, kinds = self._ahead, self._parts, self._text, self._kinds
+        for place, fragments in enumerate(self._fragments):
+            one = ahead[place]
+            if fragments:  # most objects hold what they have held before
+                get = kinds[type(one)].get
+                assert get is not None
+                known = fragments.get(tuple(map(id, get(one))))
+                if known is not None:
+                    parts.append(known[0])
+                    text.append(known[1])
+                    continue
+            self._visit_any(one)
+        place = self._roots
+        while place < len(ahead):
+            self._visit_any(ahead[place])
             place += 1
         # Of points in time: past, now, or the place among those to come.
         to_come = sorted({when for _, when in self._instants if when > self._now})
@@ -227,6 +256,13 @@ class _Walk:
             number = self._numbers[id(one)] = len(self._ahead)
             self._ahead.append(one)
         return number
+
+    def _visit_any(self, one: Any) -> None:
+        if id(one) in self._quiet:
+            self._quietly(self._visit, one)
+            self._text.append(_QUIET)
+        else:
+            self._visit(one)
 
     def _visit(self, one: Any) -> None:
         kind = type(one)
@@ -283,30 +319,30 @@ class _Walk:
                     self._attribute(one, kind, name, value)
 
     def _visit_slots(self, one: Any, kind: _Kind, held: tuple[Any, ...]) -> None:
-        """As :meth:`_visit_instance`, where all slots are set. What has not changed is not encoded again."""
-        known = self._fragments.get(id(one))
-        if known is not None and all(map(is_, held, known[0])):
-            self._parts.append((one, kind, held))
-            self._text.append(known[1])
-            return
+        """As :meth:`_visit_instance`, where all slots are set. What is the same in all configurations is kept."""
         if any(type(value) in _ITERATORS for value in held):
             held = tuple(copy(value) if type(value) in _ITERATORS else value for value in held)
-        self._parts.append((one, kind, held))
+        part = (one, kind, held)
+        self._parts.append(part)
         text, instants, reached = len(self._text), len(self._instants), len(self._ahead)
         self._text.append(kind.name)
         for name, value in zip(kind.names, held, strict=True):
             self._attribute(one, kind, name, value)
+        number = self._numbers[id(one)]
         is_lasting = (
-            not kind.views
-            and self._numbers[id(one)] < self._roots
+            number < self._roots
+            and not kind.views
             and len(self._instants) == instants
             and len(self._ahead) == reached
             and all(self._is_lasting(value) for value in held)
         )
         if is_lasting:
-            fragment = self._text[text:]
+            fragment = _QUIET if id(one) in self._quiet else marshal.dumps(self._text[text:], 2)
             self._text[text:] = [fragment]
-            self._fragments[id(one)] = held, fragment
+            fragments = self._fragments[number]
+            if len(fragments) >= _MOST_FRAGMENTS:  # such as a number that is counted up
+                fragments.clear()
+            fragments[tuple(map(id, held))] = part, fragment
 
     def _is_lasting(self, value: Any) -> bool:
         """Whether what stands for a value is the same in all configurations."""

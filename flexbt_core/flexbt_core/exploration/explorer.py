@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 from .choices import Choices
 from .configuration import Configuration
 from .graph import Graph
-from .model import Counterexample, Label, Move, Property, Report, System, Violation
+from .model import Answer, Counterexample, Label, Move, Property, Report, System, Violation
 
 DEFAULT_SECONDS: Final = 60.0
 DEFAULT_CONFIGURATIONS: Final = 200_000
@@ -63,16 +63,27 @@ def explore(
     bounds: str = '',
     limits: Limits | None = None,
     on_progress: Callable[[Progress], None] | None = None,
+    *,
+    faults: int = 1,
 ) -> Report:
-    """Explore a system, which ``make`` makes anew at its beginning. Raises RestoreError."""
-    return _Exploration(make, limits or Limits(), on_progress).report(name, bounds)
+    """Explore a system, which ``make`` makes anew at its beginning.
+
+    It has to be able to end also when up to ``faults`` of its servers are gone for good, from any time. Raises
+    RestoreError.
+    """
+    return _Exploration(make, limits or Limits(), on_progress, faults).report(name, bounds)
 
 
 class _Exploration:
     def __init__(
-        self, make: Callable[[], System], limits: Limits, on_progress: Callable[[Progress], None] | None
+        self,
+        make: Callable[[], System],
+        limits: Limits,
+        on_progress: Callable[[Progress], None] | None,
+        faults: int,
     ) -> None:
         self._make = make
+        self._faults = faults
         self._limits = limits
         self._on_progress = on_progress
         self._system = make()
@@ -97,8 +108,8 @@ class _Exploration:
             _, configuration = ahead.popleft()
             self._tell(len(ahead))
             self._system.restore(configuration)
-            for label in self._system.labels():
-                for new in self._follow(configuration, label):
+            for label, answer in [(label, self._system.answer(label)) for label in self._system.labels()]:
+                for new in self._follow(configuration, label, answer):
                     ahead.append((new.key, new))
             expanded += 1
             if expanded % _CHECKED == _CHECKED // 10:
@@ -111,8 +122,8 @@ class _Exploration:
                 graph.unfinished.update(waiting for waiting, _ in ahead)
                 return
 
-    def _follow(self, configuration: Configuration, label: Label) -> list[Configuration]:
-        """All steps from a configuration with a label; the configurations that are new by that."""
+    def _follow(self, configuration: Configuration, label: Label, answer: Answer | None) -> list[Configuration]:
+        """All steps from a configuration with a label, which is ``answer``; the configurations that are new by that."""
         found: list[Configuration] = []
         system, graph = self._system, self._graph
         answers: list[tuple[int, ...]] = [()]
@@ -135,7 +146,7 @@ class _Exploration:
             for violation in violations:
                 self._note(violation, (*graph.way_to(configuration.key), move))
             reached = system.capture()
-            if graph.add(reached.key, configuration.key, move):
+            if graph.add(reached.key, configuration.key, move, answer):
                 self._describe(reached.key)
                 # What is wrong once is not followed: all that comes after it would be wrong, too.
                 if not violations:
@@ -192,7 +203,7 @@ class _Exploration:
         notes: list[str] = []
         if self._cut:
             notes.append(f'in a step, more than {_ANSWERS_OF_A_STEP} ways to answer; the rest was not tried')
-        for violation, moves in graph.problems(self._position):
+        for violation, moves in graph.problems(self._position, self._faults):
             self._note(violation, moves)
         # After what is wrong nothing was followed.
         for missing in sorted(system.promised() - system.covered()) if self._is_complete and not graph.broken else ():
@@ -203,6 +214,10 @@ class _Exploration:
                 notes.append(f'{count - _ALIKE} more of "{found.value}"')
         if not self._stopped_by and not any(ended for ended in graph.ended.values()):
             notes.append('it never ends by itself; only a stop ends it')
+        unlimited = graph.unlimited()
+        if unlimited:
+            which = ', '.join(unlimited)
+            notes.append(f'no time limit: if one of these never answers, only a stop ends it: {which}')
         uncovered = tuple(sorted(system.coverable() - system.covered()))
         return Report(
             name=name,

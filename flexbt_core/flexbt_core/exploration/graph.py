@@ -4,8 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import combinations
 
-from .model import Move, Property, Violation
+from .model import Answer, Move, Property, Violation
+
+_Ways = frozenset[Answer | None]
+"""How a step may be made without a stop: by what servers answer, and None for what needs none."""
+_STOPS: _Ways = frozenset()
 
 
 class Graph:
@@ -24,17 +29,21 @@ class Graph:
         self._first: bytes | None = None
         self._from: dict[bytes, tuple[bytes, Move] | None] = {}
         self._depths: dict[bytes, int] = {}
-        self._after: dict[bytes, dict[bytes, Move]] = {}
+        self._after: dict[bytes, dict[bytes, _Ways]] = {}
+        self._servers: set[str] = set()
 
     def __len__(self) -> int:
         return len(self._from)
 
-    def add(self, key: bytes, source: bytes | None, move: Move | None) -> bool:
-        """Add a step, and what it leads to; whether that is new."""
+    def add(self, key: bytes, source: bytes | None, move: Move | None, answer: Answer | None = None) -> bool:
+        """Add a step, and what it leads to; whether that is new. ``answer`` is that of a server, if the step is one."""
         if source is not None and move is not None:
-            before = self._after.setdefault(source, {}).get(key)
-            if before is None or (before.label.is_stop and not move.label.is_stop):
-                self._after[source][key] = move
+            after = self._after.setdefault(source, {})
+            ways = after.setdefault(key, _STOPS)
+            if not move.label.is_stop and answer not in ways:
+                after[key] = ways | {answer}
+            if answer is not None:
+                self._servers.add(answer.server)
         if key in self._from:
             return False
         if source is None or move is None:
@@ -56,22 +65,50 @@ class Graph:
             come = self._from[come[0]]
         return tuple(reversed(moves))
 
-    def problems(self, position: Callable[[tuple[Move, ...]], str]) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
-        """Where nothing can happen any more, and where it cannot end any more although it could before."""
-        stuck = [key for key in self._from if self._is_stuck(key)]
+    def problems(
+        self, position: Callable[[tuple[Move, ...]], str], faults: int
+    ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
+        """Where nothing can happen any more, and where it cannot end any more although it could before.
+
+        That also where up to ``faults`` servers are gone for good: then what needs them does not succeed any more.
+        """
+        stuck = {key for key in self._from if self._is_stuck(key)}
         if stuck:
-            way = self.way_to(min(stuck, key=self._depths.__getitem__))
-            where = position(way)
+            way, where = self._shortest(stuck, position)
             text = f'stuck: {where}; nothing that can happen changes that, and nobody is asked'
             yield Violation(Property.NO_DEADLOCK, where, text), way
-        can_end = self._can_end()
-        if self._first in can_end:
-            caught = [key for key in self._from if key not in can_end and not self._is_stuck(key)]
-            if caught:
-                way = self.way_to(min(caught, key=self._depths.__getitem__))
-                where = position(way)
-                text = f'from here it can never end by itself, whatever happens: {where}; only a stop ends it'
-                yield Violation(Property.CAN_END, where, text), way
+        before = self._before()
+        can_end = self._can_end(before, frozenset())
+        if self._first not in can_end:
+            return
+        caught = can_end.symmetric_difference(self._from) - stuck
+        if caught:
+            way, where = self._shortest(caught, position)
+            text = f'from here it can never end by itself, whatever happens: {where}; only a stop ends it'
+            yield Violation(Property.CAN_END, where, text), way
+        told: list[set[str]] = []
+        for number in range(1, faults + 1):
+            for gone in combinations(sorted(self._servers), number):
+                if any(known <= set(gone) for known in told):
+                    continue
+                caught = can_end - self._can_end(before, frozenset(gone))
+                if caught:
+                    told.append(set(gone))
+                    way, where = self._shortest(caught, position)
+                    whose = f'{" and that of ".join(gone)} {"is" if number == 1 else "are"} gone for good'
+                    text = f'when the server of {whose}, it goes on for ever from here: {where}; only a stop ends it'
+                    yield Violation(Property.CAN_END, ', '.join(gone), text), way
+
+    def unlimited(self) -> list[str]:
+        """The servers without whose answer it cannot end, once they were asked: nothing limits how long that takes."""
+        before = self._before()
+        can_end = self._can_end(before, frozenset())
+        return [one for one in sorted(self._servers) if can_end - self._can_end(before, frozenset(), silent=one)]
+
+    def _shortest(self, keys: set[bytes], position: Callable[[tuple[Move, ...]], str]) -> tuple[tuple[Move, ...], str]:
+        """The shortest way to one of them, and where that is. Of several as short: the one that was found first."""
+        way = self.way_to(next(key for key in self._from if key in keys))
+        return way, position(way)
 
     def _open(self, key: bytes) -> bool:
         """Whether it is not known what follows."""
@@ -80,20 +117,32 @@ class Graph:
     def _is_stuck(self, key: bytes) -> bool:
         if self.ended[key] is not None or key in self.waiting or self._open(key):
             return False
-        return all(after == key or move.label.is_stop for after, move in self._after.get(key, {}).items())
+        return all(after == key or not ways for after, ways in self._after.get(key, {}).items())
 
-    def _can_end(self) -> set[bytes]:
-        """Configurations from which an end can be reached without a stop, or might be."""
-        before: dict[bytes, list[bytes]] = {}
+    def _before(self) -> dict[bytes, list[tuple[bytes, _Ways]]]:
+        """The steps without a stop, by what they lead to."""
+        before: dict[bytes, list[tuple[bytes, _Ways]]] = {}
         for source, steps in self._after.items():
-            for key, move in steps.items():
-                if not move.label.is_stop:
-                    before.setdefault(key, []).append(source)
+            for key, ways in steps.items():
+                if ways and key != source:
+                    before.setdefault(key, []).append((source, ways))
+        return before
+
+    def _can_end(
+        self, before: dict[bytes, list[tuple[bytes, _Ways]]], gone: frozenset[str], silent: str | None = None
+    ) -> set[bytes]:
+        """Configurations from which an end can be reached without a stop, or might be.
+
+        Nothing succeeds that needs a server that is ``gone``, and nothing comes from the one that is ``silent``.
+        """
         found = {key for key, ended in self.ended.items() if ended is not None or self._open(key)}
         ahead = list(found)
         while ahead:
-            for source in before.get(ahead.pop(), ()):
-                if source not in found:
+            for source, ways in before.get(ahead.pop(), ()):
+                if source not in found and any(
+                    way is None or (way.server != silent and not (way.is_success and way.server in gone))
+                    for way in ways
+                ):
                     found.add(source)
                     ahead.append(source)
         return found

@@ -53,6 +53,8 @@ class LeafModel:
 
     ``results`` are those that it may give. ``resources`` are actuators that it has while it works. A GATE that does not
     let its child begin gives ``otherwise``; one that ``begins_first`` lets it begin when it is ticked first.
+    The tree does not wait for one that
+    ``ignores_cancel`` once it was halted.
     """
 
     kind: LeafKind
@@ -60,6 +62,7 @@ class LeafModel:
     resources: frozenset[str] = frozenset()
     otherwise: NodeStatus = RUNNING
     begins_first: bool = True
+    ignores_cancel: bool = False
 
 
 LeafModels = Callable[[NodeDefinition], LeafModel]
@@ -94,21 +97,25 @@ def leaf_model(definition: NodeDefinition) -> LeafModel:
         return REAL
     skill = node_skill(manifest)
     own = frozenset(skill.resources) if skill is not None else frozenset[str]()
+    ignores = skill is not None and skill.ignores_cancel
     is_instant = manifest.kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction)
     results = (SUCCESS,) if manifest.id in _NEVER_FAIL else _RESULTS
-    return LeafModel(LeafKind.INSTANT if is_instant else LeafKind.ACTION, results, own)
+    if is_instant:
+        return LeafModel(LeafKind.INSTANT, results, own)
+    return LeafModel(LeafKind.ACTION, results, own, ignores_cancel=ignores)
 
 
 class Environment:
     """What the models have in common: what is open, and the answers of the step that is under way.
 
-    ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths.
+    ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
+    with what the tree waits for.
     ``answers`` were given in the step that is under way.
     """
 
     def __init__(self, values: Mapping[str, tuple[Any, ...]]) -> None:
         self.open: dict[str, ModelAction] = {}
-        self.canceling: dict[str, UnfinishedWork] = {}
+        self.canceling: dict[str, UnfinishedWork | None] = {}
         self.owned: dict[str, frozenset[str]] = {}
         self.choices = Choices()
         self.events: list[str] = []
@@ -131,13 +138,21 @@ class Environment:
     def cancel(self, action: ModelAction) -> None:
         """An action was halted."""
         self.open.pop(action.path, None)
-        self.canceling[action.path] = action.context.add_unfinished(f'canceling {action.path}')
-        self.events.append(f'{action.path} is being canceled')
+        if not action.model.ignores_cancel:
+            self.canceling[action.path] = action.context.add_unfinished(f'canceling {action.path}')
+            self.events.append(f'{action.path} is being canceled')
+        elif action.model.resources:
+            self.canceling[action.path] = None
+            self.events.append(f'{action.path} is halted, and what it has begun goes on')
+        else:
+            self.events.append(f'{action.path} is halted')
 
     def confirm(self, path: str) -> None:
         """A halted action has ended."""
         self.owned.pop(path, None)
-        self.canceling.pop(path).done()
+        unfinished = self.canceling.pop(path)
+        if unfinished is not None:
+            unfinished.done()
 
     def shared(self) -> list[tuple[str, list[str]]]:
         """Actuators that several have, with them."""
@@ -184,6 +199,13 @@ class _Model(LeafNode):
     def environment(self) -> Environment:
         environment: Environment = self.services
         return environment
+
+    @property
+    def server(self) -> str:
+        """What it needs to succeed: its type, with the name of the server where the tree gives one."""
+        given = (self._values.get(port) for port in ('server_name', 'service_name'))
+        name = next((value.text for value in given if value is not None and value.key is None), '')
+        return f'{self.id} ({name})' if name else self.id
 
     def read(self) -> None:
         """Read what the real node would. Raises PortError."""

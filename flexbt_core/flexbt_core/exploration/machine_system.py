@@ -28,7 +28,7 @@ from flexbt_core.state_machine.engine import ContainerRun
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
-from .model import STOP, Label, Property, Violation
+from .model import STOP, Answer, Label, Property, Violation, servers_gone
 from .requirements import Monitor, Requirement
 from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
 from .virtual_time import VirtualClock
@@ -74,7 +74,8 @@ class Bounds:
         stops = ', a stop at any time' if self.stops else ''
         return (
             f'any outcome of each state at any time, {people}{stops}, at most {self.faults} ignored '
-            f'cancel{"" if self.faults == 1 else "s"}, autonomy {AUTONOMY_NAMES[self.autonomy]}'
+            f'cancel{"" if self.faults == 1 else "s"}, {servers_gone(self.faults)}, '
+            f'autonomy {AUTONOMY_NAMES[self.autonomy]}'
         )
 
 
@@ -201,6 +202,12 @@ class MachineSystem:
         if bounds.stops:
             labels.append(Label(STOP))
         return labels
+
+    def answer(self, label: Label) -> Answer | None:
+        state = self._environment.active.get(label.subject) if label.kind == OUTCOME else None
+        if state is None or not state.model.server:
+            return None
+        return Answer(state.model.server, label.value in state.model.successes)
 
     def _commands(self) -> list[Label]:
         run, bounds = self._run, self._bounds

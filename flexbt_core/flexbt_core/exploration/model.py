@@ -39,6 +39,18 @@ class Move(NamedTuple):
     answers: tuple[int, ...] = ()
 
 
+class Answer(NamedTuple):
+    """What a label is, when it is how something ends that needs a server: of which one, and whether with success."""
+
+    server: str
+    is_success: bool
+
+
+def servers_gone(number: int) -> str:
+    """This bound in words."""
+    return f'at most {number} server{"" if number == 1 else "s"} gone for good'
+
+
 class Property(Enum):
     """What is proved; the values are what reports call it."""
 
@@ -81,6 +93,9 @@ class System(Protocol):
 
     def labels(self) -> Sequence[Label]:
         """What can happen now; none when it has ended."""
+
+    def answer(self, label: Label) -> Answer | None:
+        """What a label that is possible now tells of a server; None when it tells nothing."""
 
     def step(self, label: Label, choices: Choices) -> list[Violation]:
         """Let it happen, with all that follows at once; what is wrong with that."""

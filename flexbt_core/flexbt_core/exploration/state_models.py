@@ -44,6 +44,7 @@ class StateModel:
     ``outcomes`` are those that it may give (None: all that it declares). ``resources`` are actuators that it has while
     it is active. ``ends_later``: what it has begun has to be canceled, and confirmed, when it is left before its end.
     ``not_written``: outcomes with which it leaves its output keys as they were. ``suggestion`` is that of a DECISION.
+    ``server`` is what it needs to succeed ('' for nothing), ``successes`` are the outcomes by which it does.
     """
 
     kind: StateKind
@@ -52,6 +53,8 @@ class StateModel:
     ends_later: bool = False
     not_written: frozenset[str] = frozenset()
     suggestion: str | None = None
+    server: str = ''
+    successes: frozenset[str] = frozenset()
 
 
 StateModels = Callable[[StateDefinition], StateModel]
@@ -68,7 +71,14 @@ def state_model(definition: StateDefinition) -> StateModel:
     ends_later = type(state).halting is not EventState.halting
     skill = state_skill(state)
     not_written = frozenset(name for name, one in skill.outcomes.items() if one.kind in _UNSUCCESSFUL)
-    return StateModel(kind, resources=frozenset(skill.resources), ends_later=ends_later, not_written=not_written)
+    return StateModel(
+        kind,
+        resources=frozenset(skill.resources),
+        ends_later=ends_later,
+        server=definition.path if ends_later else '',
+        successes=frozenset(state.outcomes) - not_written,
+        not_written=not_written,
+    )
 
 
 class MachineEnvironment:

@@ -23,12 +23,22 @@ from flexbt_core.behavior_tree import (
     UnfinishedWork,
 )
 from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
-from flexbt_core.behavior_tree.model import EMPTY, IDLE, RUNNING, Entry
+from flexbt_core.behavior_tree.model import EMPTY, IDLE, RUNNING, SUCCESS, Entry
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
-from .leaf_models import Environment, LeafModels, leaf_model, some_value, substitute, tested_values
-from .model import STOP, Label, Property, Violation
+from .leaf_models import (
+    Environment,
+    LeafModels,
+    ModelAction,
+    ModelGate,
+    ModelInstant,
+    leaf_model,
+    some_value,
+    substitute,
+    tested_values,
+)
+from .model import STOP, Answer, Label, Property, Violation
 from .requirements import Requirement, unguarded
 from .virtual_time import VirtualClock
 
@@ -38,10 +48,14 @@ CONFIRMED: Final = 'cancel confirmed'
 ALARM: Final = 'time goes by'
 TICK: Final = 'tick'
 
+_MODELS: Final = (ModelAction, ModelGate, ModelInstant)
+
 _ROUNDS: Final = 200
 """Ticks in a row that count as a livelock."""
 
 _WIRED: Final = ('_values', 'context', 'blackboard', 'marks', 'id', 'name', 'uid', '_scope', 'conditions', '_entries')
+_NAME: Final = re.compile(r'[A-Za-z_]\w*')
+_OURS: Final = 'flexbt_core.behavior_tree.'
 _ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
 TREE_LAYOUT: Final = Layout(
@@ -93,7 +107,8 @@ class TreeSystem:
 
     ``models`` says what stands for a node. ``given`` are keys that are on the blackboard from the beginning; so are
     those that something reads and nothing in the tree writes. ``stops``: whether it may be canceled at any time.
-    ``requirements`` are checked after each tick.
+    ``requirements`` are checked after each tick. With ``reduces``, keys that nothing reads do not tell situations
+    apart.
     """
 
     def __init__(
@@ -105,6 +120,7 @@ class TreeSystem:
         given: Iterable[str] = (),
         stops: bool = True,
         requirements: Iterable[Requirement] = (),
+        reduces: bool = True,
     ) -> None:
         """Raises TreeLoadError or LookupError, as Tree does."""
         self.clock = VirtualClock()
@@ -140,7 +156,24 @@ class TreeSystem:
             ),
             self.clock,
             TREE_LAYOUT,
+            unread=self._unread(scripts) if reduces else (),
         )
+
+    def _unread(self, scripts: list[str]) -> list[Entry]:
+        """The entries that nothing reads. None, when a node that is not ours may look at any."""
+        known = (isinstance(node, _MODELS) or type(node).__module__.startswith(_OURS) for node in self._tree.nodes)
+        if not all(known):
+            return []
+        names = set(_NAME.findall(' '.join(scripts)))
+        boards = [subtree.blackboard for subtree in self._tree.subtrees]
+        entries = [(key, entry) for board in boards for key, entry in board._entries.items()]
+        read = {id(entry) for key, entry in entries if key in names} | {
+            id(node.blackboard.entry(value.key))
+            for node in self._tree.nodes
+            for name, value in node._values.items()
+            if value.key is not None and (name not in node.ports or node.ports[name].readable)
+        }
+        return [entry for _, entry in entries if id(entry) not in read]
 
     def _give(self, given: set[str], scripts: list[str]) -> tuple[str, ...]:
         """Write what is there from the beginning; the keys."""
@@ -206,6 +239,11 @@ class TreeSystem:
         if self._stops:
             labels.append(Label(STOP))
         return labels
+
+    def answer(self, label: Label) -> Answer | None:
+        if label.kind != RESULT:
+            return None
+        return Answer(self._environment.open[label.subject].server, label.value == SUCCESS.name)
 
     def step(self, label: Label, choices: Choices) -> list[Violation]:
         run, environment = self._run, self._environment

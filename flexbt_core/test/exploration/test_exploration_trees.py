@@ -18,7 +18,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.exploration import Limits, Property, Report, TreeSystem, explore, replay
+from flexbt_core.exploration import Choices, Label, Limits, Property, Report, TreeSystem, explore, replay
 from flexbt_core.skills import Skill
 from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn, Turn
 
@@ -26,6 +26,10 @@ from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn, Turn
 class Drive(StandIn):
     skill = Skill.of(resources=['base'])
     ports = {'path': input_port(STRING, optional=True)}
+
+
+class Ask(StandIn):
+    skill = Skill.of(ignores_cancel=True)
 
 
 class Follow(StandIn):
@@ -89,7 +93,7 @@ class Stalled(Control):
 
 def registry() -> NodeRegistry:
     found = builtin_registry()
-    for kind in (Drive, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating):
+    for kind in (Drive, Ask, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating):
         found.register(kind.__name__, kind)
     return found
 
@@ -173,3 +177,36 @@ def test_counters_without_a_limit_are_one_situation() -> None:
         '<RetryUntilSuccessful num_attempts="-1"><Delay delay_msec="10"><IsSafe/></Delay></RetryUntilSuccessful>'
     )
     assert report.is_complete and report.configurations < 10
+
+
+FOR_EVER = (
+    '<RetryUntilSuccessful num_attempts="-1"><Sequence><Plan path="{p}"/><Drive/></Sequence></RetryUntilSuccessful>'
+)
+
+
+def test_what_goes_on_for_ever_without_a_server_is_found() -> None:
+    report = proved(FOR_EVER)
+    assert {found.violation.property for found in report.counterexamples} == {Property.CAN_END}
+    assert [found.violation.where for found in report.counterexamples] == ['Drive', 'Plan']
+    assert 'when the server of Drive is gone for good' in report.counterexamples[0].violation.text
+
+
+def test_a_server_that_is_gone_is_no_fault_where_it_is_given_up() -> None:
+    assert proved(FOR_EVER.replace('-1', '3')).holds
+    another = f'<ReactiveFallback><IsSafe/>{FOR_EVER}</ReactiveFallback>'
+    assert proved(another).holds
+
+
+def test_that_an_answer_is_waited_for_without_limit_is_told() -> None:
+    unlimited = [note for note in proved(SOUND).notes if 'no time limit' in note]
+    assert unlimited == ['no time limit: if one of these never answers, only a stop ends it: Plan, Turn']
+
+
+@pytest.mark.parametrize(('name', 'is_confirmed'), [('Drive', True), ('Ask', False)])
+def test_a_tree_does_not_wait_for_what_ignores_a_cancel(name: str, is_confirmed: bool) -> None:
+    tree = system(f'<Sequence><ReactiveFallback><IsSafe/><{name}/></ReactiveFallback><Plan/></Sequence>')
+    tree.step(Label('start'), Choices((1,)))
+    tree.step(Label('tick'), Choices((0,)))
+    kinds = {label.kind for label in tree.labels()}
+    assert ('cancel confirmed' in kinds) is is_confirmed
+    assert ('result' in kinds) is not is_confirmed  # Plan has begun

@@ -68,7 +68,8 @@ def prove_behavior(
         for number, key in enumerate(ahead):
             share = _SHARE_OF_TREES * (end - time.monotonic()) / (len(ahead) - number)
             limits = Limits(min(most, share), configurations)
-            trees[key] = prove_tree(used.library, key, limits=limits, on_progress=_named(f'tree {key.id}', on_progress))
+            tell = _named(f'tree {key.id}', on_progress)
+            trees[key] = prove_tree(used.library, key, limits=limits, faults=bounds.faults, on_progress=tell)
         ahead = [key for key, report in trees.items() if report.stopped_by]
     models = _models(used, trees)
     without = ', '.join(use.path for use in used.uses if use.runs_unknown)
@@ -79,6 +80,7 @@ def prove_behavior(
         f'{bounds}{unknown if without else ""}',
         Limits(max(0.0, end - time.monotonic()), configurations),
         _named('the machine', on_progress),
+        faults=bounds.faults,
     )
     return BehaviorProof(name, trees, report)
 

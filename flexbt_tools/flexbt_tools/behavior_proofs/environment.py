@@ -38,6 +38,6 @@ def state_models(uses: Mapping[str, TreeUse], reports: Mapping[TreeKey, Report],
         outcomes = state.outcomes
         if report is not None and report.is_complete and 'SUCCESS' not in report.ends:
             outcomes = tuple(one for one in outcomes if one != 'done')
-        return replace(found, outcomes=outcomes, resources=frozenset(resources[key]))
+        return replace(found, outcomes=outcomes, resources=frozenset(resources[key]), server='BT server')
 
     return model

@@ -17,6 +17,13 @@ from flexbt_tools.text_files import write_text
 from . import arguments
 
 
+def add_faults(parser: argparse.ArgumentParser, what: str) -> None:
+    """``options.faults``, of which ``what`` says what they are."""
+    parser.add_argument(
+        '--faults', metavar='N', type=int, choices=range(4), default=1, help=f'{what}, 0 to 3 (default: 1)'
+    )
+
+
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """``options.seconds``, ``options.situations``, ``options.save_test``, ``options.json``, ``options.quiet``."""
     parser.add_argument(

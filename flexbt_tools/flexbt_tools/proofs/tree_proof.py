@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import LoadError, NodeKind, NodeRegistry, TreeKey, TreeLibrary
-from flexbt_core.exploration import Limits, Move, Progress, Report, TreeSystem, Violation, explore, replay
+from flexbt_core.exploration import Limits, Move, Progress, Report, TreeSystem, Violation, explore, replay, servers_gone
 from flexbt_server.node_types import node_registry
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, references
@@ -17,7 +17,7 @@ from .moves import moves_of
 
 GOALS: Final = ('goal', 'goals')
 """Keys that whoever runs a tree writes before, as Nav2's navigators do."""
-TREE_BOUNDS: Final = 'any result of each leaf at any time, a stop at any time'
+TREE_BOUNDS: Final = 'any result of each leaf at any time, cancels confirmed soon or late, a stop at any time'
 
 
 def prove_tree(
@@ -26,9 +26,11 @@ def prove_tree(
     *,
     given: Iterable[str] = (),
     limits: Limits | None = None,
+    faults: int = 1,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Report:
-    """Explore a tree. ``given`` are keys that are on the blackboard before it begins.
+    """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
+    servers may be gone for good.
 
     A leaf whose type is not installed gives any result, and a note says so.
 
@@ -43,8 +45,9 @@ def prove_tree(
         return TreeSystem(library, key, given=keys)
 
     taken = make().given
-    bounds = TREE_BOUNDS + (f'; given before it begins: {", ".join(taken)}' if taken else '')
-    report = explore(make, f'tree {key.id}', bounds, limits, on_progress)
+    bounds = TREE_BOUNDS + (f', {servers_gone(faults)}' if faults else '')
+    bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
+    report = explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
     if not unknown:
         return report
     note = f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'

@@ -32,19 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--forces', metavar='N', type=int, choices=range(4), default=0, help='outcomes that are forced, 0 to 3'
     )
     parser.add_argument(
-        '--faults',
-        metavar='N',
-        type=int,
-        choices=range(4),
-        default=1,
-        help='cancels that are ignored, 0 to 3 (default: 1)',
-    )
-    parser.add_argument(
         '--autonomy',
         choices=list(AUTONOMY_NAMES.values()),
         default=AUTONOMY_NAMES[Autonomy.Low],
         help='level of autonomy (default: %(default)s)',
     )
+    proof_arguments.add_faults(parser, 'cancels that are ignored, and servers that are gone for good')
     proof_arguments.add_limits(parser)
 
 

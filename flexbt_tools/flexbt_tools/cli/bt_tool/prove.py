@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--given', metavar='KEY', action='append', default=[], help='a key that is on the blackboard before; repeatable'
     )
     arguments.add_node_types(parser, allow_unknown=False)
+    proof_arguments.add_faults(parser, 'servers that are gone for good')
     proof_arguments.add_limits(parser)
 
 
@@ -37,6 +38,7 @@ def run(options: argparse.Namespace) -> ExitCode:
                 key,
                 given=options.given,
                 limits=limits,
+                faults=options.faults,
                 on_progress=lambda now, name=name: progress.tell(name, now),  # type: ignore[misc]
             )
         except TreeLoadError as error:
