@@ -20,6 +20,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
         share('trees', '*.xml'),
+        share('capabilities', '*.yaml'),
         share('launch', '*.launch.py'),
     ],
     install_requires=['setuptools'],

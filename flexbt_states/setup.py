@@ -20,6 +20,6 @@ setup(
     description='States for FlexBT behaviors: behavior trees, operator input and generic ones.',
     license='BSD-3-Clause',
     entry_points={
-        'console_scripts': [],
+        'flexbt.states': ['flexbt_states = flexbt_states'],
     },
 )

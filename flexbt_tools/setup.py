@@ -25,5 +25,6 @@ setup(
             'bt_tool = flexbt_tools.cli.bt_tool:main',
             'security_policy = flexbt_tools.cli.security_policy:main',
         ],
+        'flexbt.synthesis': ['search = flexbt_tools.synthesis.search:main'],
     },
 )

@@ -21,7 +21,7 @@ from typing import Any
 
 from _figures import write_figures
 
-from flexbt_console.commands import CommandBuilder
+from flexbt_console.commands import CommandBuilder, NobodyAsked
 from flexbt_console.mirror import (
     ActiveState,
     Decision,
@@ -44,7 +44,7 @@ from flexbt_core.clock import SteadyClock
 KEYS = ['o', 'down', 'down', 'escape', 'question_mark', 'escape', 'z', 'z', 'z', 'z']
 
 
-class Robot:
+class Robot(NobodyAsked):
     """A mirror that is fed, and a link that goes nowhere."""
 
     def __init__(self, number: int, clock: SteadyClock) -> None:
@@ -71,10 +71,6 @@ class Robot:
 
     def send(self, command: Any, timeout: float, label: str) -> None:
         """Nothing is sent."""
-
-    def userdata(self, path: str, keys: Any, timeout: float) -> tuple[Any, ...]:
-        """There is none."""
-        return ()
 
 
 class TimedScreen(OperatorScreen):

@@ -46,6 +46,8 @@ CONTROL_TREE: Final = 'control_tree'
 OPERATOR_INPUT: Final = 'operator_input'
 EXECUTE_BEHAVIOR: Final = 'execute_behavior'
 GET_USERDATA: Final = 'get_userdata'
+SYNTHESIZE_BEHAVIOR: Final = 'synthesize_behavior'
+FLEXBE_SYNTHESIS: Final = 'behavior_synthesis'  # of flexbe_msgs, where that is installed
 
 # The operator link
 EXECUTIVE_STATUS: Final = 'executive/status'

@@ -14,7 +14,7 @@ from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 from prompt_toolkit.output.plain_text import PlainTextOutput
 
-from flexbt_console.commands import CommandBuilder, candidates
+from flexbt_console.commands import CommandBuilder, NobodyAsked, candidates
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import (
     ActiveState,
@@ -225,7 +225,7 @@ def test_completion() -> None:
     assert complete('a', view(hostile)) == ['autonomy', 'abort']
 
 
-class Loopback:
+class Loopback(NobodyAsked):
     """Answers each command at once: the link and the executive in one."""
 
     def __init__(self, mirror: Mirror, answer: Callable[[Command], Snapshot]) -> None:

@@ -7,13 +7,13 @@ import asyncio
 import dataclasses
 import os
 import random
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 
 import pytest
 from textual.pilot import Pilot
 from textual.widgets import Static
 
-from flexbt_console.commands import CommandBuilder
+from flexbt_console.commands import CommandBuilder, NobodyAsked
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import (
     ActiveState,
@@ -39,7 +39,6 @@ from flexbt_console.mirror import (
     StateStructure,
     Structure,
     TreeNode,
-    UserdataScope,
 )
 from flexbt_console.ui.screen import KEYS, OperatorScreen
 from flexbt_core.clock import ManualClock
@@ -62,7 +61,7 @@ STRUCTURE = Structure(
 SIZES = [(120, 36), (80, 24), (40, 12), (20, 5), (200, 60)]
 
 
-class NotingLink:
+class NotingLink(NobodyAsked):
     """What was sent, in its order."""
 
     def __init__(self, mirror: Mirror) -> None:
@@ -72,9 +71,6 @@ class NotingLink:
     def send(self, command: Command, timeout: float, label: str) -> object:
         self.sent.append(command)
         return self.mirror.give(command, timeout, label)
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        return ()
 
     @property
     def kinds(self) -> list[CommandKind]:

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from flexbt_console.commands import CommandBuilder
+from flexbt_console.commands import CommandBuilder, NobodyAsked
 from flexbt_console.mirror import (
     ActiveState,
     Behavior,
@@ -57,7 +57,7 @@ STRUCTURE = Structure(
 )
 
 
-class WebRobot:
+class WebRobot(NobodyAsked):
     """An executive as the mirror sees it; it applies what it is sent when ``answers``.
 
     With ``is_drawn`` there is a machine and a tree, of which the server has pictures made, which takes seconds.

@@ -340,7 +340,7 @@ def test_parameters_are_described_and_have_their_defaults() -> None:
     with NodeRuntime.open('executive', parameters={'peers': ['a', '']}) as runtime:
         values = runtime.call(lambda: declare_parameters(runtime.node))
         own = f'{USER_DIRECTORY}/domain_{runtime.node.context.get_domain_id()}'  # two executives never share a file
-        assert values == ExecutiveParameters(peers=('a',), event_log_directory=own)
+        assert values == ExecutiveParameters(peers=('a',), event_log_directory=own, machine_directory=f'{own}/machines')
         for name in ('peers', 'pose_topic', 'heartbeat_period', 'autonomy'):
             descriptor = runtime.node.describe_parameter(name)
             assert descriptor.description

@@ -34,6 +34,11 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BtLoad_Goal.xml': 8_000_000,  # the parameter max_file_size of the BT server counts as well
     'flexbt_msgs/BtExecute_Goal.goals': 10_000,
     'flexbt_msgs/BtExecute_Goal.behavior_tree': 4_096,  # it may be a file
+    'flexbt_msgs/SynthesizeBehavior_Goal.capabilities': 1_000_000,
+    'flexbt_msgs/SynthesizeBehavior_Goal.goals[]': 20_000,
+    'flexbt_msgs/SynthesizeBehavior_Goal.initial_conditions[]': 20_000,
+    'flexbt_msgs/SynthesizeBehavior_Goal.system': 4_096,
+    'flexbt_msgs/SynthesizeBehavior_Goal.specification': 4_096,
     'flexbt_msgs/OperatorInput_Goal.prompt': 10_000,
     'flexbt_msgs/OperatorInput_Goal.choices': 200,
     'flexbt_msgs/SetFault_Request.parameters': 10_000,

@@ -55,6 +55,42 @@ def line_count(text: str) -> int:
     return int(text)
 
 
+LIVENESS: Final = ('fair', 'adversarial', 'fair-outcomes')
+"""What can be assumed about failures in a synthesis; the first is the default."""
+
+_MOST_RETRIES: Final = 1000
+_CAPABILITIES: Final = 1_000_000
+
+
+def liveness(text: str) -> str:
+    """Read what is assumed about failures. Raises UsageError when it is none of LIVENESS."""
+    if text not in LIVENESS:
+        raise UsageError(f'{text!r}: expected {", ".join(LIVENESS)}')
+    return text
+
+
+def retry_count(text: str) -> int:
+    """Read how often a state is repeated. Raises UsageError when it is no number from 0 to 1000."""
+    if not text.isascii() or not text.isdigit() or len(text) > 9 or int(text) > _MOST_RETRIES:
+        raise UsageError(f'{text!r}: expected a number from 0 to {_MOST_RETRIES}')
+    return int(text)
+
+
+def capability_text(file: str) -> str:
+    """The text of a capability file of this computer. Raises UsageError when it cannot be read."""
+    try:
+        with Path(file).open('rb') as content:
+            data = content.read(_CAPABILITIES + 1)
+        text = data.decode('utf-8-sig')
+    except OSError as error:
+        raise UsageError(f'{file}: cannot be read: {error.strerror or error}') from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f'{file}: byte {error.start + 1} is no UTF-8; this is no text') from error
+    if len(data) > _CAPABILITIES or not text.strip():
+        raise UsageError(f'{file}: empty, or longer than {_CAPABILITIES} bytes; this is no capability file')
+    return text
+
+
 def port_number(text: str) -> int:
     """Read the number of a port; 0 stands for one that is free.
 

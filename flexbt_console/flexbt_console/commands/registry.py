@@ -7,12 +7,20 @@ effect in the engine; ``docs/tools/make_console.py`` writes its documentation.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Final
 
 from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
-from flexbt_console.mirror import NOTE_LENGTH, AutonomyLevel, Command, CommandKind, DecisionKind, View
+from flexbt_console.mirror import (
+    NOTE_LENGTH,
+    AutonomyLevel,
+    Command,
+    CommandKind,
+    DecisionKind,
+    SynthesisRequest,
+    View,
+)
 from flexbt_console.present import (
     behaviors_lines,
     event_line,
@@ -22,16 +30,28 @@ from flexbt_console.present import (
     status_lines,
     structure_json,
     structure_lines,
+    synthesis_lines,
     userdata_lines,
 )
 
 from .command_builder import CommandBuilder
-from .operator_values import assignment, autonomy_level, line_count, port_number, start_input
+from .operator_values import (
+    LIVENESS,
+    assignment,
+    autonomy_level,
+    capability_text,
+    line_count,
+    liveness,
+    port_number,
+    retry_count,
+    start_input,
+)
 from .spec import (
     DECISION,
     Answers,
     Argument,
     Ask,
+    AskedRobot,
     CommandLine,
     CommandSpec,
     Known,
@@ -42,7 +62,6 @@ from .spec import (
     Show,
     Shown,
     Typed,
-    UserdataSource,
     seconds,
 )
 
@@ -244,10 +263,40 @@ def _show_places(line: CommandLine, view: View, known: Known) -> Shown:
     return Shown(view.places, places_lines(view.places))
 
 
-def _ask_userdata(line: CommandLine, source: UserdataSource, timeout: float) -> Shown:
+def _ask_userdata(line: CommandLine, robot: AskedRobot, timeout: float, tell: Callable[[str], None]) -> Shown:
     path, *keys = line.words or ('',)
-    scopes = source.userdata(path, keys, timeout)
+    scopes = robot.userdata(path, keys, timeout)
     return Shown(scopes, userdata_lines(scopes))
+
+
+def _ask_synthesis(line: CommandLine, robot: AskedRobot, timeout: float, tell: Callable[[str], None]) -> Shown:
+    if line.has('--cancel'):
+        count = robot.cancel_synthesis()
+        if not count:
+            raise RefusedError('no synthesis is under way that was asked for here')
+        return Shown(count, ['the synthesis is canceled'])
+    request = SynthesisRequest(
+        line.first_word,
+        capability_text(line.value('--file')) if line.has('--file') else '',
+        line.value('--spec'),
+        tuple(line.values('--goal')),
+        tuple(line.values('--initial')),
+        tuple(line.values('--outcome')),
+        line.value('--liveness') or LIVENESS[0],
+        retry_count(line.value('--retries')) if line.has('--retries') else -1,
+        line.value('--name'),
+        line.seconds('--time-limit') or 0.0,
+    )
+    made = robot.synthesis(request, timeout, tell)
+    return Shown(made, synthesis_lines(made), is_refusal=not made.behavior)
+
+
+def _check_synthesis(line: CommandLine) -> None:
+    if line.has('--cancel'):
+        if line.words or len(line.options) > 1:
+            raise UsageError('--cancel stands alone: it ends the synthesis that is under way')
+    elif line.has('--file') == bool(line.words):
+        raise UsageError('name the SYSTEM that the robot knows, or a file of capabilities of this computer by --file')
 
 
 # The commands
@@ -502,6 +551,38 @@ COMMANDS: Final = (
             'The other behavior has to have the active states at the same paths; the refusal names those it lacks.',
         ),
         has_arrived=_behaviors_known,
+    ),
+    CommandSpec(
+        'synthesize',
+        'have a behavior made of capabilities that reaches goals whatever fails, or be told why there is none',
+        Ask(_ask_synthesis),
+        (Argument('SYSTEM', required=False),),
+        (
+            Option('--goal', 'what is to hold (all of them)', 'FORMULA', repeated=True),
+            Option('--initial', 'what holds at the start', 'FORMULA', repeated=True),
+            Option('--outcome', 'outcome of the machine', 'NAME', repeated=True),
+            Option('--retries', 'a state is repeated so often, then it is given up', 'N', read=retry_count),
+            Option(
+                '--liveness',
+                'fair, adversarial or fair-outcomes: what is assumed about failures (default fair)',
+                'WHAT',
+                values=lambda typed: LIVENESS,
+                read=liveness,
+            ),
+            Option('--name', "name of the behavior (default: the system's)", 'NAME'),
+            Option('--spec', 'file on the robot of more variables and formulas', 'FILE'),
+            Option('--file', 'capability file (YAML) of this computer, in place of SYSTEM', 'FILE', in_prompt=False),
+            Option('--time-limit', 'end the search after so long (default 60)', 'SECONDS', read=seconds),
+            Option('--cancel', 'end the synthesis that is under way'),
+        ),
+        details=(
+            "SYSTEM is a capability file of the robot: a name in the executive's capability_directories, or "
+            'package/path.yaml. A FORMULA with blanks is one word in quotes.',
+            'The machine is shown, and becomes a behavior of the robot, which "start" and "switch" take; nothing is '
+            'started by this, and what runs goes on. Where no machine can do that, the answer is why, and the exit '
+            'code 3. In line mode Ctrl-C cancels it.',
+        ),
+        check=_check_synthesis,
     ),
     CommandSpec(
         'claim',

@@ -7,10 +7,20 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
-from flexbt_console.errors import UsageError
-from flexbt_console.mirror import Command, CommandKind, DecisionKind, ExecutiveEvent, LogLine, UserdataScope, View
+from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.mirror import (
+    Command,
+    CommandKind,
+    DecisionKind,
+    ExecutiveEvent,
+    LogLine,
+    Synthesis,
+    SynthesisRequest,
+    UserdataScope,
+    View,
+)
 
 from .command_builder import CommandBuilder
 
@@ -102,10 +112,11 @@ class Send(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """The answer of a command: the value for programs (JSON), and lines for people."""
+    """The answer of a command: the value for programs (JSON), and lines for people; whether it is a "no"."""
 
     value: Any
     text: list[str]
+    is_refusal: bool = False
 
 
 class Known(Protocol):
@@ -126,18 +137,45 @@ class Show(NamedTuple):
     show: Callable[[CommandLine, View, Known], Shown]
 
 
-class UserdataSource(Protocol):
-    """Where the userdata of the run is asked for."""
+class AskedRobot(Protocol):
+    """A robot that is asked. Not on the executor thread; each method raises ConsoleError."""
 
-    def userdata(self, path: str, keys: list[str], timeout: float) -> tuple[UserdataScope, ...]:
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
         """The userdata of the run; '' is the path of every active machine, and no keys are all."""
         ...
 
+    def synthesis(self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None]) -> Synthesis:
+        """Have a behavior made, or be told why there is none; ``tell`` gets now and then what is being done."""
+        ...
+
+    def cancel_synthesis(self) -> int:
+        """Cancel what is being made; how many these were."""
+        ...
+
+
+class NobodyAsked:
+    """Stands for a robot where there is none to ask; ``why`` is told."""
+
+    why: ClassVar[str] = 'there is no robot to ask'
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        """Refuse it."""
+        raise RefusedError(self.why)
+
+    def synthesis(self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None]) -> Synthesis:
+        """Refuse it."""
+        raise RefusedError(self.why)
+
+    def cancel_synthesis(self) -> int:
+        """Refuse it."""
+        raise RefusedError(self.why)
+
 
 class Ask(NamedTuple):
-    """The command asks the executive, and waits so many seconds for what it says; not on the executor thread."""
+    """The command asks the robot, and waits for what it says: so many seconds, or longer, and then it tells lines
+    meanwhile. Not on the executor thread."""
 
-    ask: Callable[[CommandLine, UserdataSource, float], Shown]
+    ask: Callable[[CommandLine, AskedRobot, float, Callable[[str], None]], Shown]
 
 
 class Mode(Enum):

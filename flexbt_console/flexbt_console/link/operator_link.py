@@ -7,7 +7,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from flexbt_common import names
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, writer_name
-from flexbt_console.errors import NoLinkError
+from flexbt_console.errors import NoLinkError, RefusedError
 from flexbt_console.mirror import (
     LONGEST_RESEND,
     Change,
@@ -25,6 +25,8 @@ from flexbt_console.mirror import (
     CommandKind,
     CommandState,
     Mirror,
+    Synthesis,
+    SynthesisRequest,
     TrackedCommand,
     Transit,
     UserdataScope,
@@ -54,6 +56,9 @@ from .messages import (
     structure_record,
 )
 
+if TYPE_CHECKING:
+    from .synthesis_query import SynthesisQuery
+
 T = TypeVar('T')
 
 MESSAGE_BYTES: Final = 16_000_000
@@ -77,6 +82,8 @@ class OperatorLink:
         ``namespace`` is that of the robot, by default the node's own.
         """
         self._namespace = namespace
+        self._operator = operator
+        self._synthesis: SynthesisQuery | None = None
         self._status_topic = self._topic(names.EXECUTIVE_STATUS)
         self._command_topic = self._topic(names.EXECUTIVE_COMMAND)
         self._runtime = runtime
@@ -154,6 +161,27 @@ class OperatorLink:
         from .userdata_query import userdata  # what only this command needs
 
         return userdata(self._runtime, self._namespace, path, keys, timeout)
+
+    def synthesis(self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None]) -> Synthesis:
+        """Have a behavior made, see :meth:`flexbt_console.link.synthesis_query.SynthesisQuery.ask`.
+
+        Raises what that raises, and RefusedError for an observer.
+        """
+        return self._synthesis_query().ask(request, timeout, tell)
+
+    def cancel_synthesis(self) -> int:
+        """Cancel what is being made; how many these were. Raises RefusedError for an observer."""
+        return self._synthesis_query().cancel()
+
+    def _synthesis_query(self) -> SynthesisQuery:
+        from .synthesis_query import SynthesisQuery  # what only this command needs
+
+        if self._operator is None:
+            raise RefusedError('an observer has nothing made; leave --observer out')
+        with self._changed:
+            if self._synthesis is None:
+                self._synthesis = SynthesisQuery(self._runtime, self._namespace, self._operator)
+            return self._synthesis
 
     def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node

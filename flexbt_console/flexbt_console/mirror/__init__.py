@@ -32,6 +32,8 @@ from .records import (
     StateKind,
     StateStructure,
     Structure,
+    Synthesis,
+    SynthesisRequest,
     UserdataScope,
     plain_type,
 )
@@ -87,6 +89,8 @@ __all__ = [
     'StatusChange',
     'Structure',
     'Surroundings',
+    'Synthesis',
+    'SynthesisRequest',
     'TrackedCommand',
     'Transit',
     'TreeNode',

@@ -346,6 +346,32 @@ class UserdataScope:
 
 
 @dataclass(frozen=True, slots=True)
+class SynthesisRequest:
+    """What a behavior is to be made of, and for what; see SynthesizeBehavior. ``time_limit`` in s, 0 for the usual."""
+
+    system: str = ''
+    capabilities: str = ''
+    specification: str = ''
+    goals: tuple[str, ...] = ()
+    initial_conditions: tuple[str, ...] = ()
+    outcomes: tuple[str, ...] = ()
+    liveness: str = 'fair'
+    retries: int = -1
+    name: str = ''
+    time_limit: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Synthesis:
+    """A behavior that was made, with its machine as YAML; or, with no behavior, the lines that say why none can be."""
+
+    behavior: str
+    machine: str
+    notes: tuple[str, ...]
+    explanation: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
     """A command to an executive. Which fields are used depends on ``kind``; see ExecutiveCommand."""
 

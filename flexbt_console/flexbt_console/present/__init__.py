@@ -29,6 +29,7 @@ from .rendering import (
     stamp_text,
     status_lines,
     structure_lines,
+    synthesis_lines,
     userdata_lines,
     what_runs,
 )
@@ -73,6 +74,7 @@ __all__ = [
     'status_lines',
     'structure_json',
     'structure_lines',
+    'synthesis_lines',
     'tone_of',
     'userdata_lines',
     'what_runs',

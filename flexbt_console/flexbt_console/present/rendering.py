@@ -29,6 +29,7 @@ from flexbt_console.mirror import (
     Snapshot,
     StateKind,
     Structure,
+    Synthesis,
     TrackedCommand,
     Urgency,
     UserdataScope,
@@ -377,6 +378,17 @@ def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
                 text = f'{text[:VALUE_LENGTH]}... ({len(text)} characters; all of them: --json)'
             shown.append(f'  {one_line(value.key)} ({one_line(value.type) or "cannot be sent"}) = {text}')
     return shown or ['the machines have no userdata']
+
+
+def synthesis_lines(made: Synthesis) -> list[str]:
+    """The machine that was made, what was taken for granted, and how it is started; or why there is none."""
+    if not made.behavior:
+        return [one_line(line) for line in made.explanation]
+    return [
+        *(one_line(line) for line in made.machine.splitlines()),
+        *(f'note: {one_line(note)}' for note in made.notes),
+        f'behavior {one_line(made.behavior)!r} is there: start {one_line(made.behavior)}',
+    ]
 
 
 def places_lines(known: Mapping[str, Pose]) -> list[str]:

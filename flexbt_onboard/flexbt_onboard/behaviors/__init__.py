@@ -3,6 +3,7 @@
 
 from .behavior import Behavior, BehaviorManifest, BehaviorParameter, OperatorGone, ParameterValue, parameter_text
 from .behavior_library import BehaviorEntry, BehaviorLibrary, described
+from .machine_behavior import MachineBehavior, machine_entry, state_modules, states_of
 from .offline_building import building
 from .run_building import (
     RunRequest,
@@ -24,6 +25,7 @@ __all__ = [
     'BehaviorLibrary',
     'BehaviorManifest',
     'BehaviorParameter',
+    'MachineBehavior',
     'OperatorGone',
     'ParameterValue',
     'RunContext',
@@ -37,8 +39,11 @@ __all__ = [
     'current_run',
     'definition_of',
     'described',
+    'machine_entry',
     'parameter_text',
     'run_request',
+    'state_modules',
     'state_services',
+    'states_of',
     'structure_message',
 ]

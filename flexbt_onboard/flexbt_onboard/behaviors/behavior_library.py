@@ -17,7 +17,7 @@ from typing import Final
 
 from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
 from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
-from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
+from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError, UnknownBehaviorError
 
 from .behavior import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
 
@@ -83,6 +83,7 @@ class BehaviorLibrary:
             replace(entry, name=f'{entry.package}/{entry.name}') if uses[entry.name] > 1 else entry for entry in found
         ]
         self._entries: dict[str, BehaviorEntry] = {}
+        self._added: set[str] = set()
         for entry in sorted(unique, key=lambda entry: entry.name):
             if entry.name in self._entries:
                 reason = f'package {entry.package!r} has several behaviors of this name; rename all but one'
@@ -100,6 +101,27 @@ class BehaviorLibrary:
     def entries(self) -> Mapping[str, BehaviorEntry]:
         """All of them, sorted by name."""
         return self._entries
+
+    def add(self, entry: BehaviorEntry) -> None:
+        """Have one more, which was made since, in place of one of its name that was added before.
+
+        Raises:
+            BehaviorError: an installed behavior has this name.
+        """
+        self.check_free(entry.name)
+        self._added.add(entry.name)
+        self._entries = dict(sorted({**self._entries, entry.name: entry}.items()))
+
+    def check_free(self, name: str) -> None:
+        """Whether a behavior of this name can be added. Raises BehaviorError as :meth:`add`."""
+        if name in self._entries and name not in self._added:
+            raise BehaviorError(f'an installed behavior is called {name!r}; choose another name')
+
+    def remove(self, name: str) -> None:
+        """Take one out again that was added."""
+        if name in self._added:
+            self._added.remove(name)
+            del self._entries[name]
 
     def find(self, name: str) -> BehaviorEntry:
         """The behavior called ``name``, or ``package/name``.

@@ -43,6 +43,7 @@ from flexbt_onboard.link import (
     status_of,
 )
 from flexbt_onboard.runs import BehaviorRun, OperatorWatch, RunDisplay, RunSupervisor, StopWatch
+from flexbt_onboard.synthesis import MachineStore, SearchSettings, SynthesisServer, Synthesizer, serve_flexbe
 
 from .behavior_action import BehaviorActionServer
 from .diagnostics import Diagnostics
@@ -146,6 +147,17 @@ class Executive:
         # Programs and monitors.
         self._actions = BehaviorActionServer(runtime, library, self.runs, self._admission)
         UserdataServer(runtime, self.runs)
+        synthesizer = Synthesizer(
+            runtime,
+            library,
+            MachineStore(node_file(parameters.machine_directory, node_name, '')),
+            report,
+            self._behaviors_in_use,
+            self._publish_behaviors,
+            SearchSettings(parameters.capability_directories, parameters.synthesis_memory),
+        )
+        SynthesisServer(runtime, synthesizer, self._admission)
+        serve_flexbe(runtime, synthesizer)
         self._shown = ShownStatus(
             runtime, self._status_message, self._link.publish_status, journal.when_durable, self._status.changed
         )
@@ -190,16 +202,24 @@ class Executive:
             self._report.log(ExecutiveLog.ERROR, self._journal.damage)
         if self._journal.torn:
             self._report.log(ExecutiveLog.WARN, self._journal.torn)
-        entries = self.library.entries.values()
-        self._link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
+        self._publish_behaviors()
         self._link.publish_places(self._places)
-        for entry in entries:
+        for entry in self.library.entries.values():
             if entry.error:
                 self._report.broken(entry)
         interrupted = self.runs.interrupted
         if interrupted is not None:
             self._report.interrupted(interrupted.run_id, interrupted.behavior, interrupted.active)
         self._status.changed()
+
+    def _publish_behaviors(self) -> None:
+        entries = self.library.entries.values()
+        self._link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
+
+    def _behaviors_in_use(self) -> set[str]:
+        """Names of the behavior that runs, and of the one that was interrupted."""
+        run, interrupted = self.runs.run, self.runs.interrupted
+        return {one.behavior for one in (run.snapshot if run else None, interrupted) if one is not None}
 
     def _activate(self) -> None:
         if self._admission.refusal:

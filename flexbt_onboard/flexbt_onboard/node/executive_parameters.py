@@ -41,6 +41,9 @@ class ExecutiveParameters:
     event_log_directory: str = ''
     event_log_size: int = EVENT_LOG_SIZE
     event_log_files: int = EVENT_LOG_FILES
+    machine_directory: str = ''
+    capability_directories: tuple[str, ...] = ()
+    synthesis_memory: int = 4_000_000_000
 
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
@@ -84,6 +87,11 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
                 validate_topic_name(name)
             except InvalidTopicNameException as error:
                 raise OnboardError(f'parameter {parameter}: {name!r} is not a name: {error}') from None
+    event_log_directory = declare.text(
+        'event_log_directory',
+        f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
+        'directory of the event log of commands, decisions and transitions; empty for none',
+    )
     return ExecutiveParameters(
         peers=tuple(dict.fromkeys(peers)),
         peer_timeout=declare.real('peer_timeout', defaults.peer_timeout, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
@@ -135,11 +143,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             defaults.journal_directory,
             'directory of the journal, by which a run can go on after a crash of the executive; empty for none',
         ),
-        event_log_directory=declare.text(
-            'event_log_directory',
-            f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
-            'directory of the event log of commands, decisions and transitions; empty for none',
-        ),
+        event_log_directory=event_log_directory,
         event_log_size=declare.integer(
             'event_log_size',
             defaults.event_log_size,
@@ -149,6 +153,24 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         ),
         event_log_files=declare.integer(
             'event_log_files', defaults.event_log_files, 1, 1000, 'files of the event log that are kept'
+        ),
+        machine_directory=declare.text(
+            'machine_directory',
+            f'{event_log_directory}/machines' if event_log_directory else '',
+            'directory of the behaviors that were synthesized, for the next start; empty for none '
+            '(default: "machines" in that of the event log)',
+        ),
+        capability_directories=declare.texts(
+            'capability_directories',
+            defaults.capability_directories,
+            'directories of capability files, which operators name without ".yaml" in a synthesis',
+        ),
+        synthesis_memory=declare.integer(
+            'synthesis_memory',
+            defaults.synthesis_memory,
+            500_000_000,
+            10**13,
+            'bytes of address space that the process of a synthesis may take',
         ),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from flexbt_core.synthesis.inputs import (
     Interfaces,
@@ -23,18 +23,23 @@ from flexbt_core.synthesis.inputs import (
 from flexbt_tools.errors import UsageError
 from flexbt_tools.text_files import read_text
 
-_MAX_BYTES = 4_000_000
+MAX_BYTES: Final = 4_000_000
+"""Of a file of a synthesis, at most."""
 
 T = TypeVar('T')
 
 
 @dataclass(frozen=True, slots=True)
 class SynthesisFiles:
-    """Names of files: capabilities, mappings (later ones count where several have an entry), specification."""
+    """Names of files: capabilities, mappings (later ones count where several have an entry), specification.
+
+    ``text`` are capabilities that are at hand, and how they are called; in place of a file of them.
+    """
 
     capabilities: str | None
     mappings: Sequence[str] = ()
     specification: str | None = None
+    text: tuple[str, str] | None = None
 
 
 def read_problem(files: SynthesisFiles, request: Request, interfaces: Interfaces, options: Options) -> Problem:
@@ -45,12 +50,16 @@ def read_problem(files: SynthesisFiles, request: Request, interfaces: Interfaces
         UsageError: a file cannot be read, or there is none.
     """
     given = None if files.specification is None else read(files.specification, read_specification)
-    if files.capabilities is None:
+    if files.capabilities is None and files.text is None:
         if given is None:
             raise UsageError('name a capability file, or a whole specification by --spec')
         return hand_written(given, request)
     mappings = _mappings(files.mappings)
-    capabilities = read(files.capabilities, lambda text, source: read_capabilities(text, source, mappings))
+    capabilities = (
+        read(files.capabilities, lambda text, source: read_capabilities(text, source, mappings))
+        if files.capabilities is not None
+        else read_capabilities(*(files.text or ('', '')), mappings)
+    )
     if given is not None and is_whole(given, capabilities):
         return hand_written(given, request, capabilities, interfaces)
     return translated(capabilities, interfaces, request, given, options)
@@ -77,4 +86,4 @@ _USUAL = {
 
 def read(name: str, reader: Callable[[str, str], T]) -> T:
     """What a reader makes of a file. Raises UsageError when it cannot be read."""
-    return reader(read_text(name, _MAX_BYTES), name)
+    return reader(read_text(name, MAX_BYTES), name)

@@ -96,8 +96,9 @@ def run(session: Session) -> ExitCode:
         return _show(session, spec, spec.action)
     if isinstance(spec.action, Ask):
         session.link.live_view(session.timeout)
-        _print(session, spec.action.ask(session.line, session.link, session.timeout))
-        return ExitCode.OK
+        shown = spec.action.ask(session.line, session.link, session.timeout, _tell_progress)
+        _print(session, shown)
+        return ExitCode.REFUSED if shown.is_refusal else ExitCode.OK
     return watch(session.mirror, session.link, as_json=session.json, seconds=session.line.seconds('--timeout'))
 
 
@@ -180,6 +181,10 @@ def _print(session: Session, shown: Shown) -> None:
     colours = has_colours(sys.stdout)
     text = '\n'.join(coloured(line, colours) for line in shown.text)
     print(encode_json(shown.value) if session.json else text, file=sys.stdout, flush=True)
+
+
+def _tell_progress(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _other(now: tuple[Any, ...], before: tuple[Any, ...]) -> tuple[Any, ...] | None:

@@ -11,7 +11,7 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
@@ -25,9 +25,9 @@ from prompt_toolkit.output import ColorDepth, Output
 from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
-from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Command, CommandState, Mirror, UserdataScope, View
+from flexbt_console.mirror import Command, CommandState, Mirror, View
 from flexbt_console.present import (
     SETTLE_SECONDS,
     Follower,
@@ -46,14 +46,11 @@ from .terminal import RawInput, is_gone
 from .toolbar import toolbar
 
 
-class Link(Protocol):
+class Link(AskedRobot, Protocol):
     """The operator link, as far as the prompt uses it."""
 
     def send(self, command: Command, timeout: float, label: str) -> object:
         """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """The userdata of the run; not on the executor thread. Raises ConsoleError."""
 
 
 AGE_SECONDS: Final = 0.5
@@ -237,13 +234,17 @@ class Prompt:
         action = meaning.line.spec.action
         assert isinstance(action, Ask)
         try:
-            text = action.ask(meaning.line, self._link, self._timeout).text
+            text = action.ask(meaning.line, self._link, self._timeout, self._tell_progress).text
         except ConsoleError as error:
             text = _warned([f'{meaning.line.spec.name}: {line}' for line in lines(str(error))])
         except Exception as error:
             text = _fault_lines(error)
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
             self._loop.call_soon_threadsafe(self._print, text)
+
+    def _tell_progress(self, text: str) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop was closed just now
+            self._loop.call_soon_threadsafe(self._print, lines(text))
 
     def _fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """A callback of the event loop let an exception escape: the terminal is gone, or it is a fault of ours."""

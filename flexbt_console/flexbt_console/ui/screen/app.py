@@ -21,9 +21,9 @@ from textual.containers import Horizontal, Vertical
 from textual.suggester import Suggester
 from textual.widgets import Input
 
-from flexbt_console.commands import Ask, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Command, CommandState, Fleet, Mirror, RobotOverview, UserdataScope, View
+from flexbt_console.mirror import Behavior, Command, CommandState, Fleet, Mirror, RobotOverview, View
 from flexbt_console.present import (
     Line,
     Tone,
@@ -62,14 +62,11 @@ TOLD_LINES: Final = 200
 ZOOMED: Final = ('machine', 'map', 'log')
 
 
-class Link(Protocol):
+class Link(AskedRobot, Protocol):
     """The operator link, as far as the screen uses it."""
 
     def send(self, command: Command, timeout: float, label: str) -> object:
         """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """The userdata of the run; not on the executor thread. Raises ConsoleError."""
 
 
 class Robots(Protocol):
@@ -418,10 +415,13 @@ class OperatorScreen(App[None]):
         action = meaning.line.spec.action
         assert isinstance(action, Ask)
         try:
-            text = action.ask(meaning.line, self._link, self._timeout).text
+            text = action.ask(meaning.line, self._link, self._timeout, self._tell_progress).text
         except ConsoleError as error:
             text = [Line(line, Tone.WARNING) for line in lines(str(error))]
         self.call_later(self._read, meaning.line.spec.name, text)
+
+    def _tell_progress(self, text: str) -> None:
+        self.call_later(self.tell, lines(text))
 
     def _settle(self) -> None:
         """Tell what became of the commands."""

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final, Protocol
 
 from rich.text import Text
 
+from flexbt_console.commands import NobodyAsked
 from flexbt_console.errors import RefusedError
-from flexbt_console.mirror import Command, Mirror, UserdataScope
+from flexbt_console.mirror import Command, Mirror
 from flexbt_console.present import Line, Tone
 from flexbt_console.ui.interaction import cut
 from flexbt_core.clock import Clock
@@ -49,16 +49,14 @@ class Player(Protocol):
         """Go to the next moment in which this is said. Raises RefusedError when there is none."""
 
 
-class NoLink:
+class NoLink(NobodyAsked):
     """A recording takes no commands."""
+
+    why = 'this is a recording: nobody is there to ask'
 
     def send(self, command: Command, timeout: float, label: str) -> object:
         """Refuse it."""
         raise RefusedError('this is a recording; nothing was sent')
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """Refuse it."""
-        raise RefusedError('this is a recording, which has no userdata')
 
 
 class ReplayBar:

@@ -120,7 +120,7 @@ def _done(meaning: Meaning, station: Station) -> Answer | Later:
 
 
 def _asked(title: str, action: Ask, line: CommandLine, station: Station) -> Answer:
-    return Answer(title=title, lines=tuple(action.ask(line, station.link, station.timeout).text))
+    return Answer(title=title, lines=tuple(action.ask(line, station.link, station.timeout, lambda text: None).text))
 
 
 def _obstacle(where: object, station: Station) -> Answer:

@@ -3,22 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from flexbt_console.commands import CommandBuilder
-from flexbt_console.mirror import Command, Mirror, UserdataScope
+from flexbt_console.commands import AskedRobot, CommandBuilder
+from flexbt_console.mirror import Command, Mirror
 
 
-class Link(Protocol):
+class Link(AskedRobot, Protocol):
     """The operator link, as far as the page uses it."""
 
     def send(self, command: Command, timeout: float, label: str) -> object:
         """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """The userdata of the run; not on the executor thread. Raises ConsoleError."""
 
 
 class Obstacles(Protocol):

@@ -27,6 +27,7 @@ from flexbt_core.synthesis.machines import (
     machine_as_yaml,
     state_instantiations,
 )
+from flexbt_onboard.behaviors import state_modules
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 from flexbt_tools.synthesis import (
@@ -101,7 +102,7 @@ def run(options: argparse.Namespace) -> ExitCode:
 
 def _answered(options: argparse.Namespace) -> ExitCode:
     others = read(options.interfaces, read_interfaces) if options.interfaces else None
-    interfaces = StateInterfaces(['flexbt_states', *options.states], others)
+    interfaces = StateInterfaces([*state_modules(), *options.states], others)
     request = read(options.request, read_request) if options.request else Request()
     request = replace(
         request,

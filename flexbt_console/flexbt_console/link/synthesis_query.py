@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Having a behavior synthesized: goals of the action ``synthesize_behavior``."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, Final
+
+from flexbt_common import names
+from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome
+from flexbt_common.runtime import NodeRuntime
+from flexbt_console.errors import ConsoleError, NoAnswerError, RefusedError
+from flexbt_console.mirror import Synthesis, SynthesisRequest
+from flexbt_msgs.action import SynthesizeBehavior
+
+Goal, Result = SynthesizeBehavior.Goal, SynthesizeBehavior.Result
+
+DEFAULT_SECONDS: Final = 60.0
+_GRACE: Final = 15.0
+"""Seconds beyond the time limit for which the answer is waited for: the search has to be started, and ended."""
+
+_LIVENESS: Final = {'fair': Goal.FAIR, 'adversarial': Goal.ADVERSARIAL, 'fair-outcomes': Goal.FAIR_OUTCOMES}
+
+Tell = Callable[[str], None]
+
+
+class SynthesisQuery:
+    """Asks the executive of the robot in a namespace, '' for the node's own, in the name of an operator."""
+
+    def __init__(self, runtime: NodeRuntime, namespace: str, operator: str) -> None:
+        self._runtime = runtime
+        self._name = names.of_robot(namespace, names.SYNTHESIZE_BEHAVIOR)
+        self._operator = operator
+        self._lock = threading.Lock()
+        self._calls: set[ActionCall] = set()
+
+    def ask(self, request: SynthesisRequest, timeout: float, tell: Tell) -> Synthesis:
+        """Wait for the answer; ``tell`` gets now and then what is being done. Not on the executor thread.
+
+        The search is canceled when the waiting is interrupted. ``timeout`` in seconds is for the acceptance.
+
+        Raises:
+            RefusedError: something is wrong with the request or its files, or it was canceled.
+            NoAnswerError: there was no answer in the time that the search has.
+            ConsoleError: the search failed.
+        """
+        done: Future[GoalOutcome] = Future()
+        link = ActionLinks(self._runtime).link(SynthesizeBehavior, self._name)
+        call = ActionCall(
+            link,
+            self._goal(request),
+            on_done=done.set_result,
+            on_feedback=_seldom(tell),
+            server_timeout=timeout,
+            accept_timeout=timeout,
+            outage_timeout=timeout,
+        )
+        with self._lock:
+            self._calls.add(call)
+        try:
+            outcome = done.result((request.time_limit or DEFAULT_SECONDS) + 2.0 * timeout + _GRACE)
+        except TimeoutError:
+            raise NoAnswerError('there was no answer in the time that the search has') from None
+        finally:
+            call.cancel()
+            with self._lock:
+                self._calls.discard(call)
+        return _answer(outcome)
+
+    def cancel(self) -> int:
+        """Cancel the searches that were asked for here; how many these were."""
+        with self._lock:
+            calls = [call for call in self._calls if not call.done]
+        for call in calls:
+            call.cancel()
+        return len(calls)
+
+    def _goal(self, request: SynthesisRequest) -> Any:
+        return Goal(
+            system=request.system,
+            capabilities=request.capabilities,
+            specification=request.specification,
+            goals=list(request.goals),
+            initial_conditions=list(request.initial_conditions),
+            outcomes=list(request.outcomes),
+            liveness=_LIVENESS[request.liveness],
+            retries=request.retries,
+            name=request.name,
+            time_limit=request.time_limit,
+            operator_id=self._operator,
+        )
+
+
+def _seldom(tell: Tell) -> Callable[[Any], None]:
+    """Feedback as lines: after 2 s, and then each time that it has taken twice as long."""
+    due = 2.0
+
+    def on_feedback(feedback: Any) -> None:
+        nonlocal due
+        if feedback.seconds >= due:
+            due = 2.0 * feedback.seconds
+            tell(f'{feedback.seconds:.0f} s: {feedback.doing}')
+
+    return on_feedback
+
+
+def _answer(outcome: GoalOutcome) -> Synthesis:
+    result = outcome.result
+    if result is None:
+        raise NoAnswerError(outcome.reason)
+    if result.code == Result.ERROR:
+        raise ConsoleError(result.message)
+    if result.code not in (Result.SUCCESS, Result.UNREALIZABLE):
+        raise RefusedError(result.message or outcome.reason)
+    return Synthesis(result.behavior, result.machine, tuple(result.notes), tuple(result.explanation))

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The machines that were synthesized, as files: what an operator had made is there after a restart, too."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from pathlib import Path
+from typing import Final
+
+from flexbt_onboard.behaviors import BehaviorEntry, machine_entry
+from flexbt_onboard.errors import BehaviorError
+
+MOST_MACHINES: Final = 100
+"""Machines that are kept; the oldest gives way."""
+
+MACHINE_LENGTH: Final = 1_000_000
+"""Characters of a machine, at most."""
+
+_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_ -]{0,79}')
+
+
+def check_name(name: str) -> None:
+    """Whether a machine may be called so. Raises BehaviorError."""
+    if not _NAME.fullmatch(name) or name != name.strip():
+        raise BehaviorError(
+            f'{name[:80]!r} is no name of a behavior: a letter, then letters, digits, blanks, _ and -, 80 in all'
+        )
+
+
+class MachineStore:
+    """The files ``NAME.yaml`` of a directory; with None nothing outlasts the process. For one thread at a time."""
+
+    def __init__(self, directory: Path | None) -> None:
+        self._directory = directory
+
+    def entries(self) -> list[BehaviorEntry]:
+        """Those that are there. Raises OSError when the directory cannot be read."""
+        if self._directory is None or not self._directory.is_dir():
+            return []
+        found = []
+        for file in sorted(self._directory.glob('*.yaml'))[:MOST_MACHINES]:
+            try:
+                check_name(file.stem)
+                if file.stat().st_size > 4 * MACHINE_LENGTH:
+                    raise ValueError('it is too large')
+                found.append(machine_entry(file.stem, file.read_text(encoding='utf-8')))
+            except (BehaviorError, OSError, ValueError):  # somebody else's file
+                continue
+        return found
+
+    def keep(self, name: str, text: str, in_use: Collection[str]) -> list[str]:
+        """Write a machine, in place of one of its name; the names of those that gave way, none of which is in use.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        if self._directory is None:
+            return []
+        self._directory.mkdir(parents=True, exist_ok=True)
+        beside = self._directory / f'{name}.tmp'
+        beside.write_text(text, encoding='utf-8')
+        beside.replace(self._directory / f'{name}.yaml')
+        oldest_last = sorted(self._directory.glob('*.yaml'), key=lambda file: -file.stat().st_mtime_ns)
+        gone = [file for file in oldest_last[MOST_MACHINES:] if file.stem not in {name, *in_use}]
+        for file in gone:
+            file.unlink(missing_ok=True)
+        return [file.stem for file in gone]

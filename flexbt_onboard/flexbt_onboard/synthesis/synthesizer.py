@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a request to a behavior of the library: one search at a time, and what becomes of its answer."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from importlib.metadata import entry_points
+from typing import Any, Final
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.values import one_line
+from flexbt_msgs.msg import ExecutiveLog
+from flexbt_onboard.behaviors import BehaviorLibrary, machine_entry
+from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardError
+from flexbt_onboard.event_log import Reporter
+
+from .machine_store import MACHINE_LENGTH, MachineStore, check_name
+from .search_process import News, SearchProcess
+
+SEARCH_GROUP: Final = 'flexbt.synthesis'
+"""Entry point group of the module that searches, as a program of its own: see flexbt_tools.synthesis.search."""
+
+DEFAULT_SECONDS: Final = 60.0
+MOST_SECONDS: Final = 3600.0
+
+
+class Verdict(Enum):
+    """What came of a search; the values are those of the process that searches."""
+
+    MADE = 'made'
+    UNREALIZABLE = 'unrealizable'
+    WRONG = 'wrong'
+    CANCELED = 'canceled'
+    FAULT = 'fault'
+
+
+@dataclass(frozen=True)
+class Answer:
+    """``message`` says why there is no machine. ``states`` are the fields of FlexBE's StateInstantiation."""
+
+    verdict: Verdict
+    message: str = ''
+    behavior: str = ''
+    machine: str = ''
+    notes: Sequence[str] = ()
+    explanation: Sequence[str] = ()
+    states: Sequence[Mapping[str, Any]] = ()
+
+
+@dataclass(frozen=True)
+class SearchRequest:
+    """What is asked for; see SynthesizeBehavior. Without ``is_kept`` no behavior is made of the machine, and ``name``
+    is only what it is called."""
+
+    system: str = ''
+    capabilities: str = ''
+    specification: str = ''
+    goals: Sequence[str] = ()
+    initial_conditions: Sequence[str] = ()
+    outcomes: Sequence[str] = ()
+    liveness: str = 'fair'
+    retries: int | None = None
+    name: str = ''
+    seconds: float = 0.0
+    by: str = ''
+    is_kept: bool = True
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Where capability files are, and how many bytes of memory a search may have."""
+
+    directories: Sequence[str] = ()
+    memory: int = 4_000_000_000
+
+
+@dataclass(eq=False)
+class Search:
+    """A search that goes on. ``on_news`` and ``on_end`` are called on the executor thread, the latter once."""
+
+    request: SearchRequest
+    on_news: Callable[[str, float], None]
+    on_end: Callable[[Answer], None]
+    began: float
+    name: str = ''
+    process: SearchProcess | None = field(default=None)
+
+    def cancel(self) -> None:
+        """End it, as canceled."""
+        if self.process is not None:
+            self.process.cancel()
+
+
+class Synthesizer:
+    """Makes behaviors. Used on the executor thread.
+
+    ``in_use`` gives the names of behaviors that run or were interrupted, ``changed`` is told that the library is
+    another one.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        library: BehaviorLibrary,
+        store: MachineStore,
+        report: Reporter,
+        in_use: Callable[[], set[str]],
+        changed: Callable[[], None],
+        settings: SearchSettings,
+        command: Sequence[str] | None = None,
+    ) -> None:
+        """``command`` is the program that searches, by default the installed one."""
+        self._runtime = runtime
+        self._library = library
+        self._store = store
+        self._report = report
+        self._in_use = in_use
+        self._changed = changed
+        self._settings = settings
+        self._command = command
+        self._search: Search | None = None
+        runtime.on_close(self._close)
+        self._restore()
+
+    def _restore(self) -> None:
+        """Have the behaviors again that were made before."""
+        problems = []
+        try:
+            for entry in self._store.entries():
+                try:
+                    self._library.add(entry)
+                except BehaviorError as error:
+                    problems.append(f'synthesized behavior {entry.name!r}: {error}')
+        except OSError as error:
+            problems.append(f'the synthesized behaviors cannot be read: {error}')
+        for problem in problems:
+            self._report.log(ExecutiveLog.WARN, problem)
+
+    def begin(
+        self, request: SearchRequest, on_news: Callable[[str, float], None], on_end: Callable[[Answer], None]
+    ) -> Search:
+        """Begin a search.
+
+        Raises:
+            CommandRefusedError: it cannot be begun; says why.
+        """
+        if self._search is not None:
+            raise CommandRefusedError('another synthesis is under way; cancel it, or wait for its end')
+        if bool(request.system) == bool(request.capabilities):
+            raise CommandRefusedError('say either which system it is, or give the text of its capabilities')
+        if not (math.isfinite(request.seconds) and 0.0 <= request.seconds <= MOST_SECONDS):
+            raise CommandRefusedError(f'time_limit has to be 0 to {MOST_SECONDS:g} s, not {request.seconds:g}')
+        name = request.name or request.system.rpartition('/')[2].partition('.')[0] or 'Synthesized'
+        if request.is_kept:
+            self._check_name(name)
+        seconds = request.seconds or DEFAULT_SECONDS
+        search = Search(request, on_news, on_end, self._runtime.steady.now(), name)
+        asked = {
+            'system': request.system,
+            'capabilities': request.capabilities,
+            'specification': request.specification,
+            'goals': list(request.goals),
+            'initial_conditions': list(request.initial_conditions),
+            'outcomes': list(request.outcomes),
+            'liveness': request.liveness,
+            'retries': request.retries,
+            'name': name,
+            'seconds': seconds,
+            'directories': list(self._settings.directories),
+            'memory': self._settings.memory,
+            'with_states': not request.is_kept,
+        }
+        search.process = SearchProcess(
+            self._command or _installed_command(),
+            asked,
+            seconds,
+            lambda news: self._runtime.post(lambda: self._tell(search, news)),
+            lambda answer, why: self._finish(search, answer, why),
+        )
+        self._search = search
+        what = one_line(', '.join(request.goals) or 'what its specification says', 200)
+        self._report.log(ExecutiveLog.INFO, f'synthesis of {name!r} for {what}{_by(request)}')
+        return search
+
+    def _check_name(self, name: str) -> None:
+        try:
+            check_name(name)
+            self._library.check_free(name)
+        except OnboardError as error:
+            raise CommandRefusedError(str(error)) from error
+        if name in self._in_use():
+            raise CommandRefusedError(f'behavior {name!r} runs, or was interrupted: give another name')
+
+    def _close(self) -> None:
+        search = self._search
+        if search is not None:
+            search.cancel()
+
+    def _tell(self, search: Search, news: News) -> None:
+        if self._search is search:
+            search.on_news(one_line(str(news.get('doing', '')), 200), self._runtime.steady.now() - search.began)
+
+    # -- the end -----------------------------------------------------------------------------------------------------
+
+    def _finish(self, search: Search, news: News | None, why: str) -> None:
+        """On the thread of the search: a disk that takes its time holds up nobody else."""
+        answer = _answer(news, why, search.name)
+        gone: list[str] = []
+        problem = ''
+        if answer.verdict is Verdict.MADE and search.request.is_kept:
+            try:
+                gone = self._store.keep(search.name, answer.machine, self._in_use_now())
+            except (OSError, RuntimeError) as error:
+                problem = f'behavior {search.name!r} will not outlast the executive: {error}'
+        self._runtime.post(lambda: self._end(search, answer, gone, problem))
+
+    def _in_use_now(self) -> set[str]:
+        return self._runtime.call(self._in_use)
+
+    def _end(self, search: Search, answer: Answer, gone: Sequence[str], problem: str) -> None:
+        self._search = None
+        made = answer.verdict is Verdict.MADE
+        if made and search.request.is_kept:
+            try:
+                if search.name in self._in_use():
+                    raise CommandRefusedError(f'behavior {search.name!r} was started meanwhile: give another name')
+                self._library.add(machine_entry(search.name, answer.machine))
+            except OnboardError as error:
+                answer = Answer(Verdict.WRONG, str(error))
+            for name in gone:
+                self._library.remove(name)
+            self._changed()
+        if problem:
+            self._report.log(ExecutiveLog.WARN, problem)
+        self._report.log(*_said(search.name, answer))
+        self._report.event(
+            'synthesis',
+            name=search.name,
+            goals=list(search.request.goals),
+            operator=search.request.by,
+            outcome=answer.verdict.value,
+            message=answer.message,
+            seconds=round(self._runtime.steady.now() - search.began, 3),
+        )
+        search.on_end(answer)
+
+
+def _answer(news: News | None, why: str, name: str) -> Answer:
+    if news is None:
+        return Answer(Verdict.FAULT, why) if why else Answer(Verdict.CANCELED, 'it was canceled')
+    machine = str(news.get('machine', ''))
+    if len(machine) > MACHINE_LENGTH:
+        return Answer(Verdict.WRONG, f'the machine has {len(machine)} characters; at most {MACHINE_LENGTH} are taken')
+    return Answer(
+        Verdict(news['code']),
+        str(news.get('message', '')),
+        name if machine else '',
+        machine,
+        [str(note) for note in news.get('notes', ())],
+        [str(line) for line in news.get('explanation', ())],
+        news.get('states', ()),
+    )
+
+
+def _said(name: str, answer: Answer) -> tuple[int, str]:
+    if answer.verdict is Verdict.MADE:
+        return ExecutiveLog.INFO, f'synthesis of {name!r}: there is a machine'
+    severity = ExecutiveLog.ERROR if answer.verdict is Verdict.FAULT else ExecutiveLog.INFO
+    return severity, one_line(f'synthesis of {name!r}: {answer.message}', 500)
+
+
+def _by(request: SearchRequest) -> str:
+    return one_line(f', by operator {request.by}', 200) if request.by else ''
+
+
+def _installed_command() -> Sequence[str]:
+    """The program that searches. Raises CommandRefusedError when none is installed."""
+    points = sorted(entry_points(group=SEARCH_GROUP), key=lambda point: point.name)
+    if not points:
+        raise CommandRefusedError('nothing is installed that synthesizes: install the package flexbt_tools here')
+    return [sys.executable, '-m', points[0].module]

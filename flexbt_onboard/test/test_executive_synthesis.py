@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Behaviors that operators have made while one runs; and searches that do not end as they should."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexbt_common import names
+from flexbt_common.calls import ActionCall, ActionLinks
+from flexbt_core.state_machine import OperatableStateMachine
+from flexbt_msgs.action import SynthesizeBehavior
+from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_onboard.node import ExecutiveParameters
+from flexbt_onboard.synthesis.search_process import SearchProcess
+from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
+
+Result = SynthesizeBehavior.Result
+
+COFFEE = """\
+state_outcome_mappings: {grind: completed, brew: completed, fail: failure}
+sm_outcome_mappings: {finished: finished}
+capabilities:
+  grind:
+    interface: OperatorDecisionState
+    parameters: {outcomes: [grind, fail]}
+    postconditions: [grind]
+  brew:
+    interface: OperatorDecisionState
+    parameters: {outcomes: [brew, fail]}
+    preconditions: [grind]
+    postconditions: {completed: [brew], failure: ['!grind']}
+"""
+
+
+def installed() -> OperatableStateMachine:
+    return OperatableStateMachine(outcomes=['finished'])
+
+
+class SynthesisBench(ExecutiveBench):
+    """An executive that keeps what is made, and a client that asks for it."""
+
+    def __init__(self, directory: Path) -> None:
+        parameters = ExecutiveParameters(
+            peers=(), machine_directory=str(directory), capability_directories=(str(directory),)
+        )
+        super().__init__(behavior_of(installed), parameters=parameters)
+        self._link = ActionLinks(self.console).link(SynthesizeBehavior, names.SYNTHESIZE_BEHAVIOR)
+
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """Names and packages of the behaviors that operators see."""
+        return [(one.name, one.package) for one in self.lists[-1].behaviors]
+
+    def ask(self, **fields: Any) -> tuple[ActionCall, Future[Any]]:
+        done: Future[Any] = Future()
+        goal = SynthesizeBehavior.Goal(**fields)
+        return ActionCall(self._link, goal, on_done=done.set_result, server_timeout=DEADLINE), done
+
+    def made(self, **fields: Any) -> Any:
+        result = self.ask(**fields)[1].result(DEADLINE).result
+        assert result is not None
+        return result
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[SynthesisBench]:
+    with closing(SynthesisBench(tmp_path)) as bench:
+        yield bench
+
+
+def test_a_behavior_is_made_while_another_runs_and_taken_by_switch(bench: SynthesisBench, tmp_path: Path) -> None:
+    (tmp_path / 'coffee.yaml').write_text(COFFEE, encoding='utf-8')
+    made = bench.made(system='coffee', goals=['brew'], operator_id='ann')
+    assert (made.code, made.message, made.behavior) == (Result.SUCCESS, '', 'coffee')
+    assert made.machine.startswith('# brew, from coffee\n')
+    bench.start('coffee')
+    bench.wait_active('/grind')
+    assert bench.made(capabilities=COFFEE, goals=['brew'], name='again').code == Result.SUCCESS
+    assert bench.status.behavior == 'coffee'  # nothing was started or left
+    wait_until(lambda: ('again', 'synthesized') in bench.names, 'the behavior in the list')
+    bench.applied(ExecutiveCommand.SWITCH, behavior='again')
+    bench.applied(ExecutiveCommand.FORCE, path='/grind', outcome='grind')
+    bench.wait_active('/brew')
+
+    # What runs is not replaced, nor what is installed.
+    assert 'runs' in bench.made(capabilities=COFFEE, goals=['brew'], name='again').message
+    assert 'an installed behavior' in bench.made(capabilities=COFFEE, goals=['brew'], name='Test').message
+    refused = bench.made(capabilities=COFFEE, goals=['brew & !grind'], name='never')
+    assert refused.code == Result.UNREALIZABLE
+    assert "  - precondition 'grind' of brew (capabilities:11)" in refused.explanation
+    assert 'never' not in dict(bench.names)
+
+
+def test_what_was_made_is_there_after_a_restart(tmp_path: Path) -> None:
+    directory = tmp_path / 'onboard_executive'
+    directory.mkdir()
+    (directory / 'coffee.yaml').write_text('# brew\nmachine: {outcomes: [finished], states: {}}\n', encoding='utf-8')
+    (directory / 'Test.yaml').write_text('# hidden by the installed one\n', encoding='utf-8')
+    (directory / '.rc.yaml').write_bytes(b'\xff')
+    with closing(SynthesisBench(tmp_path)) as bench:
+        wait_until(lambda: bench.names == [('Test', 'test'), ('coffee', 'synthesized')], 'both')
+
+
+CASES = {
+    'it crashes': ('import os; os.abort()', 'SIGABRT'),
+    'it ends without an answer': ('', 'exit code 0'),
+    'it writes what is no JSON': ('print("hello", flush=True); input()', 'cannot be run'),
+    'it hangs': ('import time; time.sleep(1000)', 'no answer within'),
+}
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_a_search_that_fails_ends_with_a_reason(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    program, reason = CASES[case]
+    monkeypatch.setattr('flexbt_onboard.synthesis.search_process._GRACE', 0.1)
+    done: Future[tuple[Any, str]] = Future()
+    command = [sys.executable, '-S', '-c', program]
+    seconds = 0.1 if case == 'it hangs' else DEADLINE
+    SearchProcess(command, {}, seconds, lambda news: None, lambda *end: done.set_result(end))
+    answer, why = done.result(DEADLINE)
+    assert answer is None and reason in why, why
+
+
+def test_a_search_is_ended_at_once_when_it_is_canceled() -> None:
+    began = threading.Event()
+    done: Future[tuple[Any, str]] = Future()
+    program = 'import time; print("{}", flush=True); time.sleep(1000)'
+    command = [sys.executable, '-S', '-c', program]
+    search = SearchProcess(command, {}, 1000.0, lambda news: began.set(), lambda *end: done.set_result(end))
+    assert began.wait(DEADLINE)
+    search.cancel()
+    assert done.result(DEADLINE) == (None, '')
