@@ -8,20 +8,19 @@
         print(found.violation.text, *found.lines, sep='\\n')
 """
 
+from flexbt_core.monitors import Property, Violation
+
 from .choices import Choice, Choices
 from .explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Limits, Progress, RestoreError, explore, narrate, replay
 from .leaf_models import LeafKind, LeafModel, LeafModels, leaf_model
 from .machine_system import Bounds, MachineSystem, Operator
-from .model import Counterexample, Label, Move, Property, Report, System, Violation, servers_gone
-from .requirements import After, Before, Requirement, While
+from .model import Counterexample, Label, Move, Report, System, servers_gone
 from .state_models import StateKind, StateModel, StateModels, state_model
 from .tree_system import TreeSystem
 
 __all__ = [
     'DEFAULT_CONFIGURATIONS',
     'DEFAULT_SECONDS',
-    'After',
-    'Before',
     'Bounds',
     'Choice',
     'Choices',
@@ -37,7 +36,6 @@ __all__ = [
     'Progress',
     'Property',
     'Report',
-    'Requirement',
     'RestoreError',
     'StateKind',
     'StateModel',
@@ -45,7 +43,6 @@ __all__ = [
     'System',
     'TreeSystem',
     'Violation',
-    'While',
     'explore',
     'leaf_model',
     'narrate',

@@ -14,10 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
+from flexbt_core.monitors import Property, Violation
+
 from .choices import Choices
 from .configuration import Configuration
 from .graph import Graph
-from .model import Answer, Counterexample, Label, Move, Property, Report, System, Violation
+from .model import Answer, Counterexample, Label, Move, Report, System
 
 DEFAULT_SECONDS: Final = 60.0
 DEFAULT_CONFIGURATIONS: Final = 200_000

@@ -6,7 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import combinations
 
-from .model import Answer, Move, Property, Violation
+from flexbt_core.monitors import Property, Violation
+
+from .model import Answer, Move
 
 _Ways = frozenset[Answer | None]
 """How a step may be made without a stop: by what servers answer, and None for what needs none."""

@@ -29,6 +29,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import EMPTY, FAILURE, NO_DEFAULT, RUNNING, SUCCESS, PortType
+from flexbt_core.skills import Skill
 
 from .choices import Choices
 
@@ -116,24 +117,20 @@ class Environment:
     def __init__(self, values: Mapping[str, tuple[Any, ...]]) -> None:
         self.open: dict[str, ModelAction] = {}
         self.canceling: dict[str, UnfinishedWork | None] = {}
-        self.owned: dict[str, frozenset[str]] = {}
         self.choices = Choices()
         self.events: list[str] = []
-        self.ticked: set[str] = set()
         self.answers: dict[str, int] = {}
         self.values = values
 
     def begin(self, action: ModelAction) -> None:
         """An action begins to work."""
         self.open[action.path] = action
-        if action.model.resources:
-            self.owned[action.path] = action.model.resources
+        action.acts()
         self.events.append(f'{action.path} begins')
 
     def end(self, path: str) -> None:
         """An action has ended by its result."""
         self.open.pop(path, None)
-        self.owned.pop(path, None)
 
     def cancel(self, action: ModelAction) -> None:
         """An action was halted."""
@@ -149,18 +146,9 @@ class Environment:
 
     def confirm(self, path: str) -> None:
         """A halted action has ended."""
-        self.owned.pop(path, None)
         unfinished = self.canceling.pop(path)
         if unfinished is not None:
             unfinished.done()
-
-    def shared(self) -> list[tuple[str, list[str]]]:
-        """Actuators that several have, with them."""
-        owners: dict[str, list[str]] = {}
-        for path, resources in self.owned.items():
-            for resource in resources:
-                owners.setdefault(resource, []).append(path)
-        return [(resource, paths) for resource, paths in sorted(owners.items()) if len(paths) > 1]
 
 
 def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) -> None:
@@ -254,6 +242,7 @@ class ModelAction(_Model, StatefulAction):
     __slots__ = ('is_waiting', 'result')
 
     goes_on = ''
+    acts_later = True
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -266,12 +255,10 @@ class ModelAction(_Model, StatefulAction):
         self.is_waiting = bool(self.context.unfinished)
         if not self.is_waiting:
             self.environment.begin(self)
-        self.environment.ticked.add(self.path)
         return RUNNING
 
     def on_running(self) -> NodeStatus:
         environment = self.environment
-        environment.ticked.add(self.path)
         if self.is_waiting and not self.context.unfinished:
             self.is_waiting = False
             environment.begin(self)
@@ -332,6 +319,7 @@ def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
         'kind': manifest.kind,
         'ports': manifest.ports,
         'model': model,
+        'skill': Skill.of(resources=sorted(model.resources)),
         'needed': needed,
     }
     base = _CLASSES[model.kind]

@@ -10,6 +10,7 @@ from enum import Enum
 from hashlib import blake2b
 from typing import Any, Final
 
+from flexbt_core.monitors import MachineMonitor, Property, Requirement, Requirements, Violation, declared_resources
 from flexbt_core.state_machine import (
     AUTONOMY_NAMES,
     ERROR,
@@ -28,8 +29,7 @@ from flexbt_core.state_machine.engine import ContainerRun
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
-from .model import STOP, Answer, Label, Property, Violation, servers_gone
-from .requirements import Monitor, Requirement
+from .model import STOP, Answer, Label, servers_gone
 from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
 from .virtual_time import VirtualClock
 
@@ -83,17 +83,20 @@ _WIRED: Final = {
     MachineRun: frozenset(
         (
             *('definition', 'clock', 'observer', 'services', '_steady', '_exit_timeout', '_max_transitions'),
-            *('_on_wake', '_stop_timeout', '_lock'),
+            *('_on_wake', '_stop_timeout', '_lock', 'monitor'),
         )
     ),
-    MachineEnvironment: frozenset(('choices', 'answers', 'unbalanced')),
-    Monitor: frozenset(('requirements',)),
-    ModelState: frozenset(('model', 'environment', 'own_path', '_type_name')),
+    MachineEnvironment: frozenset(('choices', 'answers')),
+    MachineMonitor: frozenset(('resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
+    Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event')),
+    ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', 'skill')),
     EventState: frozenset(('outcomes', 'input_keys', 'output_keys', 'desired_rate')),
 }
 _UNSEEN: Final = {
     MachineRun: frozenset(('decision_count', '_recent', '_transitions', 'message', 'calling')),
     LeafRun: frozenset(('entered_at',)),
+    # Without a violation it follows from where the run is.
+    MachineMonitor: frozenset(('_visits', '_approvals', '_is_taken', '_is_ending', '_outcome')),
     VirtualClock: frozenset(('time',)),
 }
 _VIEWS: Final = {Decision: {'': lambda decision: (decision.kind.name, decision.path, decision.outcome)}}
@@ -107,7 +110,6 @@ class _Counted:
         self.is_stopped = False
         self.forces = 0
         self.faults = 0
-        self.approved: set[str] = set()
 
 
 class MachineSystem:
@@ -127,7 +129,7 @@ class MachineSystem:
         self._observer = _Observer(self)
         self._woken = False
         self._counted = _Counted()
-        self._monitor = Monitor(requirements)
+        self._monitor = MachineMonitor(declared_resources(self._definition), self._note, requirements)
         self._taken: set[str] = set()
         self._found: list[Violation] = []
         self._events: list[str] = []
@@ -141,6 +143,7 @@ class MachineSystem:
             userdata=given,
             on_wake=self._wake,
             max_transitions=_TRANSITIONS,
+            monitor=self._monitor,
         )
         self._at_work: set[str] = set()
         layout = Layout(
@@ -232,7 +235,6 @@ class MachineSystem:
         run, environment = self._run, self._environment
         environment.choices = choices
         environment.answers = {}
-        environment.unbalanced = []
         self._found = []
         self._events = []
         self._happen(label)
@@ -272,7 +274,6 @@ class MachineSystem:
             counted.is_stopped = True
             run.preempt('stopped')
         elif kind in (APPROVE, CHOOSE, FORCE):
-            counted.approved.add(path)
             decision = next((one for one in run.decisions if one.path == path), None)
             if kind == APPROVE:
                 assert decision is not None
@@ -332,11 +333,6 @@ class MachineSystem:
 
     def _check(self) -> None:
         run, environment, found = self._run, self._environment, self._found
-        found += [Violation(Property.BALANCED, '', text) for text in environment.unbalanced]
-        found += [
-            Violation(Property.ONE_OWNER, resource, f'{resource} has two owners at once: {" and ".join(paths)}')
-            for resource, paths in environment.shared(run.pausing.holds)
-        ]
         if run.outcome is None:
             return
         if run.outcome == ERROR and not self._counted.faults:
@@ -356,21 +352,17 @@ class MachineSystem:
 
     # -- what the run tells ------------------------------------------------------------------------------------------
 
-    def left(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
+    def left(self, path: str, outcome: str, target: str) -> None:
         """A state or machine was left."""
         self._events.append(f'{path} > {outcome or "(again)"} -> {target or "nothing follows it"}')
         if outcome:
             self._taken.add(f'{path} > {outcome}')
         if target.startswith('=') and path.count('/') == 1:
             self._taken.add(f'/ > {target[1:]}')
-        approved = self._counted.approved
-        if reason is ExitReason.OUTCOME and outcome and path not in approved:
-            required = _transition_level(self._definition, path, outcome)
-            if required is not None and not self._run.controls.may_pass(path, required):
-                text = f'{path} was left by {outcome!r}, which needs the operator, and nobody was asked'
-                self._found.append(Violation(Property.APPROVAL, path, text))
-        approved.discard(path)
-        self._found += self._monitor.transition(f'{path} > {outcome}', target)
+
+    def _note(self, violation: Violation) -> None:
+        if violation not in self._found:
+            self._found.append(violation)
 
     def raised(self, path: str, text: str) -> None:
         """A state raised, or did not halt."""
@@ -403,14 +395,6 @@ def _kept_of_container(container: ContainerRun) -> list[Any]:
     return kept
 
 
-def _transition_level(machine: MachineDefinition, path: str, outcome: str) -> int | None:
-    for node in machine.nodes():
-        if node.path == path:
-            transition = node.transitions.get(outcome)
-            return None if transition is None else transition.autonomy
-    return None
-
-
 class _Observer:
     def __init__(self, system: MachineSystem) -> None:
         self._system = system
@@ -425,4 +409,4 @@ class _Observer:
         self._system.raised(path, text)
 
     def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        self._system.left(path, outcome, target, reason)
+        self._system.left(path, outcome, target)

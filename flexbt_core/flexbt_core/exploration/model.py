@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import Final, NamedTuple, Protocol
+
+from flexbt_core.monitors import Violation
 
 from .choices import Choices
 from .configuration import Configuration
@@ -49,37 +50,6 @@ class Answer(NamedTuple):
 def servers_gone(number: int) -> str:
     """This bound in words."""
     return f'at most {number} server{"" if number == 1 else "s"} gone for good'
-
-
-class Property(Enum):
-    """What is proved; the values are what reports call it."""
-
-    STOP_STOPS = 'stop means stopped'
-    ONE_OWNER = 'an actuator has one owner'
-    NO_LIVELOCK = 'nothing goes round without waiting for anything'
-    NO_DEADLOCK = 'something can always happen'
-    REACHABLE = 'every outcome can be reached'
-    CAN_END = 'it can always still end'
-    APPROVAL = 'nothing happens without the approval that it needs'
-    BALANCED = 'what is entered is left, once'
-    DATA = 'nothing is read before it is written'
-    HALTED = 'a halt halts everything'
-    NO_FAULT = 'no node and no state raises'
-    DECLARED = 'it ends only by what it declares'
-    REQUIREMENT = 'what the mission requires'
-
-    @property
-    def is_shown_by_a_way(self) -> bool:
-        """Whether the steps of a counterexample show it; otherwise it is about what cannot follow after them."""
-        return self not in (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE)
-
-
-class Violation(NamedTuple):
-    """What is wrong: with which property, where, and in words for a mission engineer."""
-
-    property: Property
-    where: str
-    text: str
 
 
 class System(Protocol):

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from flexbt_core.skills import OutcomeClass
+from flexbt_core.skills import OutcomeClass, Skill
 from flexbt_core.state_machine import (
     EventState,
     ExitReason,
@@ -92,19 +92,8 @@ class MachineEnvironment:
         self.active: dict[str, ModelState] = {}
         self.ending: dict[str, ModelState] = {}
         self.overdue: set[str] = set()
-        self.owned: dict[str, frozenset[str]] = {}
         self.choices = Choices()
         self.answers: dict[str, int] = {}
-        self.unbalanced: list[str] = []
-
-    def shared(self, paused: Callable[[str], bool]) -> list[tuple[str, list[str]]]:
-        """Actuators that several have that are not ``paused``, with them. Who ignores a cancel does not count."""
-        owners: dict[str, list[str]] = {}
-        for path, resources in self.owned.items():
-            if path not in self.overdue and not paused(path):
-                for resource in resources:
-                    owners.setdefault(resource, []).append(path)
-        return [(resource, paths) for resource, paths in sorted(owners.items()) if len(paths) > 1]
 
 
 class ModelState(EventState):
@@ -119,7 +108,7 @@ class ModelState(EventState):
         self.own_path = path
         self.environment = environment
         self.result: str | None = None
-        self.is_entered = False
+        self.skill = Skill.of(resources=sorted(model.resources))
         self._type_name = state.type_name
 
     @property
@@ -132,9 +121,6 @@ class ModelState(EventState):
         return self.model.outcomes if self.model.outcomes is not None else self.outcomes
 
     def on_enter(self, userdata: UserData) -> None:
-        if self.is_entered:
-            self.environment.unbalanced.append(f'{self.own_path} was entered again without having been left')
-        self.is_entered = True
         self.result = None
         for key in self.input_keys:
             userdata[key]
@@ -142,8 +128,6 @@ class ModelState(EventState):
             self.ask('', self.model.suggestion)
         else:
             self.environment.active[self.own_path] = self
-            if self.model.resources:
-                self.environment.owned[self.own_path] = self.model.resources
 
     def execute(self, userdata: UserData) -> str | None:
         outcome = self.result
@@ -161,15 +145,10 @@ class ModelState(EventState):
         return self.results[known[self.own_path]]
 
     def on_exit(self, userdata: UserData) -> None:
-        if not self.is_entered:
-            self.environment.unbalanced.append(f'{self.own_path} was left without having been entered')
-        self.is_entered = False
         self.environment.active.pop(self.own_path, None)
         is_done = self.exit_reason is ExitReason.OUTCOME and self.result is not None
         if self.model.ends_later and not is_done and self.model.kind is StateKind.WORK:
             self.environment.ending[self.own_path] = self
-        else:
-            self.environment.owned.pop(self.own_path, None)
 
     def halting(self) -> str | None:
         return 'what it has begun is not confirmed canceled' if self.own_path in self.environment.ending else None
@@ -177,7 +156,6 @@ class ModelState(EventState):
     def confirm(self) -> None:
         """What was to end has ended."""
         del self.environment.ending[self.own_path]
-        self.environment.owned.pop(self.own_path, None)
         self.environment.overdue.discard(self.own_path)
         self.wake()
 

@@ -24,6 +24,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
 from flexbt_core.behavior_tree.model import EMPTY, IDLE, RUNNING, SUCCESS, Entry
+from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
@@ -38,8 +39,7 @@ from .leaf_models import (
     substitute,
     tested_values,
 )
-from .model import STOP, Answer, Label, Property, Violation
-from .requirements import Requirement, unguarded
+from .model import STOP, Answer, Label
 from .virtual_time import VirtualClock
 
 START: Final = 'start'
@@ -65,12 +65,27 @@ TREE_LAYOUT: Final = Layout(
         ControlNode: frozenset(('children', '_ticks')),
         DecoratorNode: frozenset(('child', '_tick')),
         TreeContext: frozenset(
-            ('clock', 'services', 'scripts', 'on_wake', 'observers', 'log', 'callbacks', '_lock', 'rewrapped')
+            (
+                'clock',
+                'services',
+                'scripts',
+                'on_wake',
+                'observers',
+                'log',
+                'callbacks',
+                '_lock',
+                'rewrapped',
+                'monitor',
+            )
         ),
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
         Entry: frozenset(('type',)),
         UnfinishedWork: frozenset(('_context',)),
-        Environment: frozenset(('values', 'choices', 'events', 'ticked', 'answers')),
+        Environment: frozenset(('values', 'choices', 'events', 'answers')),
+        TreeMonitor: frozenset(
+            ('_found', '_tree', '_resources', '_named', '_has_requirements', '_is_woken_only', '_holding')
+        ),
+        Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event')),
         Tree: frozenset(
             (
                 *('key', 'blackboard', 'context', 'nodes', 'definitions', 'subtrees', 'callbacks', 'root', '_depth'),
@@ -84,6 +99,8 @@ TREE_LAYOUT: Final = Layout(
         Entry: frozenset(('sequence',)),
         TreeContext: frozenset(('earliest',)),
         Tree: frozenset(('_failure',)),
+        # Without a violation it follows from where the tree is.
+        TreeMonitor: frozenset(('_open', '_ticked', '_acting', '_ending', '_starting', '_is_taken')),
         VirtualClock: frozenset(('time',)),
     },
     views={
@@ -125,7 +142,8 @@ class TreeSystem:
         """Raises TreeLoadError or LookupError, as Tree does."""
         self.clock = VirtualClock()
         self._stops = stops
-        self._requirements = tuple(requirements)
+        self._found: list[Violation] = []
+        monitor = self._monitor = TreeMonitor(self._found.append, requirements)
         board = Blackboard()
         scripts = list(_scripts(library))
         self._environment = Environment(tested_values(scripts))
@@ -137,10 +155,11 @@ class TreeSystem:
             blackboard=board,
             clock=self.clock,
             services=self._environment,
-            substitute=lambda definition, _: substitute(definition, models(definition)),
+            substitute=lambda definition, path: monitor.watched(substitute(definition, models(definition)), path),
             max_rounds=_ROUNDS,
         )
         self._tree.observe(self._note_status)
+        monitor.begins(self._tree)
         self.given = self._give(set(given), scripts)
         self._run = _Run()
         self._memory = Memory(
@@ -153,6 +172,7 @@ class TreeSystem:
                 self._tree.context,
                 self.clock,
                 self._environment,
+                self._monitor,
             ),
             self.clock,
             TREE_LAYOUT,
@@ -250,9 +270,9 @@ class TreeSystem:
         environment.choices = choices
         environment.events = []
         environment.answers = {}
-        found: list[Violation] = []
+        self._found.clear()
         if label.kind == STOP:
-            self._halt('stopped', found)
+            self._halt('stopped')
         else:
             if label.kind == START:
                 run.is_started = True
@@ -265,16 +285,8 @@ class TreeSystem:
                 if alarm is not None:
                     self.clock.go_to(alarm)
             if run.result is None:
-                self._tick(found)
-        found += [
-            Violation(
-                Property.ONE_OWNER,
-                resource,
-                f'{resource} has two owners at once: {" and ".join(paths)}',
-            )
-            for resource, paths in environment.shared()
-        ]
-        return found
+                self._tick()
+        return list(dict.fromkeys(self._found))
 
     def position(self) -> str:
         if not self._run.is_started:
@@ -302,48 +314,30 @@ class TreeSystem:
         times = [time for time in (self._tree.next_wake, self.clock.next_timer()) if time is not None]
         return min(times, default=None)
 
-    def _tick(self, found: list[Violation]) -> None:
+    def _tick(self) -> None:
         tree, environment = self._tree, self._environment
-        environment.ticked.clear()
         tree.take_wake()
         try:
             status = tree.tick_once()
         except NodeExecutionError as error:
-            found.append(_fault(error))
-            self._halt('ERROR', found)
+            self._found.append(_fault(error))
+            self._halt('ERROR')
             return
         if status is RUNNING and tree.wake_pending:
             text = f'the tree wakes itself over and over ({_ROUNDS} ticks in a row) and waits for nothing'
-            found.append(Violation(Property.NO_LIVELOCK, tree.key.id, text))
-        for path in environment.open:
-            if path not in environment.ticked:
-                text = f'{path} goes on, but nothing ticks it any more: it was not halted'
-                found.append(Violation(Property.HALTED, path, text))
-        if self._requirements:
-            held = [path for path, taken in environment.answers.items() if taken == 0]
-            found += unguarded(self._requirements, environment.open, held)
+            self._found.append(Violation(Property.NO_LIVELOCK, tree.key.id, text))
+        self._monitor.ticked(status)
         if status is not RUNNING:
-            for path in environment.open:
-                text = f'{path} still works although the tree has ended with {status.name}: it was not halted'
-                found.append(Violation(Property.HALTED, path, text))
             environment.events.append(f'the tree ends: {status.name}')
-            self._halt(status.name, found)
+            self._halt(status.name)
 
-    def _halt(self, result: str, found: list[Violation]) -> None:
-        tree, environment = self._tree, self._environment
+    def _halt(self, result: str) -> None:
         self._run.result = result
         try:
-            tree.halt()
+            self._tree.halt()
         except NodeExecutionError as error:
-            found.append(_fault(error))
-        for path in environment.open:
-            found.append(Violation(Property.STOP_STOPS, path, f'{path} still works after the tree was halted'))
-        for node in tree.nodes:
-            if node.status is not IDLE:
-                text = f'{node.path} is {node.status.name} after the tree was halted'
-                found.append(Violation(Property.HALTED, node.path, text))
-        if tree.next_wake is not None:
-            found.append(Violation(Property.STOP_STOPS, tree.key.id, 'a node still waits for a time after the halt'))
+            self._found.append(_fault(error))
+        self._monitor.halted()
 
     def _note_status(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
         if after is not IDLE:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Random machines under random operations: the engine does what a model does, and keeps its promises at each moment.
 
+Monitors (see :class:`flexbt_testing.state_machines.Bench`) watch each run, and have nothing to tell.
+
 By hand, with more and larger machines: HFSM_EXAMPLES=1700 HFSM_STATES=200 python -m pytest test/test_hfsm_random.py
 """
 
@@ -8,59 +10,18 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from random import Random
 
 import hypothesis.strategies as st
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from flexbt_core.state_machine import ExitReason, OperatableStateMachine, Position, position_of
+from flexbt_core.state_machine import Position, position_of
 from flexbt_testing.state_machines import LIVELOCK, Bench, Model, Node, Puppet, build, random_machine
 
 KINDS = {'TRANSITION': 'transition', 'CHOICE': 'choice'}
 CALLBACKS = ('on_enter', 'on_exit', 'on_pause', 'on_resume')
 NUMBERS = st.integers(0, 200)
-
-
-class Watched(Bench):
-    """Checks each transition: that the operator has approved it, or need not."""
-
-    def __init__(self, root: Node, made: OperatableStateMachine, autonomy: int, at: Position | None = None) -> None:
-        self.nodes = {node.path: node for node in root.all()}
-        self.approved: set[tuple[str, str]] = set()
-        self.under_way: set[str] = set()
-        if at is not None:
-            self.approved |= {(path, at.wanted[path]) for path in at.approved}
-            self.under_way |= set(at.leaving)
-        super().__init__(made, autonomy=autonomy, max_transitions=LIVELOCK, at=at)
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        super().transition(path, outcome, target, reason)
-        if outcome and path not in self.under_way and not self.may_pass(path, outcome):
-            assert (path, outcome) in self.approved, f'{path} was left by {outcome} without approval'
-        assert outcome or target == path
-        self.under_way = {one for one in self.under_way if not f'{one}/'.startswith(f'{path}/')}
-        self.approved = {one for one in self.approved if not f'{one[0]}/'.startswith(f'{path}/')}
-
-    def may_pass(self, path: str, outcome: str) -> bool:
-        """Whether it may be left without the operator."""
-        return self.nodes[path].required[outcome] < self.run.autonomy_of(path) and path not in self.run.breakpoints
-
-    def note_what_is_under_way(self) -> None:
-        """What was left while that was allowed goes on when it is not allowed any more."""
-        for region in self.run.regions():
-            if region.child is not None and region.is_leaving:
-                self.under_way.add(region.child.path)
-
-    def approving(self, path: str, outcome: str, command: Callable[[], str | None]) -> str | None:
-        """Give a command that approves of an outcome, unless it is refused."""
-        before = set(self.approved)
-        self.approved.add((path, outcome))
-        refusal = command()
-        if refusal is not None:
-            self.approved = before
-        return refusal
 
 
 def running(run: RandomRun) -> bool:
@@ -80,7 +41,7 @@ class RandomRun(RuleBasedStateMachine):
     def _begin(self, level: int, at: Position | None = None) -> None:
         machine, puppets = build(self.root)
         self.puppets = puppets
-        self.bench = Watched(self.root, machine, level, at)
+        self.bench = Bench(machine, autonomy=level, max_transitions=LIVELOCK, at=at)
         if at is None:
             self.model = Model(self.root, level)
 
@@ -122,7 +83,6 @@ class RandomRun(RuleBasedStateMachine):
     @rule(level=st.sampled_from([0, 1, 2, 3, 3]), number=NUMBERS)
     def autonomy(self, level: int, number: int) -> None:
         path = self.nodes[number % len(self.nodes)].path if number % 3 else '/'
-        self.bench.note_what_is_under_way()
         refusal = self.bench.set_autonomy(level, path)
         assert (refusal is None) is self.model.set_autonomy(level, path), refusal
 
@@ -138,8 +98,7 @@ class RandomRun(RuleBasedStateMachine):
         self._confirm(self.model.decisions - back)
 
     def _confirm(self, number: int) -> None:
-        _, path, outcome = dict(self.model.pending).get(number, ('', '', ''))
-        refusal = self.bench.approving(path, outcome, lambda: self.bench.confirm(str(number)))
+        refusal = self.bench.confirm(str(number))
         assert (refusal is None) is self.model.confirm(number), refusal
 
     @rule(
@@ -153,7 +112,7 @@ class RandomRun(RuleBasedStateMachine):
         wanted = outcome if isinstance(outcome, str) else node.outcomes[outcome % len(node.outcomes)]
         decision = None if back is None else self.model.decisions - back
         number_text = '' if decision is None else str(decision)
-        refusal = self.bench.approving(node.path, wanted, lambda: self.bench.force(node.path, wanted, number_text))
+        refusal = self.bench.force(node.path, wanted, number_text)
         accepted = self.model.force(node.path, wanted, decision) if node.parent is not None else False
         assert (refusal is None) is accepted, refusal
 
@@ -178,7 +137,6 @@ class RandomRun(RuleBasedStateMachine):
     @rule(number=NUMBERS, here=st.integers(0, 3))
     def set_breakpoint(self, number: int, here: int) -> None:
         path = self._node(number, here).path
-        self.bench.note_what_is_under_way()
         refusal = self.bench.set_breakpoint(path)
         assert (refusal is None) is self.model.mark(self.model.breakpoints, path), refusal
 
@@ -266,6 +224,7 @@ class RandomRun(RuleBasedStateMachine):
         visits = [event for event in bench.trace if event.startswith(CALLBACKS)]
         assert visits == model.events
         assert [(path, outcome, reason.name) for path, outcome, _, reason in bench.transitions] == model.transitions
+        assert all(outcome or target == path for path, outcome, target, _ in bench.transitions)
 
     @invariant()
     def each_visit_has_one_beginning_and_one_end(self) -> None:

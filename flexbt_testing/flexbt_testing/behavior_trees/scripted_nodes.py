@@ -45,6 +45,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.clock import ManualClock
+from flexbt_core.monitors import TreeMonitor
 
 LETTERS = {
     'S': NodeStatus.SUCCESS,
@@ -151,9 +152,10 @@ def content(board: Blackboard, key: str) -> list[str]:
 class Run:
     """One case on the engine."""
 
-    def __init__(self, case: Mapping[str, Any], *, observed: bool = True) -> None:
+    def __init__(self, case: Mapping[str, Any], *, observed: bool = True, monitor: TreeMonitor | None = None) -> None:
         """Without ``observed`` there are no changes of statuses in the trace, and the tree does not tell them."""
         self._case = case
+        self._monitor = monitor
         self._observers = (self._transition,) if observed else ()
         self._events: list[Event] = []
         self._clock = ManualClock()
@@ -171,9 +173,19 @@ class Run:
             main = next(iter(library.documents.values())).main
             if main is None:
                 return {'load_error': 'no main tree', 'steps': []}
-            tree = Tree(library, main, blackboard=board, clock=self._clock, observers=self._observers)
+            monitor = self._monitor
+            tree = Tree(
+                library,
+                main,
+                blackboard=board,
+                clock=self._clock,
+                observers=self._observers,
+                substitute=None if monitor is None else monitor.watched,
+            )
         except BehaviorTreeError as error:
             return {'load_error': str(error), 'steps': []}
+        if monitor is not None:
+            monitor.begins(tree)
         for node, definition in zip(tree.nodes, tree.definitions, strict=True):
             if isinstance(node, Act | Sync | Cond | Deco):
                 node.script = Script(node, definition.extra, self._events)
@@ -206,6 +218,10 @@ class Run:
                     tree.blackboard.unset(key)
                 case _:
                     raise ValueError(f'unknown operation {op}')
+            if self._monitor is not None and status is not None:
+                self._monitor.ticked(tree.status)
+            elif self._monitor is not None and op == ['halt']:
+                self._monitor.halted()
         except BehaviorTreeError as caught:
             error = str(caught)
         events = list(self._events)

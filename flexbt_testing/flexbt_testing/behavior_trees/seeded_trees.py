@@ -21,7 +21,8 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import IDLE, RUNNING, STRING
 from flexbt_core.behavior_tree.nodes import reactive, timing
-from flexbt_core.exploration import TreeSystem, While
+from flexbt_core.exploration import TreeSystem
+from flexbt_core.monitors import While
 from flexbt_core.skills import Skill
 
 DEFECTS: Final = ('memory', 'forgotten cancel', 'lost wake-up', 'two owners', 'unwritten key')

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexbt_core.clock import ManualClock
+from flexbt_core.monitors import MachineMonitor, Violation, declared_resources
 from flexbt_core.state_machine import (
     MAX_TRANSITIONS,
     Answer,
@@ -158,7 +159,10 @@ class Snapshot:
 
 
 class Bench:
-    """The host and observer of one run. States get it as ``services``, and write to the common ``trace``."""
+    """The host and observer of one run. States get it as ``services``, and write to the common ``trace``.
+
+    Monitors watch each run: what they find wrong fails the test.
+    """
 
     def __init__(
         self,
@@ -180,8 +184,10 @@ class Bench:
         self.snapshots: list[Snapshot] = []
         self.steps = 0
         self._is_woken = False
+        self.violations: list[Violation] = []
+        defined = define(machine)
         self.run = MachineRun(
-            define(machine),
+            defined,
             self.clock,
             self,
             autonomy=autonomy,
@@ -192,6 +198,7 @@ class Bench:
             stop_timeout=10.0,
             max_transitions=max_transitions,
             on_wake=self._wake,
+            monitor=MachineMonitor(declared_resources(defined), self.violations.append),
         )
         if start:
             if at is None:
@@ -253,6 +260,7 @@ class Bench:
     def _step(self) -> None:
         self.steps += 1
         self.run.step()
+        assert not self.violations, self.violations
 
     # -- the operator ------------------------------------------------------------------------------------------------
 

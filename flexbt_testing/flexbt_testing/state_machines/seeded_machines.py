@@ -6,7 +6,8 @@ from __future__ import annotations
 import random
 from typing import NamedTuple
 
-from flexbt_core.exploration import After, Before, MachineSystem, Requirement, StateKind, StateModel, state_model
+from flexbt_core.exploration import MachineSystem, StateKind, StateModel, state_model
+from flexbt_core.monitors import After, Before, Requirement
 from flexbt_core.state_machine import (
     EventState,
     MachineError,

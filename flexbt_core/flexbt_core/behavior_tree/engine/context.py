@@ -25,6 +25,13 @@ class CallbackWrapping(Protocol):
         """``tick`` of the node with its post-tick callback."""
 
 
+class LeafMonitor(Protocol):
+    """Checks what leaves do elsewhere."""
+
+    def acts(self, leaf: Any) -> None:
+        """What a leaf does elsewhere begins."""
+
+
 class UnfinishedWork:
     """Work of a leaf that goes on after the leaf was halted, such as a goal whose cancelling is not confirmed yet."""
 
@@ -50,7 +57,7 @@ class TreeContext:
     ``stopping`` is whether the host wants to stop the tree: a tick that may take long looks at it.
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
-    ``log`` is for what is installed as acceleration.
+    ``log`` is for what is installed as acceleration. ``monitor`` checks the run, if anything does.
     """
 
     def __init__(self, clock: Clock, services: Any, scripts: Scripts) -> None:
@@ -68,6 +75,7 @@ class TreeContext:
         self.halt_errors: list[NodeExecutionError] = []
         self.rewrapped: list[object] = []
         self.callbacks: CallbackWrapping | None = None
+        self.monitor: LeafMonitor | None = None
         self.advancing = False
         self.paused = False
         self._unfinished: list[UnfinishedWork] = []
@@ -94,9 +102,7 @@ class TreeContext:
 
     def advance_unfinished(self) -> None:
         """One step of all work that needs ticks to come to its end. On the ticking thread."""
-        with self._lock:
-            works = tuple(self._unfinished)
-        for work in works:
+        for work in self.works:
             if work.advance is not None:
                 work.advance()
 
@@ -112,7 +118,12 @@ class TreeContext:
             on_wake()
 
     @property
+    def works(self) -> tuple[UnfinishedWork, ...]:
+        """The work that goes on after leaves were halted."""
+        with self._lock:
+            return tuple(self._unfinished)
+
+    @property
     def unfinished(self) -> tuple[str, ...]:
         """Descriptions of the work that goes on."""
-        with self._lock:
-            return tuple(work.description for work in self._unfinished)
+        return tuple(work.description for work in self.works)

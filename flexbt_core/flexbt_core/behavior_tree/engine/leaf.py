@@ -32,9 +32,18 @@ class LeafNode(TreeNode):
     skill: ClassVar[Skill] = Skill()
     """What the leaf needs and brings about, beyond what its ports and statuses tell; see ``flexbt_core.skills``."""
 
+    acts_later: ClassVar[bool] = False
+    """Whether the leaf has its actuators only from when it calls :meth:`acts`, and not as soon as it is RUNNING."""
+
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._reason = ''
+
+    def acts(self) -> None:
+        """What the leaf does elsewhere begins: a goal is sent. A monitor checks that it may."""
+        monitor = self.context.monitor
+        if monitor is not None:
+            monitor.acts(self)
 
     def fail(self, reason: str) -> NodeStatus:
         """FAILURE, with a reason for people: ``return self.fail('no path to the goal')``."""

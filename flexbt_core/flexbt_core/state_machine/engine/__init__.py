@@ -5,6 +5,7 @@ from .calling import Calling
 from .command_queue import Answer
 from .container import ContainerRun
 from .leaf import LeafRun
+from .monitor import MonitoredRun, MonitoredState, RunMonitor
 from .observer import LoggingObserver, RunObserver
 from .region import HeldBack, Node, Region
 from .run import MAX_TRANSITIONS, STOP_TIMEOUT, MachineRun
@@ -19,7 +20,10 @@ __all__ = [
     'LeafRun',
     'LoggingObserver',
     'MachineRun',
+    'MonitoredRun',
+    'MonitoredState',
     'Node',
     'Region',
+    'RunMonitor',
     'RunObserver',
 ]

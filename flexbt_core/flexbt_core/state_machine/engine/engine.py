@@ -11,6 +11,7 @@ from flexbt_core.state_machine.model import Decision, DecisionKind
 from .calling import Calling
 from .controls import Controls
 from .halt_wait import HaltWait
+from .monitor import RunMonitor
 from .observer import RunObserver
 from .pausing import Pausing
 
@@ -34,6 +35,10 @@ class Engine(Protocol):
     @property
     def observer(self) -> RunObserver:
         """Who watches the run."""
+
+    @property
+    def monitor(self) -> RunMonitor | None:
+        """Who checks the run."""
 
     @property
     def controls(self) -> Controls:

@@ -149,6 +149,9 @@ class LeafRun:
         self.state.exit_reason = None
         self.state.is_resumed = is_resumed
         self._engine.changed()  # already now, since on_enter may take long
+        monitor = self._engine.monitor
+        if monitor is not None:
+            monitor.entered(self.path)
         if self.call('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
             self._fail()
 
@@ -176,6 +179,9 @@ class LeafRun:
             self.clock.go_on()  # what it finishes now may take its time
             self._engine.changed()
         self.state.exit_reason = reason
+        monitor = self._engine.monitor
+        if monitor is not None:
+            monitor.exited(self.path)
         raised = self.call('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
         if raised and reason is ExitReason.OUTCOME:
             self._fail()

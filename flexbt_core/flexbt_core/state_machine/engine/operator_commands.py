@@ -40,6 +40,8 @@ def confirm(run: CommandedRun, decision_id: str) -> str | None:
         return f'decision {decision_id} suggests nothing: force one of {", ".join(decision.outcomes)}'
     refusal = _paused(run, decision.path)
     if refusal is None:
+        if run.monitor is not None:
+            run.monitor.confirmed(decision_id)
         region.approve()
     return refusal
 
@@ -60,6 +62,8 @@ def force(run: CommandedRun, path: str, outcome: str, decision_id: str) -> str |
         return f'{path} has no outcome {outcome!r}; its outcomes are {", ".join(outcomes)}'
     refusal = _leaving(region, path) or _paused(run, path)
     if refusal is None:
+        if run.monitor is not None:
+            run.monitor.forced(path, outcome)
         region.force(outcome)
     return refusal
 

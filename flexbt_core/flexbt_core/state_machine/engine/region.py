@@ -259,6 +259,9 @@ class Region:
         self._wait_for(None, None)
         self.is_approved = False
         child.outcome = outcome
+        monitor = self._engine.monitor
+        if monitor is not None and outcome is not None:
+            monitor.leaves(child.path, outcome, child.definition.transitions[outcome].autonomy)
         child.leave(child.exit_reason)
         # A state that raised in on_exit wants another outcome by now, which has to be considered in its turn.
         self.is_leaving = child.outcome == outcome
@@ -279,6 +282,8 @@ class Region:
             ends = container.outcome_after(child, outcome) if following is None else None
         shown = following.path if following is not None else f'={ends}' if ends is not None else ''
         engine.observer.transition(child.path, outcome or '', shown, child.exit_reason)
+        if engine.monitor is not None:
+            engine.monitor.transition(child.path, outcome or '', shown, child.exit_reason)
         self.is_leaving = False
         self.child = None
         if engine.pausing.priority is not None:

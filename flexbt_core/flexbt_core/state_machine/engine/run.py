@@ -39,6 +39,7 @@ from .container import ContainerRun
 from .controls import Controls
 from .halt_wait import HaltWait
 from .leaf import LeafRun
+from .monitor import RunMonitor
 from .observer import LoggingObserver, RunObserver
 from .pausing import Pausing
 from .region import HeldBack, Region
@@ -68,7 +69,8 @@ class MachineRun:
     ``clock`` is what states see, ``steady`` counts the time that they may take to halt (``exit_timeout``, s). A run
     that is stopped, or ends by a fault, has not ended before everything is confirmed to have halted; when that takes
     longer than ``stop_timeout`` (s), or after :meth:`abort`, it ends as 'error'. Without an ``observer`` the run is
-    written to the log of Python. More than ``max_transitions`` in one step count as a livelock, which ends the run.
+    written to the log of Python; a ``monitor`` checks it. More than ``max_transitions`` in one step count as a
+    livelock, which ends the run.
     """
 
     def __init__(
@@ -85,12 +87,14 @@ class MachineRun:
         stop_timeout: float = STOP_TIMEOUT,
         max_transitions: int = MAX_TRANSITIONS,
         on_wake: Callable[[], None] | None = None,
+        monitor: RunMonitor | None = None,
     ) -> None:
         if autonomy not in AUTONOMY_NAMES:
             raise StateMachineError(commands.no_level(autonomy))
         self.definition = definition
         self.clock = clock
         self.observer: RunObserver = observer if observer is not None else LoggingObserver()
+        self.monitor = monitor
         self.services = services
         self.outcome: str | None = None
         self.message = ''
@@ -150,7 +154,9 @@ class MachineRun:
         if self._end is None and self._preempt_reason is None:
             if enter is not None:
                 enter()
-            else:
+            if self.monitor is not None:
+                self.monitor.begins(self, enter is not None)
+            if enter is None:
                 self.root.begin(self.scope)
         self.changed()
         self.wake()
@@ -166,8 +172,12 @@ class MachineRun:
             elif self._preempt_reason is not None:
                 self._end = _End(PREEMPTED, self._preempt_reason, ExitReason.PREEMPTED)
             elif not self._take_one_step() and self._end is None:
+                if self.monitor is not None:
+                    self.monitor.rests()
                 return True
         self._commands.refuse('the run is ending')
+        if self.monitor is not None:
+            self.monitor.ends()
         return not self._await_halt(self._end)
 
     def _take_one_step(self) -> bool:
@@ -183,13 +193,23 @@ class MachineRun:
     @property
     def next_wake(self) -> float | None:
         """When a step is due if nothing wakes the run before, on its clock; None when nothing is."""
-        return self.root.next_wake() if self._end is None and not self.pausing.is_paused else None
+        if self._end is not None or self.pausing.is_paused:
+            return None
+        due = self.root.next_wake()
+        if self.monitor is None or (checked := self.monitor.next_wake()) is None:
+            return due
+        return checked if due is None else min(due, checked)
 
     # -- what the operator sees --------------------------------------------------------------------------------------
 
     def active_states(self) -> list[LeafRun]:
         """The states that are active."""
         return [node for node in self.root.active() if isinstance(node, LeafRun)]
+
+    def approved(self) -> dict[str, str]:
+        """What the operator has allowed and has not happened yet: outcomes, by the paths of what is left by them."""
+        children = [region.child for region in self.regions() if region.is_approved]
+        return {child.path: child.outcome for child in children if child is not None and child.outcome is not None}
 
     @property
     def is_paused(self) -> bool:
@@ -348,7 +368,11 @@ class MachineRun:
     ) -> Decision:
         """A decision with an id of its own."""
         self.decision_count += 1
-        return Decision(str(self.decision_count), kind, path, outcome, outcomes, required, prompt, self.clock.now())
+        number, now = str(self.decision_count), self.clock.now()
+        decision = Decision(number, kind, path, outcome, outcomes, required, prompt, now)
+        if self.monitor is not None:
+            self.monitor.asked(decision)
+        return decision
 
     def new_halt_wait(self) -> HaltWait:
         """Something to wait with for what is left; the run is woken when its time is over."""
@@ -434,6 +458,8 @@ class MachineRun:
             leaf.stop()
         self.message = message
         self.outcome = outcome
+        if self.monitor is not None:
+            self.monitor.ended(outcome)
         self._commands.close('the run has ended')
         self.changed()
 

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What holds for every mission, and how it is told that it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import Enum
+from typing import NamedTuple
+
+
+class Property(Enum):
+    """What is proved of all that can happen, or watched in what does; the values are what reports call it."""
+
+    STOP_STOPS = 'stop means stopped'
+    ONE_OWNER = 'an actuator has one owner'
+    NO_LIVELOCK = 'nothing goes round without waiting for anything'
+    NO_DEADLOCK = 'something can always happen'
+    REACHABLE = 'every outcome can be reached'
+    CAN_END = 'it can always still end'
+    APPROVAL = 'nothing happens without the approval that it needs'
+    BALANCED = 'what is entered is left, once'
+    DATA = 'nothing is read before it is written'
+    HALTED = 'a halt halts everything'
+    NO_FAULT = 'no node and no state raises'
+    DECLARED = 'it ends only by what it declares'
+    REQUIREMENT = 'what the mission requires'
+
+    @property
+    def is_shown_by_a_way(self) -> bool:
+        """Whether the steps of a counterexample show it; otherwise it is about what cannot follow after them."""
+        return self not in (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE)
+
+
+class Violation(NamedTuple):
+    """What is wrong: with which property, where, and in words for a mission engineer."""
+
+    property: Property
+    where: str
+    text: str
+
+
+def shared_actuators(owners: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]:
+    """Actuators that several have at once, of who has which: path and resources."""
+    found: dict[str, list[str]] = {}
+    for path, resources in owners:
+        for resource in resources:
+            found.setdefault(resource, []).append(path)
+    return [
+        Violation(Property.ONE_OWNER, resource, f'{resource} has two owners at once: {" and ".join(paths)}')
+        for resource, paths in sorted(found.items())
+        if len(paths) > 1
+    ]

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a mission requires beside what holds for all: written by its engineer, checked as it happens.
+
+Events of a machine are ``/Path`` (a state or machine is entered), ``/Path > outcome`` (it was left by it), and
+``=outcome`` (the machine ends by it). Those of a tree are ``name`` (a leaf begins to work, or is done at once),
+``name > SUCCESS``, ``name > FAILURE``, ``name > halted``, and ``=SUCCESS`` or ``=FAILURE``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from .properties import Property, Violation
+
+
+@dataclass(frozen=True)
+class Never:
+    """``event`` does not happen."""
+
+    event: str
+
+    def __str__(self) -> str:
+        return f'never {self.event}'
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """``event`` happens so many times at most."""
+
+    event: str
+    times: int
+
+    def __str__(self) -> str:
+        return f'{self.event} at most {self.times} times'
+
+
+@dataclass(frozen=True)
+class Before:
+    """``event`` only after ``needs``, at some time since the beginning; with ``again``, since the last ``event``."""
+
+    event: str
+    needs: str
+    again: bool = False
+
+    def __str__(self) -> str:
+        return f'{self.event} only after {self.needs}{", each time anew" if self.again else ""}'
+
+
+@dataclass(frozen=True)
+class After:
+    """What follows ``event`` (a state left by an outcome) at once is one of ``allowed``: a state, or an outcome."""
+
+    event: str
+    allowed: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f'after {self.event} comes {" or ".join(self.allowed)}'
+
+
+@dataclass(frozen=True)
+class Within:
+    """After ``event`` comes ``then``: within ``seconds``, or (None) before it ends. A stop owes nothing.
+
+    Seconds are those of the clock of the run; time that the run is paused does not count.
+    """
+
+    event: str
+    then: str
+    seconds: float | None = None
+
+    def __str__(self) -> str:
+        when = 'before the end' if self.seconds is None else f'within {self.seconds:g} s'
+        return f'after {self.event}, {self.then} {when}'
+
+
+@dataclass(frozen=True)
+class Apart:
+    """``one`` and ``other`` (states, or leaves) do not work at the same time."""
+
+    one: str
+    other: str
+
+    def __str__(self) -> str:
+        return f'{self.one} never while {self.other}'
+
+
+@dataclass(frozen=True)
+class While:
+    """As long as the leaf ``works``, the ``condition`` is asked in each tick, and holds."""
+
+    works: str
+    condition: str
+
+    def __str__(self) -> str:
+        return f'{self.works} works only while {self.condition} holds'
+
+
+@dataclass(frozen=True)
+class Written:
+    """The machine ends by ``event`` only when ``keys`` of its userdata were written: a default is no result."""
+
+    event: str
+    keys: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f'{self.event} only with {" and ".join(self.keys)} written'
+
+
+@dataclass(frozen=True)
+class Possible:
+    """From everywhere before the end ``event`` can still come about, without a stop: there is always a way."""
+
+    event: str
+
+    def __str__(self) -> str:
+        return f'{self.event} is always still possible'
+
+
+Requirement = Never | AtMost | Before | After | Within | Apart | While | Written | Possible
+
+PROVED_ONLY = (Written, Possible)
+"""They are about what might happen, or cannot be told from what is seen of a run: no monitor watches them."""
+
+
+class Requirements:
+    """Watches the events of a run for what the mission requires.
+
+    What it remembers is part of a configuration: a bit or a number for each requirement. ``now`` is the time of the
+    clock of the run, s; ``found`` is told what is wrong.
+    """
+
+    def __init__(
+        self, requirements: Iterable[Requirement], now: Callable[[], float], found: Callable[[Violation], None]
+    ) -> None:
+        self.requirements: Sequence[Requirement] = tuple(requirements)
+        self.met: set[str] = set()
+        """The requirements whose condition has been met, or that are owed something."""
+        self.counts: dict[str, int] = {}
+        self.due: dict[str, float] = {}
+        """Until when what is owed has to come."""
+        self.paused_at: float | None = None
+        self._now = now
+        self._found = found
+        self._by_event: dict[str, list[Requirement]] = {}
+        for one in self.requirements:
+            for event in _events(one):
+                self._by_event.setdefault(event, []).append(one)
+        self.whiles = [one for one in self.requirements if isinstance(one, While)]
+        self.aparts = [one for one in self.requirements if isinstance(one, Apart)]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Whose events are asked for: the paths of states, or of nodes."""
+        events = {*self._by_event, *(name for one in self.whiles for name in (one.works, one.condition))}
+        return frozenset(event.partition(' > ')[0] for event in events)
+
+    def resume(self) -> None:
+        """The run goes on where another one was: what has happened in that is not known, and not held against it."""
+        self.met.update(str(one) for one in self.requirements if isinstance(one, Before))
+
+    def event(self, event: str) -> None:
+        """Something has happened."""
+        for one in self._by_event.get(event, ()):
+            self._meet(one, event)
+
+    def follows(self, left: str, follows: str) -> None:
+        """A state was left, with what follows: a state, ``=outcome`` of the machine, or ''."""
+        for one in self._by_event.get(left, ()):
+            if isinstance(one, After) and follows not in one.allowed:
+                self._tell(one, left, f'{follows or "nothing"} follows {left}')
+
+    def works(self, working: Sequence[str]) -> None:
+        """These work at the same time: states that are active, or leaves."""
+        for one in self.aparts:
+            if one.one in working and one.other in working:
+                self._tell(one, one.one, f'{one.one} works while {one.other} does')
+
+    def unguarded(self, working: Sequence[str], holding: Iterable[str]) -> None:
+        """After a tick: leaves that work, and the conditions that were asked in it and held."""
+        for one in self.whiles:
+            if one.works in working and one.condition not in holding:
+                self._tell(one, one.works, f'{one.works} works on, and {one.condition} was not asked, or does not hold')
+
+    def rests(self, is_paused: bool) -> None:
+        """Whether something is overdue. Time in which the run is paused does not count."""
+        if not self.due:
+            return
+        now = self._now()
+        if is_paused or self.paused_at is not None:
+            self._pause(is_paused, now)
+            return
+        for one in [one for one in self.requirements if isinstance(one, Within)]:
+            if self.due.get(str(one), now + 1.0) <= now:
+                del self.due[str(one)]
+                self._tell(one, one.event, f'{one.then} has not come {one.seconds:g} s after {one.event}')
+
+    def _pause(self, is_paused: bool, now: float) -> None:
+        if self.paused_at is None:
+            self.paused_at = now
+        elif not is_paused:
+            passed, self.paused_at = now - self.paused_at, None
+            self.due = {one: due + passed for one, due in self.due.items()}
+
+    def next_due(self) -> float | None:
+        """When something is overdue at the earliest."""
+        return min(self.due.values(), default=None) if self.due and self.paused_at is None else None
+
+    def ended(self) -> None:
+        """It has ended, and not by a stop: what is owed before the end does not come any more."""
+        for one in self.requirements:
+            if isinstance(one, Within) and one.seconds is None and str(one) in self.met:
+                self._tell(one, one.event, f'it ends, and {one.then} has not come after {one.event}')
+
+    def _meet(self, one: Requirement, event: str) -> None:
+        name = str(one)
+        if isinstance(one, Never):
+            self._tell(one, event, f'{event} happens')
+        elif isinstance(one, AtMost):
+            count = self.counts[name] = min(self.counts.get(name, 0) + 1, one.times + 1)
+            if count > one.times:
+                self._tell(one, event, f'{event} happens more than {one.times} times')
+        elif isinstance(one, Before):
+            if event == one.event:
+                if name not in self.met:
+                    self._tell(one, event, f'{event} comes without {one.needs}')
+                elif one.again:
+                    self.met.discard(name)
+            if event == one.needs:
+                self.met.add(name)
+        elif isinstance(one, Within):
+            if event == one.then:
+                self.met.discard(name)
+                self.due.pop(name, None)
+            elif one.seconds is None:
+                self.met.add(name)
+            elif name not in self.due:
+                self.due[name] = self._now() + one.seconds
+
+    def _tell(self, requirement: Requirement, where: str, what: str) -> None:
+        self._found(violation_of(requirement, where, what))
+
+
+def _events(one: Requirement) -> set[str]:
+    """What a requirement wants to hear of."""
+    if isinstance(one, Never | AtMost | After):
+        return {one.event}
+    if isinstance(one, Before):
+        return {one.event, one.needs}
+    return {one.event, one.then} if isinstance(one, Within) else set()
+
+
+def violation_of(requirement: Requirement, where: str, what: str) -> Violation:
+    """That something does not fulfil a requirement."""
+    return Violation(Property.REQUIREMENT, where, f'{what}; required is: {requirement}')

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is watched in the run of a tree: its leaves that take time, from their beginning to their end or halt.
+
+These leaves get a class, derived from their own, that tells the monitor of the calls of ``on_start``, ``on_running``
+and ``on_halted``. All other nodes are as they were, so a tick costs more only by what runs in it.
+"""
+
+from __future__ import annotations
+
+import functools
+import types
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+from flexbt_core.behavior_tree import (
+    NodeDefinition,
+    NodeStatus,
+    StatefulAction,
+    Tree,
+    TreeNode,
+    UnfinishedWork,
+    node_skill,
+)
+from flexbt_core.behavior_tree.engine import ControlNode, LeafNode
+from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS
+
+from .properties import Property, Violation, shared_actuators
+from .requirements import Requirement, Requirements
+
+_NOTHING: frozenset[str] = frozenset()
+
+
+class TreeMonitor:
+    """Watches one run of a tree; ``found`` is told what is wrong. Used on the ticking thread.
+
+    What is watched: a leaf that works is ticked, or was halted; after the end, or a halt, nothing works, waits or
+    acts; an actuator has one owner, also while a halted one ends; with ``is_woken_only``, what is RUNNING has
+    something that wakes it. ``requirements`` are those of the mission. ::
+
+        monitor = TreeMonitor(found)
+        tree = Tree(library, 'Main', substitute=monitor.watched)
+        monitor.begins(tree)
+        monitor.ticked(tree.tick_once())       # after each tick
+        tree.halt()
+        monitor.halted()
+    """
+
+    def __init__(
+        self, found: Callable[[Violation], None], requirements: Iterable[Requirement] = (), is_woken_only: bool = False
+    ) -> None:
+        self._found = found
+        self._requirements = Requirements(requirements, lambda: self._tree.context.clock.now(), found)
+        self._has_requirements = bool(self._requirements.requirements)
+        self._named = self._requirements.names
+        self._is_woken_only = is_woken_only
+        self._resources: dict[int, frozenset[str]] = {}
+        self._open: dict[int, LeafNode] = {}  # leaves that work, by uid
+        self._ticked: set[int] = set()
+        self._acting: set[int] = set()  # of those that have actuators, who has them
+        self._ending: dict[int, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
+        self._holding: set[str] = set()  # conditions that hold in this tick
+        self._starting = 0
+        self._is_taken = False  # an actuator, so that it may have two owners
+        self._tree: Tree
+
+    # -- for whoever makes and ticks the tree ------------------------------------------------------------------------
+
+    def watched(self, definition: NodeDefinition, path: str) -> NodeDefinition:
+        """What is made in the place of a node: see ``substitute`` of :class:`~flexbt_core.behavior_tree.Tree`."""
+        manifest = definition.manifest
+        if definition.tree_id is not None or not issubclass(manifest.node_class, LeafNode):
+            return definition
+        if issubclass(manifest.node_class, StatefulAction):
+            made = _watched_action(manifest.node_class)
+        elif path in self._named:
+            made = _watched_leaf(manifest.node_class)
+        else:
+            return definition
+        return definition._replace(manifest=replace(manifest, node_class=made))
+
+    def begins(self, tree: Tree) -> None:
+        """The nodes exist; the first tick is next."""
+        self._tree = tree
+        tree.context.monitor = self
+        for node, definition in zip(tree.nodes, tree.definitions, strict=True):
+            skill = node_skill(definition.manifest) if isinstance(node, StatefulAction) else None
+            if skill is not None and skill.resources:
+                self._resources[node.uid] = frozenset(skill.resources)
+
+    def ticked(self, status: NodeStatus) -> None:
+        """A tick is over, and this is what it gave."""
+        opened = self._open
+        if len(self._ticked) < len(opened):
+            for path in [leaf.path for uid, leaf in opened.items() if uid not in self._ticked]:
+                text = f'{path} goes on, but nothing ticks it any more: it was not halted'
+                self._found(Violation(Property.HALTED, path, text))
+        self._ticked.clear()
+        if self._is_taken:
+            self._check_owners()
+        if self._has_requirements:
+            self._check_requirements(status)
+        if status is not RUNNING:
+            for leaf in opened.values():
+                text = f'{leaf.path} still works although the tree has ended with {status.name}: it was not halted'
+                self._found(Violation(Property.HALTED, leaf.path, text))
+        elif self._is_woken_only and not opened:
+            self._check_wakes()
+
+    def halted(self) -> None:
+        """The tree was halted."""
+        for leaf in self._open.values():
+            text = f'{leaf.path} still works after the tree was halted'
+            self._found(Violation(Property.STOP_STOPS, leaf.path, text))
+        for node in self._tree.nodes:
+            if node.status is not IDLE:
+                text = f'{node.path} is {node.status.name} after the tree was halted'
+                self._found(Violation(Property.HALTED, node.path, text))
+        if self._tree.next_wake is not None:
+            text = 'a node still waits for a time after the halt'
+            self._found(Violation(Property.STOP_STOPS, self._tree.key.id, text))
+
+    # -- what the leaves tell ----------------------------------------------------------------------------------------
+
+    def starts(self, leaf: LeafNode) -> None:
+        """``on_start`` of a leaf is called next."""
+        self._starting = leaf.uid
+        if self._has_requirements:
+            self._requirements.event(leaf.path)
+
+    def began(self, leaf: LeafNode, status: NodeStatus) -> None:
+        """``on_start`` of a leaf has given a status."""
+        self._starting = 0
+        if status is RUNNING:
+            self._open[leaf.uid] = leaf
+            self._ticked.add(leaf.uid)
+            if not leaf.acts_later:
+                self._own(leaf)
+        else:
+            self._acting.discard(leaf.uid)
+            self._tell_result(leaf, status)
+
+    def went_on(self, leaf: LeafNode, status: NodeStatus) -> None:
+        """``on_running`` of a leaf has given a status."""
+        uid = leaf.uid
+        self._ticked.add(uid)
+        if status is not SUCCESS and status is not FAILURE:
+            return  # one that is SKIPPED stays as it was
+        self._acting.discard(uid)
+        if self._open.pop(uid, None) is None:
+            text = f'{leaf.path} gives {status.name}, and it has ended before, or was halted'
+            self._found(Violation(Property.BALANCED, leaf.path, text))
+        self._tell_result(leaf, status)
+
+    def halts(self, leaf: LeafNode, halt: Callable[[], None]) -> None:
+        """A leaf is halted by ``halt``."""
+        context = self._tree.context
+        before = context.works if leaf.uid in self._acting else ()
+        self._open.pop(leaf.uid, None)
+        if self._has_requirements:
+            self._requirements.event(f'{leaf.path} > halted')
+        try:
+            halt()
+        finally:
+            if leaf.uid in self._acting:
+                self._acting.discard(leaf.uid)
+                self._ending[leaf.uid] = tuple(work for work in context.works if work not in before)
+
+    def acts(self, leaf: LeafNode) -> None:
+        """What a leaf does elsewhere begins."""
+        if leaf.uid not in self._open and leaf.uid != self._starting:
+            text = f'{leaf.path} acts, and it has ended, or was halted'
+            self._found(Violation(Property.STOP_STOPS, leaf.path, text))
+        self._own(leaf)
+
+    def done(self, leaf: TreeNode, status: NodeStatus) -> None:
+        """A leaf was done within a tick."""
+        self._requirements.event(leaf.path)
+        self._tell_result(leaf, status)
+        if status is SUCCESS:
+            self._holding.add(leaf.path)
+
+    # -- what is looked at when a tick is over -----------------------------------------------------------------------
+
+    def _own(self, leaf: LeafNode) -> None:
+        if leaf.uid in self._resources:
+            self._acting.add(leaf.uid)
+            self._is_taken = True
+
+    def _tell_result(self, leaf: TreeNode, status: NodeStatus) -> None:
+        if self._has_requirements and (status is SUCCESS or status is FAILURE):
+            self._requirements.event(f'{leaf.path} > {status.name}')
+
+    def _check_owners(self) -> None:
+        works = self._tree.context.works
+        self._ending = {uid: own for uid, own in self._ending.items() if any(work in works for work in own)}
+        nodes = self._tree.nodes
+        owners = [*self._acting, *(uid for uid in self._ending if uid not in self._acting)]
+        for wrong in shared_actuators((nodes[uid - 1].path, self._resources.get(uid, _NOTHING)) for uid in owners):
+            self._found(wrong)
+        self._is_taken = False  # until somebody else begins
+
+    def _check_requirements(self, status: NodeStatus) -> None:
+        requirements = self._requirements
+        working = [leaf.path for leaf in self._open.values()]
+        requirements.works(working)
+        requirements.unguarded(working, self._holding)
+        requirements.rests(False)
+        self._holding.clear()
+        if status is not RUNNING:
+            requirements.event(f'={status.name}')
+            requirements.ended()
+
+    def _check_wakes(self) -> None:
+        tree = self._tree
+        if tree.next_wake is not None or tree.wake_pending or tree.unfinished:
+            return
+        for node in tree.nodes:
+            is_last = node.status is RUNNING and all(child.status is not RUNNING for child in node.attached)
+            if is_last and isinstance(node, ControlNode):
+                text = f'{node.path} is RUNNING with no child that is, and nothing wakes the tree'
+                self._found(Violation(Property.NO_DEADLOCK, node.path, text))
+
+
+@functools.cache
+def _watched_action(plain: Any) -> type[Any]:
+    def on_start(self: Any) -> NodeStatus:
+        monitor = self.context.monitor
+        monitor.starts(self)
+        status: NodeStatus = plain.on_start(self)
+        monitor.began(self, status)
+        return status
+
+    def on_running(self: Any) -> NodeStatus:
+        status: NodeStatus = plain.on_running(self)
+        self.context.monitor.went_on(self, status)
+        return status
+
+    def on_halted(self: Any) -> None:
+        self.context.monitor.halts(self, lambda: plain.on_halted(self))
+
+    return _derived(plain, {'on_start': on_start, 'on_running': on_running, 'on_halted': on_halted})
+
+
+@functools.cache
+def _watched_leaf(plain: Any) -> type[Any]:
+    def execute(self: Any) -> NodeStatus:
+        status: NodeStatus = plain.execute(self)
+        self.context.monitor.done(self, status)
+        return status
+
+    return _derived(plain, {'execute': execute})
+
+
+def _derived(plain: Any, members: dict[str, Any]) -> type[Any]:
+    names = {'__module__': plain.__module__, '__qualname__': plain.__qualname__, '__doc__': plain.__doc__}
+    namespace = {**members, **names, '__slots__': ()}
+    return types.new_class(plain.__name__, (plain,), exec_body=lambda made: made.update(namespace))

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Monitors find an engine, or states, that do wrong. That they let the sound ones alone, all tests of the engine show.
+
+The defects are seeded into the engine: each takes one of its rules away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import pytest
+
+from flexbt_core.clock import ManualClock
+from flexbt_core.monitors import (
+    After,
+    Apart,
+    AtMost,
+    Before,
+    MachineMonitor,
+    Never,
+    Property,
+    Requirement,
+    Violation,
+    Within,
+    declared_resources,
+)
+from flexbt_core.skills import Skill
+from flexbt_core.state_machine import Autonomy, Child, MachineRun, OperatableStateMachine, define
+from flexbt_core.state_machine.engine import ContainerRun, LeafRun, Region, operator_commands
+from flexbt_testing.state_machines import Scripted, machine
+
+
+class Driving(Scripted):
+    skill = Skill.of(resources=['base'])
+
+
+class Watched:
+    """A run with a monitor, and what that has found."""
+
+    def __init__(
+        self,
+        made: OperatableStateMachine,
+        requirements: Iterable[Requirement] = (),
+        autonomy: int = Autonomy.Full,
+    ) -> None:
+        self.found: list[Violation] = []
+        self.clock = ManualClock()
+        definition = define(made)
+        monitor = MachineMonitor(declared_resources(definition), self.found.append, requirements)
+        self.run = MachineRun(definition, self.clock, autonomy=autonomy, monitor=monitor)
+        self.run.start()
+        self.run.step()
+
+    def end(self, path: str, outcome: str) -> None:
+        """A state that is active gives an outcome."""
+        (state,) = [leaf.state for leaf in self.run.active_states() if leaf.path == path]
+        assert isinstance(state, Scripted)
+        state.end(outcome)
+        self.run.step()
+
+    @property
+    def properties(self) -> set[Property]:
+        return {one.property for one in self.found}
+
+
+def chain(requires: int = Autonomy.Off) -> OperatableStateMachine:
+    """A, then B, then A again, or the end."""
+
+    def once() -> Scripted:
+        return Scripted('done', 'failed', do={'on_exit': lambda state, _: setattr(state, 'outcome', None)})
+
+    levels = {'done': requires, 'failed': requires}
+    return machine(
+        Child('A', once(), {'done': 'B', 'failed': 'ended'}, levels),
+        Child('B', once(), {'done': 'A', 'failed': 'ended'}, levels),
+    )
+
+
+def beside(one: Scripted, other: Scripted) -> OperatableStateMachine:
+    """Two states that are active at once."""
+    return machine(
+        Child('One', one, {'done': 'ended'}, {'done': Autonomy.Full}),
+        Child('Other', other, {'done': 'ended'}, {'done': Autonomy.Full}),
+        conditions=[('ended', [('One', 'done'), ('Other', 'done')])],
+    )
+
+
+def test_on_exit_that_is_forgotten_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LeafRun, 'leave', lambda self, reason: None)
+    watched = Watched(chain())
+    watched.end('/A', 'done')
+    (wrong,) = watched.found
+    assert wrong.property is Property.BALANCED and wrong.where == '/A' and 'on_exit was not called' in wrong.text
+
+
+def test_an_outcome_that_counts_twice_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(chain())
+    passed = Region._pass_on
+
+    def twice(self: Region, child: Any) -> bool:
+        done = passed(self, child)
+        self.child, self.is_leaving = child, True
+        return passed(self, child) and done
+
+    monkeypatch.setattr(Region, '_pass_on', twice)
+    watched.end('/A', 'done')
+    assert any('it was left before' in one.text for one in watched.found)
+
+
+def test_a_transition_without_its_approval_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(chain(Autonomy.Full), autonomy=Autonomy.Low)
+    monkeypatch.setattr(Region, '_ask', lambda self, kind, child, outcome, *rest: self._leave_child(child, outcome))
+    watched.end('/A', 'done')
+    watched.run.step()
+    assert watched.properties == {Property.APPROVAL} and 'nobody was asked' in watched.found[0].text
+
+
+def test_an_approval_that_goes_to_another_request_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(beside(Scripted(outcome='done'), Scripted(outcome='done')), autonomy=Autonomy.Low)
+    first, second = watched.run.decisions
+    deciding: Callable[..., Any] = operator_commands._deciding
+    swapped = {first.id: second.id, second.id: first.id}
+    monkeypatch.setattr(operator_commands, '_deciding', lambda run, wanted: deciding(run, swapped[wanted]))
+    watched.run.confirm(first.id, lambda refusal: None)
+    watched.run.step()
+    (wrong,) = watched.found
+    assert wrong.property is Property.APPROVAL and wrong.where == second.path
+
+
+def test_an_approval_of_another_outcome_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(chain(Autonomy.Full), autonomy=Autonomy.Low)
+    watched.end('/A', 'done')
+    (decision,) = watched.run.decisions
+    monkeypatch.setattr(Region, 'approve', lambda self: self._leave_child(self.child, 'failed'))
+    watched.run.controls.set_level(Autonomy.Off, '/')
+    watched.run.confirm(decision.id, lambda refusal: None)
+    watched.run.step()
+    assert watched.properties == {Property.APPROVAL}
+    assert "'failed', which needs the operator, and approved was 'done'" in watched.found[0].text
+
+
+def test_what_is_entered_after_a_stop_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(chain())
+    leave = ContainerRun.leave
+
+    def leave_and_begin(self: ContainerRun, reason: Any) -> None:
+        leave(self, reason)
+        self.children['B'].enter(self.scope)
+
+    monkeypatch.setattr(ContainerRun, 'leave', leave_and_begin)
+    watched.run.preempt('test')
+    watched.run.step()
+    assert watched.properties == {Property.STOP_STOPS, Property.BALANCED}
+    assert any('/B was entered, and never left' in one.text for one in watched.found)
+
+
+def test_an_end_that_comes_twice_is_found() -> None:
+    watched = Watched(chain())
+    watched.end('/A', 'failed')
+    watched.run._finish('ended', '')
+    assert watched.properties == {Property.BALANCED} and 'ends again' in watched.found[0].text
+
+
+def test_two_owners_of_an_actuator_are_found_and_one_that_halts_counts() -> None:
+    assert Watched(beside(Driving(), Driving())).properties == {Property.ONE_OWNER}
+    assert not Watched(beside(Driving(), Scripted())).found
+    halting = ['']
+    slow = Driving(do={'halting': lambda state, _: halting[0] or None})
+    ring = machine(Child('Slow', slow, {'done': 'Next'}, {}), Child('Next', Driving(), {'done': 'ended'}, {}))
+    watched = Watched(ring)
+    halting[0] = 'it rolls on'
+    watched.end('/Slow', 'done')
+    assert not watched.found  # the engine waits for the first
+    halting[0] = ''
+    watched.run.step()
+    assert not watched.found and [leaf.path for leaf in watched.run.active_states()] == ['/Next']
+
+
+REQUIREMENTS: list[tuple[Requirement, list[tuple[str, str]], str]] = [
+    (Never('/B'), [('/A', 'done')], '/B happens'),
+    (AtMost('/A', 1), [('/A', 'done'), ('/B', 'done')], '/A happens more than 1 times'),
+    (Before('/B', '/B > done'), [('/A', 'done')], '/B comes without /B > done'),
+    (After('/A > done', ('=ended',)), [('/A', 'done')], '/B follows /A > done'),
+    (Within('/A > done', '/A'), [('/A', 'done'), ('/B', 'failed')], 'it ends, and /A has not come'),
+]
+
+
+@pytest.mark.parametrize(('required', 'way', 'text'), REQUIREMENTS, ids=[str(one) for one, *_ in REQUIREMENTS])
+def test_a_requirement_is_watched(required: Requirement, way: list[tuple[str, str]], text: str) -> None:
+    watched = Watched(chain(), [required])
+    for path, outcome in way[:-1]:
+        watched.end(path, outcome)
+    assert not watched.found
+    watched.end(*way[-1])
+    assert [one.text.partition(';')[0][: len(text)] for one in watched.found] == [text]
+
+
+def test_states_that_are_to_be_apart_are_watched() -> None:
+    assert Watched(beside(Scripted(), Scripted()), [Apart('/One', '/Other')]).properties == {Property.REQUIREMENT}
+
+
+def test_a_deadline_is_told_when_it_is_over_and_stands_still_in_a_pause() -> None:
+    watched = Watched(chain(), [Within('/A > done', '/B > done', 5.0)])
+    watched.end('/A', 'done')
+    watched.clock.advance(3.0)
+    watched.run.pause(lambda refusal: None)
+    watched.run.step()
+    watched.clock.advance(60.0)
+    watched.run.resume(lambda refusal: None)
+    watched.run.step()
+    assert not watched.found and watched.run.next_wake == pytest.approx(65.0)
+    watched.clock.advance(2.0)
+    watched.run.step()
+    assert [one.text for one in watched.found] == [
+        '/B > done has not come 5 s after /A > done; required is: after /A > done, /B > done within 5 s'
+    ]

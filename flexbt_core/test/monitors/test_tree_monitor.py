@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Monitors find controls and leaves that do wrong, and let random sound trees alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    Condition,
+    Control,
+    NodeStatus,
+    StatefulAction,
+    Tree,
+    TreeLibrary,
+    UnfinishedWork,
+    builtin_registry,
+    load_xml,
+)
+from flexbt_core.clock import ManualClock
+from flexbt_core.monitors import Before, Never, Property, Requirement, TreeMonitor, Violation, While, Within
+from flexbt_core.skills import Skill
+from flexbt_testing.behavior_trees import random_nodes, random_trees, scripted_nodes
+from flexbt_testing.behavior_trees.seeded_trees import ForgetfulFallback
+
+RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
+
+
+class Work(StatefulAction):
+    """Works until it is told how it ends; what it has begun may end later than its halt."""
+
+    results: dict[str, NodeStatus] = {}
+    ends_later = False
+    working: UnfinishedWork | None = None
+
+    def on_start(self) -> NodeStatus:
+        return self.on_running()
+
+    def on_running(self) -> NodeStatus:
+        return self.results.pop(self.name, RUNNING)
+
+    def on_halted(self) -> None:
+        if self.ends_later:
+            Work.working = self.context.add_unfinished(f'{self.name} rolls on')
+
+
+class Drive(Work):
+    skill = Skill.of(resources=['base'])
+
+
+class RollOn(Drive):
+    ends_later = True
+
+
+class Flag(Condition):
+    holds: dict[str, bool] = {}
+
+    def tick(self) -> NodeStatus:
+        return SUCCESS if self.holds.get(self.name, True) else NodeStatus.FAILURE
+
+
+class Turns(Control):
+    """Ticks its children by turns, and forgets to halt the one before."""
+
+    def tick(self) -> NodeStatus:
+        Turns.number += 1
+        return self.tick_child(Turns.number % len(self.children))
+
+    number = 0
+
+
+class Stalled(Control):
+    """RUNNING, with nothing that would ever wake it."""
+
+    def tick(self) -> NodeStatus:
+        return RUNNING
+
+
+class Watched:
+    """A tree with a monitor, and what that has found."""
+
+    def __init__(self, body: str, *requirements: Requirement) -> None:
+        registry = builtin_registry()
+        registry.register_classes([Work, Drive, RollOn, Flag, Turns, Stalled, ForgetfulFallback])
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+        self.found: list[Violation] = []
+        self.clock = ManualClock()
+        self.monitor = TreeMonitor(self.found.append, requirements, is_woken_only=True)
+        library = TreeLibrary([load_xml(text, 'main.xml', registry)])
+        self.tree = Tree(library, 'Main', clock=self.clock, substitute=self.monitor.watched)
+        self.monitor.begins(self.tree)
+        Work.results, Work.working, Flag.holds, Turns.number = {}, None, {}, 0
+
+    def tick(self, **results: NodeStatus) -> list[str]:
+        """One tick, after which leaves have these results; what was found in it."""
+        Work.results = dict(results)
+        before = len(self.found)
+        self.monitor.ticked(self.tree.tick_once())
+        return [one.text for one in self.found[before:]]
+
+    def halt(self) -> None:
+        self.tree.halt()
+        self.monitor.halted()
+
+    def leaf(self, name: str) -> Work:
+        (found,) = [node for node in self.tree.nodes if node.name == name]
+        assert isinstance(found, Work)
+        return found
+
+
+def test_a_leaf_that_its_control_forgets_is_found() -> None:
+    watched = Watched('<Turns><Work name="one"/><Work name="other"/></Turns>')
+    assert watched.tick() == []
+    assert watched.tick() == ['other goes on, but nothing ticks it any more: it was not halted']
+    assert watched.found[0].property is Property.HALTED
+
+
+def test_a_leaf_that_goes_on_when_the_tree_ends_is_found() -> None:
+    watched = Watched('<ForgetfulFallback><Flag name="done"/><Work name="one"/></ForgetfulFallback>')
+    Flag.holds['done'] = False
+    assert watched.tick() == []
+    Flag.holds['done'] = True
+    assert any('it was not halted' in text for text in watched.tick())
+
+
+def test_two_owners_of_an_actuator_are_found() -> None:
+    watched = Watched('<Parallel><Drive name="one"/><Drive name="other"/></Parallel>')
+    assert watched.tick() == ['base has two owners at once: one and other']
+    assert watched.tick() == []  # told once
+    assert Watched('<Parallel><Drive name="one"/><Work name="other"/></Parallel>').tick() == []
+
+
+def test_a_halted_leaf_keeps_its_actuator_until_its_work_has_ended() -> None:
+    guarded = '<Sequence><Flag name="f"/><Drive name="next"/></Sequence>'
+    body = f'<ReactiveFallback>{guarded}<RollOn name="one"/></ReactiveFallback>'
+    watched = Watched(body)
+    Flag.holds['f'] = False
+    assert watched.tick() == []
+    Flag.holds['f'] = True
+    assert watched.tick() == ['base has two owners at once: next and one']
+    watched = Watched(body)
+    Flag.holds['f'] = False
+    watched.tick()
+    watched.leaf('one').ends_later = False
+    Flag.holds['f'] = True
+    assert watched.tick() == []
+
+
+def test_a_leaf_that_acts_after_its_halt_is_found() -> None:
+    watched = Watched('<Work name="one"/>')
+    watched.tick()
+    watched.leaf('one').acts()
+    assert watched.found == []
+    watched.halt()
+    assert watched.found == []
+    watched.leaf('one').acts()
+    assert [one.property for one in watched.found] == [Property.STOP_STOPS]
+
+
+def test_a_second_result_is_found() -> None:
+    watched = Watched('<Sequence><Work name="one"/><Work name="other"/></Sequence>')
+    watched.tick()
+    assert watched.tick(one=SUCCESS) == []
+    Work.results = {'one': SUCCESS}
+    watched.leaf('one').on_running()
+    assert watched.found[-1].text == 'one gives SUCCESS, and it has ended before, or was halted'
+
+
+def test_a_control_that_nothing_wakes_is_found() -> None:
+    assert Watched('<Stalled><Work/></Stalled>').tick() == [
+        'Stalled::1 is RUNNING with no child that is, and nothing wakes the tree'
+    ]
+    assert Watched('<Sequence><Sleep msec="100"/></Sequence>').tick() == []
+    assert Watched('<Delay delay_msec="100"><Work/></Delay>').tick() == []
+
+
+TWO = '<Sequence><Work name="one"/><Work name="other"/></Sequence>'
+REQUIREMENTS: list[tuple[str, Requirement, str]] = [
+    (TWO, Before('other', 'gate > SUCCESS'), 'other comes without gate > SUCCESS'),
+    (TWO, Never('one > SUCCESS'), 'one > SUCCESS happens'),
+    (
+        '<Sequence><Work name="one"/><Flag name="flag"/><Work name="other"/></Sequence>',
+        While('other', 'flag'),
+        '',
+    ),
+    (TWO, While('other', 'flag'), 'other works on, and flag was not asked, or does not hold'),
+]
+
+
+@pytest.mark.parametrize(('body', 'required', 'text'), REQUIREMENTS)
+def test_a_requirement_is_watched(body: str, required: Requirement, text: str) -> None:
+    watched = Watched(body, required)
+    assert watched.tick() == []
+    found = watched.tick(one=SUCCESS)
+    assert [one.partition(';')[0] for one in found] == ([text] if text else [])
+
+
+def test_a_deadline_of_a_tree_is_watched_at_its_ticks() -> None:
+    watched = Watched(TWO, Within('one > SUCCESS', 'other > SUCCESS', 5.0))
+    watched.tick()
+    assert watched.tick(one=SUCCESS) == []
+    watched.clock.advance(5.0)
+    assert [one.partition(';')[0] for one in watched.tick()] == ['other > SUCCESS has not come 5 s after one > SUCCESS']
+
+
+UNSOUND = re.compile(r'R&gt;|_script="[A-Z]*(?:R[A-Z]*K|K[A-Z]*R)')
+"""A decorator that makes something else of RUNNING, and forgets its child; a leaf that works, and says SKIPPED."""
+
+
+@pytest.mark.parametrize('make', [random_trees.make_case, random_nodes.make_case])
+def test_random_trees_give_no_alarm(make: Callable[[int], dict[str, object]]) -> None:
+    seen = 0
+    for seed in range(300):
+        case = make(seed)
+        if UNSOUND.search(str(case['xml'])):
+            continue
+        found: list[Violation] = []
+        scripted_nodes.Run(case, monitor=TreeMonitor(found.append)).trace()
+        assert not found, f'{found}\n{case["xml"]}'
+        seen += 1
+    assert seen > 100
