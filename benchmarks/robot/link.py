@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the operator link carries: a robot and the consoles of an operator in two networks, and a cable that counts.
 
-The robot is the whole demonstration; only its executive is told to be found across the link. The consoles show no map.
+The robot is the whole demonstration; only its executive is told to be found across the link. The consoles show no map,
+but in the last settings: there all nodes are found, and the consoles are screens, without and with the scan.
 In bytes a second, at rest and while the robot drives, with one console and with two:
 
 - payload: the serialized messages of the executive to one console;
@@ -12,7 +13,7 @@ In bytes a second, at rest and while the robot drives, with one console and with
 For several settings: the profile of the middleware (for radio links; of a workspace; none), and the executive's
 heartbeat period. Needs network namespaces (Linux, root).
 
-Usage: python3 benchmarks link [--seconds S] [--output FILE.json]
+Usage: python3 benchmarks link [--settings NAME ...] [--seconds S] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from _figures import write_figures
 from domain_coordinator import domain_id
 
 from flexbt_common.discovery import only_this_computer, profile
+from flexbt_console.commands import SCAN_PERIOD
 from flexbt_onboard.commands import REPORT_TIME
 from flexbt_testing.system import network_namespace
 from flexbt_testing.system.lossy_link import LossyLink
@@ -47,12 +49,14 @@ RADIO = profile('radio_robot'), profile('radio_console')
 QUICK = profile('network')
 NO_PROFILE = Path('/dev/null')
 SETTINGS = {
-    'radio, heartbeat 0.5 s': (*RADIO, 0.5),
-    'radio, heartbeat 1 s': (*RADIO, 1.0),
-    'workspace, heartbeat 0.5 s': (QUICK, QUICK, 0.5),
-    'no profile, heartbeat 0.5 s': (NO_PROFILE, NO_PROFILE, 0.5),
+    'radio, heartbeat 0.5 s': (*RADIO, 0.5, None),
+    'radio, heartbeat 1 s': (*RADIO, 1.0, None),
+    'workspace, heartbeat 0.5 s': (QUICK, QUICK, 0.5, None),
+    'no profile, heartbeat 0.5 s': (NO_PROFILE, NO_PROFILE, 0.5, None),
+    'radio, screens with --slow-link': (*RADIO, 0.5, 0.0),
+    'radio, screens': (*RADIO, 0.5, SCAN_PERIOD),
 }
-"""Profiles of the executive and of the consoles, and seconds between two heartbeats."""
+"""Profiles of the robot and of the consoles, seconds between two heartbeats, and between two scans of a screen."""
 
 
 def wait(condition: Callable[[], object], what: str) -> None:
@@ -101,7 +105,9 @@ def user_bytes(by_port: Counter[int]) -> int:
     return sum(count for port, count in by_port.items() if port % 2)
 
 
-def measure(robot_side: Path, console_side: Path, heartbeat: float, seconds: float) -> dict[str, Any]:
+def measure(
+    robot_side: Path, console_side: Path, heartbeat: float, scan_period: float | None, seconds: float
+) -> dict[str, Any]:
     """The figures with one of the settings, in windows of that many seconds."""
     across = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
     at_executive = {**across, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(robot_side)}
@@ -112,18 +118,18 @@ def measure(robot_side: Path, console_side: Path, heartbeat: float, seconds: flo
         link = stack.enter_context(LossyLink(robot, station))
         processes = stack.enter_context(Stack(directory, robot))
         for name in ('simulator', 'navigation', 'bt_server'):
-            processes.start(name)
+            processes.start(name, {}, {} if scan_period is None else at_executive)
         processes.start('onboard_executive', {'heartbeat_period': str(heartbeat)}, at_executive)
         observer = stack.enter_context(remote_observer(robot, {}))
         meter = Meter(link, observer, seconds)
 
-        first = stack.enter_context(remote_console(station, at_console, 'ann'))
+        first = stack.enter_context(remote_console(station, at_console, 'ann', scan_period))
         wait_ready(first)
         figures: dict[str, Any] = {'one console': {'at rest': meter.measure()}}
         drive(first)
         figures['one console']['driving'] = meter.measure()
         first.send('stop')
-        second = stack.enter_context(remote_console(station, at_console, 'bob'))
+        second = stack.enter_context(remote_console(station, at_console, 'bob', scan_period))
         wait_ready(second)
         figures['two consoles'] = {'at rest': meter.measure()}
     return figures
@@ -161,6 +167,7 @@ def settle() -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--settings', nargs='+', choices=SETTINGS, default=list(SETTINGS), help='which of them')
     parser.add_argument('--seconds', type=float, default=15.0, help='length of each window')
     parser.add_argument('--output', type=Path, default=Path('out/link.json'))
     arguments = parser.parse_args()
@@ -170,7 +177,7 @@ def main() -> int:
         with domain_id() as domain:
             os.environ['ROS_DOMAIN_ID'] = str(domain)
             only_this_computer()
-            figures = {name: measure(*setting, arguments.seconds) for name, setting in SETTINGS.items()}
+            figures = {name: measure(*SETTINGS[name], arguments.seconds) for name in arguments.settings}
     print(json.dumps(figures, indent=2))
     write_figures(arguments.output, figures)
     return 0

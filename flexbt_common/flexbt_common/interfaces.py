@@ -203,10 +203,10 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(names.RESET, by=(SIMULATOR,)),
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
-    *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION,)),
+    *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES)),
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
-    *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
-    *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, RECORDER)),
+    *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
+    *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, by=(SIMULATOR,)),
     *_topics(names.BATTERY_STATE, names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(

@@ -83,7 +83,8 @@ class ReceivedMessages:
 
     Messages of more than ``limit`` bytes come without their data. Of a participant that goes on sending such, or what
     the receiver blames it for, nothing more is heard, where the middleware can do that; ``on_ignored`` gets a line
-    about it, by default the node's log does.
+    about it, by default the node's log does. While ``is_awaited`` says no, messages stay with the middleware,
+    as many as the queue takes; with stock rclpy they come all the same.
     """
 
     def __init__(
@@ -96,11 +97,13 @@ class ReceivedMessages:
         limit: int,
         event_callbacks: SubscriptionEventCallbacks | None = None,
         on_ignored: Callable[[str], object] | None = None,
+        is_awaited: Callable[[], bool] | None = None,
     ) -> None:
         self._node = node
         self._topic = topic
         self._on_message = on_message
         self._limit = limit
+        self._is_awaited = is_awaited
         self._excess: dict[bytes, tuple[int, int]] = {}  # by participant: messages, and bytes of what was too large
         self._on_ignored = on_ignored if on_ignored is not None else node.get_logger().error
         self._taker = _Taker.make()
@@ -117,6 +120,8 @@ class ReceivedMessages:
 
         if self._taker is not None:
             callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
+        if self._is_awaited is not None:
+            callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
         return callback
 
     def _take_all(self, subscription: Subscription) -> None:

@@ -2,10 +2,11 @@
 """Frames and the transforms between them: a buffer with the rules of tf2, and what fills it from ``tf``."""
 
 from .buffer import HISTORY, TransformBuffer
-from .listener import TRANSFORM_TIMEOUT, TransformListener, rigid_of, transformed
+from .listener import BROADCASTERS, TRANSFORM_TIMEOUT, TransformListener, rigid_of, transformed
 from .rigid import Rigid
 
 __all__ = [
+    'BROADCASTERS',
     'HISTORY',
     'TRANSFORM_TIMEOUT',
     'Rigid',

@@ -6,7 +6,7 @@ from .command_line import COMMON_OPTIONS, check, parse
 from .completion import candidates
 from .help import EXIT_CODES, command_help, overview, prompt_command_help, prompt_help
 from .operator_values import autonomy_level, full_namespace, load_places, port_number, start_input, value_text
-from .registry import COMMANDS, build, find
+from .registry import COMMANDS, SCAN_PERIOD, build, find
 from .spec import (
     DECISION,
     Answers,
@@ -31,6 +31,7 @@ __all__ = [
     'COMMON_OPTIONS',
     'DECISION',
     'EXIT_CODES',
+    'SCAN_PERIOD',
     'Answers',
     'Argument',
     'Ask',

@@ -68,6 +68,9 @@ from .spec import (
 LOG_COUNT: Final = 20
 """Lines of the log that are shown when no number is given."""
 
+SCAN_PERIOD: Final = 0.5
+"""Seconds from one scan on the map to the next when none are given."""
+
 
 # What the words of a line may be
 
@@ -311,6 +314,13 @@ _PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 
 _ADDRESS = Option(
     '--address', 'address to listen at (default 127.0.0.1: this computer only; beyond it a token is needed)', 'IP'
 )
+_SCAN_PERIOD = Option(
+    '--scan-period',
+    f'from one scan of the lidar on the map to the next (default {SCAN_PERIOD:g})',
+    'SECONDS',
+    read=seconds,
+)
+_SLOW_LINK = Option('--slow-link', 'show no scan: it and the transforms are most of what comes over the link')
 _ROBOT = Option('--robot', 'namespace of a robot (default: that of the console alone)', 'NAME', repeated=True)
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
@@ -643,7 +653,7 @@ COMMANDS: Final = (
         'screen',
         'the whole screen, also without any command: machine, trees, map, decisions and log, one key for each command',
         Mode.SCREEN,
-        options=(_IN_BROWSER, _PORT, _LEAVING),
+        options=(_IN_BROWSER, _PORT, _LEAVING, _SCAN_PERIOD, _SLOW_LINK),
         details=(
             'With --web the same screen is in a browser: the address is printed, and each tab is an operator of its '
             'own, on this computer alone (from another: ssh -L 8465:localhost:8465 STATION).',
@@ -655,7 +665,7 @@ COMMANDS: Final = (
         'web',
         'the page for a browser: machine, trees and map as pictures, decisions, commands and log',
         Mode.WEB,
-        options=(_ROBOT, _PORT, _ADDRESS),
+        options=(_ROBOT, _PORT, _ADDRESS, _SCAN_PERIOD, _SLOW_LINK),
         details=(
             'It prints the address of the page, and serves it until it is interrupted. With several robots the page '
             'has a line for each, those that wait first, and ?robot=NAME opens one of them.',

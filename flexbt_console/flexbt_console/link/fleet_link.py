@@ -24,19 +24,26 @@ _STATUS_TYPE: Final = 'flexbt_msgs/msg/ExecutiveStatus'
 class FleetLink:
     """Joins every robot whose executive is there; ``fleet`` has their mirrors, made by ``make_mirror``.
 
-    ``operator`` is as for :class:`OperatorLink`: who sits here is present at all of them. Map and trees come from the
+    ``operator`` is as for :class:`OperatorLink`: who sits here is present at all of them; ``scan_period`` as for
+    :class:`SurroundingsLink`. Map and trees come from the
     robot that was selected last, at first the one in the node's own namespace. That is in the fleet when its executive
     is there, or when the node has a namespace: who gives none need not have a robot there.
     """
 
     def __init__(
-        self, runtime: NodeRuntime, fleet: Fleet, make_mirror: Callable[[], Mirror], operator: str | None = ''
+        self,
+        runtime: NodeRuntime,
+        fleet: Fleet,
+        make_mirror: Callable[[], Mirror],
+        operator: str | None = '',
+        scan_period: float = 0.0,
     ) -> None:
         self.fleet = fleet
         self.own = runtime.node.get_namespace()
         self._runtime = runtime
         self._make_mirror = make_mirror
         self._operator = operator
+        self._scan_period = scan_period
         self._joined: dict[str, tuple[Mirror, OperatorLink]] = {}
         self._surroundings: SurroundingsLink | None = None
         runtime.call(lambda: self._join(self.own) if self.own == '/' else self._list(self.own))
@@ -54,7 +61,7 @@ class FleetLink:
         mirror, link = self._joined[name]
         if self._surroundings is not None:
             self._surroundings.close()
-        self._surroundings = SurroundingsLink(self._runtime, mirror, name)
+        self._surroundings = SurroundingsLink(self._runtime, mirror, name, self._scan_period)
         return mirror, link
 
     def _look(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a screen shows beside the executive: the trees of the BT server, the map and the plan; into the mirror.
+"""What a screen shows beside the executive: the trees of the BT server, map, plan and scan; into the mirror.
 
 A console that only commands does without: it is several times what the operator link itself carries.
 """
@@ -16,6 +16,10 @@ from flexbt_core.values import one_line
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 
 from .messages import is_length, known_constant, seconds_of
+from .scan_link import ScanLink
+
+MAP_FRAME: Final = 'map'
+"""As long as no map has come (REP 105)."""
 
 MOST_CELLS: Final = 16_000_000
 """Cells of a map at most, which is 4,000 in a row and as many rows."""
@@ -32,24 +36,35 @@ TELL_SECONDS: Final = 10.0
 
 
 class SurroundingsLink:
-    """Feeds a mirror with trees, map and plan of the robot in ``namespace``, by default the node's own."""
+    """Feeds a mirror with trees, map, plan and scan of the robot in ``namespace``, by default the node's own.
 
-    def __init__(self, runtime: NodeRuntime, mirror: Mirror, namespace: str = '') -> None:
+    With a ``scan_period`` of 0 s there is no scan, and neither scans nor transforms come over the link.
+    """
+
+    def __init__(self, runtime: NodeRuntime, mirror: Mirror, namespace: str = '', scan_period: float = 0.0) -> None:
         self._runtime = runtime
         self._node = runtime.node
         self._mirror = mirror
         self._namespace = namespace
+        self._scan_period = scan_period
         self._subscriptions: list[Any] = []
+        self._scan: ScanLink | None = None
         runtime.call(self._join)
 
     def close(self) -> None:
         """Listen no more."""
-        self._runtime.call(lambda: [self._node.destroy_subscription(one) for one in self._subscriptions])
+        self._runtime.call(self._leave)
+
+    def _leave(self) -> None:
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        if self._scan is not None:
+            self._scan.close()
 
     def _join(self) -> None:
         from nav_msgs.msg import OccupancyGrid, Path  # what only a screen needs
 
-        receivers = SurroundingsFeed(self._mirror).receivers
+        feed = SurroundingsFeed(self._mirror)
         for type, topic, qos in (
             (TreeStructure, names.TREE_STRUCTURE, names.latched(STATUS_DEPTH)),
             (TreeStatus, names.TREE_STATUS, names.latched(STATUS_DEPTH)),
@@ -57,9 +72,13 @@ class SurroundingsLink:
             (Path, names.PLAN, names.unacknowledged(1)),
         ):
             name = names.of_robot(self._namespace, topic)
-            read = self._reader(type, name, receivers[topic])
+            read = self._reader(type, name, feed.receivers[topic])
             messages = ReceivedMessages(self._node, type, name, qos, read, MESSAGE_BYTES)
             self._subscriptions.append(messages.subscription)
+        if self._scan_period > 0.0:
+            self._scan = ScanLink(
+                self._runtime, self._mirror, self._namespace, self._scan_period, lambda: feed.map_frame
+            )
 
     def _reader(self, type: Any, topic: str, receive: Any) -> Any:
         def read(received: Received) -> None:
@@ -77,6 +96,8 @@ class SurroundingsFeed:
 
     def __init__(self, mirror: Mirror) -> None:
         self._mirror = mirror
+        self.map_frame = MAP_FRAME
+        """The frame of the map."""
         self.receivers: dict[str, Callable[[Any], None]] = {
             names.TREE_STRUCTURE: self._on_structure,
             names.TREE_STATUS: self._on_status,
@@ -117,6 +138,7 @@ class SurroundingsFeed:
                 f'{origin.y:g}) on, with {len(cells)} values; at most {MOST_CELLS} of at most {MOST_RESOLUTION:g} m '
                 'are taken'
             )
+        self.map_frame = message.header.frame_id or MAP_FRAME
         self._mirror.receive_map(GridMap(info.width, info.height, info.resolution, origin.x, origin.y, cells))
 
     def _on_plan(self, message: Any) -> None:

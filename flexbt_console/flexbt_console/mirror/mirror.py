@@ -103,6 +103,7 @@ class Mirror:
         self._trees = Trees()
         self._standstill = StandstillWatch()
         self._surroundings = Surroundings()
+        self._scan_until = math.inf
 
     def add_listener(self, listener: Callable[[Change], None]) -> None:
         """Call ``listener`` after each change, on the thread that brought it."""
@@ -205,6 +206,14 @@ class Mirror:
         """Take the path that is followed, or was asked for last."""
         self._surround(plan=plan)
 
+    def receive_scan(self, scan: Points, seconds: float) -> None:
+        """Take what the lidar meets, which holds for so many seconds. It may be the same as before."""
+        with self._lock:
+            self._scan_until = self._clock.now() + seconds
+            if scan is self._surroundings.scan:
+                return
+        self._surround(scan=scan)
+
     def _surround(self, **parts: Any) -> None:
         with self._lock:
             self._surroundings = replace(self._surroundings, **parts)
@@ -275,6 +284,8 @@ class Mirror:
         with self._lock:
             now = self._clock.now()
             snapshot = self._snapshot
+            if self._surroundings.scan and now > self._scan_until:  # what it met may be gone
+                self._surroundings = replace(self._surroundings, scan=())
             return View(
                 link=self._freshness.state(now),
                 age=self._freshness.age(now),

@@ -40,11 +40,15 @@ class GridMap:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The newest of each, in the frame of the map; ``None`` or empty while it is not known."""
+    """The newest of each, in the frame of the map; ``None`` or empty while it is not known.
+
+    ``scan`` is what the lidar meets.
+    """
 
     map: GridMap | None = None
     plan: Points = ()
     driven: Points = ()
+    scan: Points = ()
 
     @property
     def goal(self) -> tuple[float, float] | None:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 from flexbt_common.cli import abandon_stdout, keep_stdout_for_python, make_streams_safe
 from flexbt_console.commands import (
+    SCAN_PERIOD,
     CommandBuilder,
     CommandLine,
     Mode,
@@ -184,7 +185,7 @@ def _run_web(line: CommandLine) -> ExitCode:
         for namespace in dict.fromkeys(map(full_namespace, given)):
             mirror = make_mirror()
             link = OperatorLink(runtime, mirror, operator, namespace)
-            SurroundingsLink(runtime, mirror, namespace)
+            SurroundingsLink(runtime, mirror, namespace, _scan_period(line))
             station = Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
             stations[namespace.strip('/') or namespace] = station
         run_web(WebServer(stations, access).application(), access, _port(line), print_address)
@@ -257,7 +258,11 @@ def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLin
 def _fleet(line: CommandLine, runtime: NodeRuntime, operator: str | None) -> FleetLink:
     from flexbt_console.link import FleetLink
 
-    return FleetLink(runtime, Fleet(), _mirror_maker(line, runtime), operator)
+    return FleetLink(runtime, Fleet(), _mirror_maker(line, runtime), operator, _scan_period(line))
+
+
+def _scan_period(line: CommandLine) -> float:
+    return 0.0 if line.has('--slow-link') else line.seconds('--scan-period') or SCAN_PERIOD
 
 
 def _mirror_maker(line: CommandLine, runtime: NodeRuntime) -> Callable[[], Mirror]:

@@ -18,7 +18,7 @@ from rclpy.serialization import serialize_message
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder, build, parse
-from flexbt_console.link import OperatorLink, snapshot_record
+from flexbt_console.link import OperatorLink, SurroundingsLink, snapshot_record
 from flexbt_console.mirror import Mirror, Snapshot, TrackedCommand, View
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
 
@@ -38,12 +38,14 @@ class Shown:
 
 
 class Console:
-    """A console, and what it shows."""
+    """A console, and what it shows: with a ``scan_period``, or 0 for no scan, also what is around the robot."""
 
-    def __init__(self, operator: str) -> None:
+    def __init__(self, operator: str, scan_period: float | None = None) -> None:
         self._runtime = NodeRuntime('console', args=())
         self._mirror = Mirror(self._runtime.steady)
         self._link = OperatorLink(self._runtime, self._mirror, operator)
+        if scan_period is not None:
+            SurroundingsLink(self._runtime, self._mirror, scan_period=scan_period)
         self._make = CommandBuilder(operator)
         self._shown: list[Shown] = []
         self._end = threading.Event()
@@ -136,9 +138,11 @@ _Process.register('Observer', Observer)
 
 
 @contextlib.contextmanager
-def remote_console(network: NetworkNamespace, environment: Mapping[str, str], operator: str) -> Iterator[Console]:
-    """A console in a process in that network; its values are copied between the processes."""
-    with _remote(network, environment, 'Console', operator) as console:
+def remote_console(
+    network: NetworkNamespace, environment: Mapping[str, str], operator: str, scan_period: float | None = None
+) -> Iterator[Console]:
+    """A :class:`Console` in a process in that network; its values are copied between the processes."""
+    with _remote(network, environment, 'Console', operator, scan_period) as console:
         yield console
 
 
@@ -150,7 +154,7 @@ def remote_observer(network: NetworkNamespace, environment: Mapping[str, str]) -
 
 
 @contextlib.contextmanager
-def _remote(network: NetworkNamespace, environment: Mapping[str, str], kind: str, *arguments: str) -> Iterator[Any]:
+def _remote(network: NetworkNamespace, environment: Mapping[str, str], kind: str, *arguments: object) -> Iterator[Any]:
     process = _Process(ctx=multiprocessing.get_context('spawn'))
     process.start(_begin, (network.path, dict(environment)))
     with process:

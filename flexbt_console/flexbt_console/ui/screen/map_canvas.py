@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The map in the cells of a terminal: walls, the plan, the driven path, places, the goal, and the robot.
+"""The map in the cells of a terminal: walls, what the lidar meets, plan, driven path, places, goal, and the robot.
 
 A cell has 2 x 4 dots of braille, which are square where a cell is twice as high as wide.
 """
@@ -29,6 +29,10 @@ _SAMPLES: Final = 4
 seen, and a large map costs no more than a small one."""
 
 
+_NEAR_WALL: Final = 0.1
+"""Metres from a wall within which what the lidar meets is that wall."""
+
+
 class Layer(Enum):
     """What a character of the map shows; the value is its style in a terminal."""
 
@@ -37,10 +41,13 @@ class Layer(Enum):
     DRIVEN = 'driven'
     PLAN = 'plan'
     PLACE = 'place'
+    SCAN = 'scan'
     GOAL = 'goal'
     CURSOR = 'cursor'
     ROBOT = 'robot'
 
+
+_MET: Final = '*'
 
 Cell = tuple[str, Layer]
 Point = tuple[float, float]
@@ -104,17 +111,19 @@ class MapCanvas:
         columns: int,
         rows: int,
     ) -> tuple[Frame, list[list[Cell]]]:
-        """The frame, and its characters row by row from the top."""
+        """The frame, and its characters row by row from the top. Of a scan what is on the map already is left out."""
         points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
-        frame = frame_for(around.map, [*points, *around.plan, *around.driven], columns, rows)
+        frame = frame_for(around.map, [*points, *around.plan, *around.driven, *around.scan], columns, rows)
         dots: dict[tuple[int, int], Layer] = {}
-        if around.map is not None:
-            dots.update(dict.fromkeys(self._walls_of(around.map, frame), Layer.WALL))
+        walls = self._walls_of(around.map, frame) if around.map is not None else frozenset()
+        dots.update(dict.fromkeys(walls, Layer.WALL))
         for path, layer in ((around.driven, Layer.DRIVEN), (around.plan, Layer.PLAN)):
             dots.update(dict.fromkeys(_line_dots(path, frame), layer))
         drawn = self._characters(dots, frame)
         for name, pose in places.items():
             self._write(drawn, frame, (pose.x, pose.y), self._signs.place + one_line(name), Layer.PLACE)
+        for column, row in _met(around.scan, walls, frame):
+            drawn[row][column] = _MET, Layer.SCAN
         if around.goal is not None:
             self._write(drawn, frame, around.goal, self._signs.goal, Layer.GOAL)
         if robot is not None:
@@ -168,6 +177,18 @@ def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:
         for column, cells in enumerate(columns):
             if any(map.is_occupied(cell, line) for line in lines for cell in cells):
                 yield column, row
+
+
+def _met(scan: Iterable[Point], walls: frozenset[tuple[int, int]], frame: Frame) -> Iterable[tuple[int, int]]:
+    """Columns and rows of the characters in which the lidar meets what is no wall of the map."""
+    reach = math.ceil(_NEAR_WALL / frame.step)
+    near = range(-reach, reach + 1)
+    known: set[tuple[int, int]] = set()
+    for dot in {frame.dot(point) for point in scan} - {None}:
+        assert dot is not None
+        if not any((dot[0] + across, dot[1] + down) in walls for across in near for down in near):
+            known.add((dot[0] // 2, dot[1] // 4))
+    return known
 
 
 def _line_dots(points: tuple[Point, ...], frame: Frame) -> Iterable[tuple[int, int]]:

@@ -29,6 +29,7 @@ class MapPane:
         self._cursor: tuple[float, float] | None = None
         self._yaw = 0.0
         self._decision = ''
+        self._drawn: tuple[object, Text] | None = None
 
     @property
     def is_pointing(self) -> bool:
@@ -82,8 +83,11 @@ class MapPane:
         room = rows - 1
         if columns < 8 or room < 3:
             return Text('')
-        self._frame, cells = self._canvas.draw(view.surroundings, robot, view.places, self._cursor, columns, room)
-        text = drawn(cells)
+        shown = view.surroundings, robot, view.places, self._cursor, columns, room
+        if self._drawn is None or self._drawn[0] != shown:
+            self._frame, cells = self._canvas.draw(*shown)
+            self._drawn = shown, drawn(cells)
+        text = self._drawn[1].copy()
         where = pose_text(robot).partition('  (')[0]
         plan = f'  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else ''
         if self._cursor is not None:

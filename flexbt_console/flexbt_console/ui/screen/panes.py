@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from typing import Final
 
 from rich.text import Text
@@ -28,6 +29,7 @@ LAYERS: Final = {
     Layer.DRIVEN: 'dim',
     Layer.PLAN: 'cyan',
     Layer.PLACE: 'yellow',
+    Layer.SCAN: 'bold yellow',
     Layer.GOAL: 'bold magenta',
     Layer.CURSOR: 'reverse bold',
     Layer.ROBOT: 'bold green',
@@ -48,8 +50,8 @@ def drawn(rows: Sequence[Sequence[Cell]]) -> Text:
     for number, row in enumerate(rows):
         if number:
             text.append('\n')
-        for sign, layer in row:
-            text.append(sign, LAYERS[layer])
+        for layer, cells in groupby(row, key=lambda cell: cell[1]):
+            text.append(''.join(sign for sign, _ in cells), LAYERS[layer])
     return text
 
 

@@ -48,6 +48,7 @@ def parts_of(view: View) -> dict[str, Any]:
         'trees': [_tree(run) for run in view.running_trees],
         'pose': _pose(view),
         'plan': [[round(x, 3), round(y, 3)] for x, y in view.surroundings.plan],
+        'scan': [[round(x, 2), round(y, 2)] for x, y in view.surroundings.scan],
         'places': {name: [pose.x, pose.y] for name, pose in view.places.items()},
         'behaviors': _behaviors(view),
     }

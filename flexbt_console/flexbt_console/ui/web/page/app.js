@@ -172,7 +172,7 @@ function takeParts(parts) {
   Object.assign(known, parts);
   if (parts.log) for (const line of parts.log) addLog(line.text, line.tone);
   if (parts.driven) map.set('driven', parts.driven);
-  for (const name of ['plan', 'places', 'obstacles']) if (parts[name]) map.set(name, parts[name]);
+  for (const name of ['plan', 'places', 'obstacles', 'scan']) if (parts[name]) map.set(name, parts[name]);
   if ('pose' in parts) {
     map.setPose(parts.pose);
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The map: walls, places, obstacles, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
+// The map: walls, places, obstacles, what the lidar meets, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
 
 const TURN = Math.PI / 8;
 const STEP_PX = 12;
@@ -9,7 +9,7 @@ const MOST_TRACE = 4000;
 export class RobotMap {
   // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at
   constructor(canvas, hint, on) {
-    Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], pose: null});
+    Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], scan: [], pose: null});
     this.mode = '';          // '', 'pose' or 'obstacle'
     this.cursor = null;      // {x, y, yaw}
     this.planned = false;
@@ -84,7 +84,7 @@ export class RobotMap {
       const {x, y, width, height, resolution} = this.map;
       return [x, y, x + width * resolution, y + height * resolution];
     }
-    const points = [...this.plan, ...this.driven, ...Object.values(this.places), ...(this.pose ? [[this.pose.x, this.pose.y]] : [[0, 0]])];
+    const points = [...this.plan, ...this.driven, ...this.scan, ...Object.values(this.places), ...(this.pose ? [[this.pose.x, this.pose.y]] : [[0, 0]])];
     const xs = points.map((point) => point[0]), ys = points.map((point) => point[1]);
     return [Math.min(...xs) - 1, Math.min(...ys) - 1, Math.max(...xs) + 1, Math.max(...ys) + 1];
   }
@@ -142,6 +142,11 @@ export class RobotMap {
       context.beginPath();
       context.arc(...at([x, y]), Math.max(3, radius * scale), 0, 7);
       context.fill();
+    }
+    context.fillStyle = this.colour('--scan');
+    for (const point of this.scan) {
+      const [x, y] = at(point);
+      context.fillRect(x - 1.5, y - 1.5, 3, 3);
     }
     if (this.plan.length) {
       const [x, y] = at(this.plan[this.plan.length - 1]);

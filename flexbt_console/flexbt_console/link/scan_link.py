@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the lidar of a robot meets, in the frame of its map, into the mirror.
+
+Scans and transforms come many times a second, and a screen shows one scan now and then. So they stay with the
+middleware but from the moment in which a scan is due until one has its place.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from rclpy.qos import QoSProfile
+
+from flexbt_common import names
+from flexbt_common.errors import TransformError
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, rigid_of
+from flexbt_console.mirror import Mirror, Points
+from flexbt_core.clock import Timer
+from flexbt_core.values import one_line
+
+from .messages import FARTHEST, is_length, seconds_of
+
+MOST_BEAMS: Final = 720
+"""Beams of a scan that are kept; of more, every so many."""
+
+SCAN_SECONDS: Final = 3.0
+"""A scan that is older, and older than three periods, is not shown any more."""
+
+SAME_RANGE: Final = 0.1
+"""Metres by which a beam may differ, by its noise, and all is as it was."""
+
+SAME_POSE: Final = 0.02
+"""Metres, and parts of a turn's sine, by which the lidar may have moved, and all is as it was."""
+
+SAME_SHARE: Final = 0.02
+"""Share of the beams that may differ more: those at an edge meet the one or the other side of it."""
+
+PLACE_SECONDS: Final = 2.0
+"""For so long a place is looked for, until it is told to be missing."""
+
+TF_DEPTH: Final = 10
+"""Transforms that the middleware keeps meanwhile: a scan was taken between two of them."""
+
+MESSAGE_BYTES: Final = 2_000_000
+TELL_SECONDS: Final = 10.0
+
+_NOTHING: Final = -1.0
+"""The range of a beam that met nothing."""
+
+
+class ScanLink:
+    """Feeds a mirror with a scan each ``period`` seconds, and twice that while it is the same. On the executor thread.
+
+    ``map_frame`` gives the frame of the map.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, mirror: Mirror, namespace: str, period: float, map_frame: Callable[[], str]
+    ) -> None:
+        from sensor_msgs.msg import LaserScan  # what only a screen needs
+        from tf2_msgs.msg import TFMessage
+
+        self._types = LaserScan, TFMessage
+        self._runtime = runtime
+        self._mirror = mirror
+        self._period = period
+        self._map_frame = map_frame
+        self._frames = TransformBuffer()
+        self._is_due = True
+        self._due: Timer | None = None
+        self._scan: Any = None
+        self._give_up_at = math.inf
+        self._shown: tuple[list[float], Rigid, Points] | None = None
+        self._topic = names.of_robot(namespace, names.SCAN)
+        fixed = functools.partial(self._on_transforms, is_static=True)
+        moving = functools.partial(self._on_transforms, is_static=False)
+        wanted: tuple[tuple[Any, str, QoSProfile, Any, Callable[[], bool] | None], ...] = (
+            (TFMessage, names.TF_STATIC, names.latched(BROADCASTERS), fixed, None),
+            (TFMessage, names.TF, names.unacknowledged(TF_DEPTH), moving, lambda: self._scan is not None),
+            (LaserScan, names.SCAN, names.unacknowledged(1), self._on_scan, lambda: self._is_due),
+        )
+        self._subscriptions = [
+            ReceivedMessages(
+                runtime.node,
+                type,
+                names.of_robot(namespace, topic),
+                qos,
+                receive,
+                MESSAGE_BYTES,
+                is_awaited=is_awaited,
+            ).subscription
+            for type, topic, qos, receive, is_awaited in wanted
+        ]
+
+    def close(self) -> None:
+        """Listen no more."""
+        if self._due is not None:
+            self._due.cancel()
+        for subscription in self._subscriptions:
+            self._runtime.node.destroy_subscription(subscription)
+
+    def _on_transforms(self, received: Received, *, is_static: bool) -> None:
+        if not is_static and self._scan is None:
+            return
+        try:
+            for one in received.unpack(self._types[1]).transforms:
+                parent, frame, stamp = one.header.frame_id, one.child_frame_id, seconds_of(one.header.stamp)
+                self._frames.set(parent, frame, rigid_of(one.transform), stamp, is_static=is_static)
+        except (ValueError, TransformError) as error:
+            self._tell(f'transforms are left aside: {error}')
+        self._place()
+
+    def _on_scan(self, received: Received) -> None:
+        if not self._is_due:
+            return
+        if self._scan is None:
+            try:
+                self._scan = received.unpack(self._types[0])
+            except ValueError as error:
+                self._tell(f'left aside: {error}')
+                return
+            self._give_up_at = min(self._give_up_at, self._runtime.steady.now() + PLACE_SECONDS)
+        self._place()
+
+    def _place(self) -> None:
+        """Show the scan if it is known where it was taken; else wait for more transforms, or for another scan."""
+        if self._scan is None:
+            return
+        scan, steady, period = self._scan, self._runtime.steady, self._period
+        before = self._shown
+        try:
+            where = self._frames.lookup(self._map_frame(), scan.header.frame_id, seconds_of(scan.header.stamp))
+            self._mirror.receive_scan(self._points(scan, where), max(SCAN_SECONDS, 3.0 * self._period))
+            if self._shown is before:
+                period *= 2.0
+        except (TransformError, ValueError) as error:
+            if steady.now() < self._give_up_at:
+                if not (isinstance(error, TransformError) and error.is_early):
+                    self._scan = None  # another one may have its place
+                return
+            self._tell(f'the scan has no place on the map: {error}')
+        self._scan, self._is_due, self._give_up_at = None, False, math.inf
+        self._frames.clear()
+        self._due = steady.call_at(steady.now() + period, lambda: self._runtime.post(self._ask))
+
+    def _ask(self) -> None:
+        self._is_due = True
+
+    def _points(self, scan: Any, where: Rigid) -> Points:
+        """Raises ValueError for a scan that is none."""
+        angles = scan.angle_min, scan.angle_increment
+        if not all(map(math.isfinite, angles)) or not all(map(is_length, where.translation)):
+            raise ValueError(f'angles of {angles[0]:g} and {angles[1]:g} rad, taken at {where.translation}')
+        step = -(-len(scan.ranges) // MOST_BEAMS) or 1
+        low, high = max(0.0, scan.range_min), min(scan.range_max, FARTHEST)
+        ranges = [one if low <= one < high else _NOTHING for one in scan.ranges[::step]]
+        if self._shown is not None and _is_same(self._shown[0], self._shown[1], ranges, where):
+            return self._shown[2]
+        x, y, _ = where.translation
+        ahead, left = (_less(where.apply(axis), where.translation) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+        points = []
+        for number, one in enumerate(ranges):
+            if one != _NOTHING:
+                angle = angles[0] + number * step * angles[1]
+                along, across = one * math.cos(angle), one * math.sin(angle)
+                points.append((x + along * ahead[0] + across * left[0], y + along * ahead[1] + across * left[1]))
+        self._shown = ranges, where, tuple(points)
+        return self._shown[2]
+
+    def _tell(self, text: str) -> None:
+        log = self._runtime.node.get_logger()
+        log.error(f'{self._topic}: {one_line(text)}', throttle_duration_sec=TELL_SECONDS)
+
+
+def _less(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(one - other for one, other in zip(a, b, strict=True))
+
+
+def _is_same(before: list[float], there: Rigid, now: list[float], here: Rigid) -> bool:
+    """Whether the lidar meets what it met, as far as its noise lets one say so."""
+    if len(before) != len(now):
+        return False
+    moved = (*_less(there.translation, here.translation), *_less(there.rotation, here.rotation))
+    different = sum(abs(one - other) > SAME_RANGE for one, other in zip(before, now, strict=True))
+    return all(abs(one) <= SAME_POSE for one in moved) and different <= SAME_SHARE * len(now)

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the lidar meets, on real topics: where it is on the map, what is the same as before, and what is none."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_console.link import SurroundingsLink
+from flexbt_console.link.scan_link import SCAN_SECONDS
+from flexbt_console.mirror import Change, Mirror, Points
+from flexbt_console.ui.screen.glyphs import ASCII
+from flexbt_console.ui.screen.map_pane import MapPane
+from flexbt_core.clock import ManualClock
+from flexbt_testing.waiting import wait_until
+
+
+class Lidar:
+    """A robot that tells its transforms and scans; the lidar is 1 m ahead of its middle, and turned to the left."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        node = runtime.node
+        self.time = 10.0
+        self._tf = node.create_publisher(TFMessage, '/robot/tf', 100)
+        self._scans = node.create_publisher(LaserScan, '/robot/scan', qos_profile_sensor_data)
+        self._static = node.create_publisher(TFMessage, '/robot/tf_static', names.latched())
+        self._static.publish(TFMessage(transforms=[self._transform('base_link', 'lidar', 1.0, math.pi / 2.0)]))
+
+    @property
+    def is_heard(self) -> bool:
+        return bool(self._tf.get_subscription_count() and self._scans.get_subscription_count())
+
+    def _transform(self, parent: str, frame: str, x: float, yaw: float) -> TransformStamped:
+        one = TransformStamped(child_frame_id=frame)
+        one.header.frame_id, one.header.stamp = parent, self.stamp
+        one.transform.translation.x = x
+        one.transform.rotation.z, one.transform.rotation.w = math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+        return one
+
+    @property
+    def stamp(self) -> Time:
+        return Time(sec=int(self.time), nanosec=int(self.time % 1.0 * 1e9))
+
+    def move_to(self, x: float) -> None:
+        """The robot is there from now on."""
+        self.time += 0.125
+        self._tf.publish(TFMessage(transforms=[self._transform('map', 'base_link', x, 0.0)]))
+
+    def scan(self, *ranges: float, **fields: Any) -> None:
+        message = LaserScan(angle_increment=math.pi / 2.0, range_min=0.1, range_max=8.0, ranges=list(ranges))
+        message.header.frame_id, message.header.stamp = 'lidar', self.stamp
+        for name, value in fields.items():
+            setattr(message, name, value)
+        self._scans.publish(message)
+
+
+class CountingMirror(Mirror):
+    scans = 0
+
+    def receive_scan(self, scan: Points, seconds: float) -> None:
+        super().receive_scan(scan, seconds)
+        self.scans += 1
+
+
+@dataclasses.dataclass
+class Console:
+    clock: ManualClock
+    mirror: CountingMirror
+    changes: list[Change]
+
+    @property
+    def scan(self) -> Points:
+        return self.mirror.view().surroundings.scan
+
+
+@pytest.fixture
+def robot_and_console() -> Iterator[tuple[Lidar, Console]]:
+    clock = ManualClock()
+    console = Console(clock, CountingMirror(clock), [])
+    console.mirror.add_listener(console.changes.append)
+    with NodeRuntime.open('robot') as far, NodeRuntime.open('console') as near:
+        lidar = far.call(lambda: Lidar(far))
+        link = SurroundingsLink(near, console.mirror, '/robot', 1e-6)
+        wait_until(lambda: lidar.is_heard, 'the console')
+        yield lidar, console
+        link.close()
+        wait_until(lambda: not lidar.is_heard, 'the end of the link')
+
+
+def until_shown(lidar: Lidar, console: Console, x: float, *ranges: float) -> Points:
+    """Have it seen from there, again and again as a lidar does, until the mirror has something else than before."""
+    before = console.scan
+
+    def is_new() -> bool:
+        lidar.move_to(x)
+        lidar.scan(*ranges)
+        return console.scan != before
+
+    wait_until(is_new, 'another scan')
+    return console.scan
+
+
+def see_again(lidar: Lidar, console: Console, x: float, *ranges: float) -> None:
+    """Have it seen from there until the mirror has got it."""
+    heard = console.mirror.scans
+
+    def is_heard() -> bool:
+        lidar.move_to(x)
+        lidar.scan(*ranges)
+        return console.mirror.scans >= heard + 2  # the first may be one of before
+
+    wait_until(is_heard, 'the scan')
+
+
+def test_points_are_where_the_lidar_was_when_it_met_them(robot_and_console: tuple[Lidar, Console]) -> None:
+    lidar, console = robot_and_console
+    scan = until_shown(lidar, console, 5.0, 2.0, math.inf, 3.0, math.nan, 0.05)
+    assert [(round(x, 3), round(y, 3)) for x, y in scan] == [(6.0, 2.0), (6.0, -3.0)]
+    console.changes.clear()
+    for noise in (0.02, -0.02, 0.02, -0.02, 0.02):  # while time goes on: nothing is drawn again, and nothing is old
+        console.clock.set(console.clock.now() + 0.6 * SCAN_SECONDS)
+        see_again(lidar, console, 5.0, 2.0 + noise, math.inf, 3.0, math.nan, 0.05)
+    assert console.changes == [] and console.scan is scan
+    assert until_shown(lidar, console, 5.0, 1.5, math.inf, 3.0) != scan
+    drawn = MapPane(ASCII).draw(console.mirror.view(), 40, 12).plain
+    assert drawn.count('*') == 2
+    console.clock.set(console.clock.now() + SCAN_SECONDS + 1.0)  # the lidar is silent
+    assert console.scan == () and '*' not in MapPane(ASCII).draw(console.mirror.view(), 40, 12).plain
+
+
+@pytest.mark.parametrize(
+    'fields',
+    [
+        {'angle_increment': math.nan},
+        {'angle_min': math.inf},
+        {'range_max': math.inf, 'ranges': [1e30, math.inf, -5.0]},
+        {'ranges': []},
+        {'range_min': math.nan, 'ranges': [2.0]},
+    ],
+)
+def test_a_scan_that_is_none_is_left_aside(robot_and_console: tuple[Lidar, Console], fields: dict[str, Any]) -> None:
+    lidar, console = robot_and_console
+    for _ in range(10):
+        lidar.move_to(5.0)
+        lidar.scan(**fields)
+    assert until_shown(lidar, console, 5.0, 2.0) != ()
+    assert all(math.isfinite(part) for point in console.scan for part in point)
